@@ -1,0 +1,40 @@
+"""Scene packs: their format, their folders, and the seeded draw of what is hidden in them.
+
+Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
+"""
+
+from scenes.draw import KnobValue, draw_knobs, drawn_mjcf
+from scenes.errors import PackError
+from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
+from scenes.pack import (
+    CANARY,
+    AnswerKind,
+    AnswerSpec,
+    Category,
+    Knob,
+    Metadata,
+    Pack,
+    Permissions,
+    SceneObject,
+)
+
+__all__ = [
+    "CANARY",
+    "AnswerKind",
+    "AnswerSpec",
+    "Category",
+    "Knob",
+    "KnobValue",
+    "Metadata",
+    "Pack",
+    "PackError",
+    "PackFiles",
+    "Permissions",
+    "SceneObject",
+    "default_folder",
+    "draw_knobs",
+    "drawn_mjcf",
+    "find_pack",
+    "list_packs",
+    "read_pack",
+]

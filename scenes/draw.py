@@ -1,0 +1,172 @@
+"""The seeded draw: knob values for a seed, and the MJCF with them written in.
+
+The same seed gives the same values on every machine: each knob has its own stream (Mersenne Twister seeded by
+SHA-512 of scene, seed and knob name, as `random.Random` documents for text seeds), and values are rounded to six
+significant digits so that the last bits of `exp` and `log` do not matter. Seed 0 is the scene as written.
+"""
+
+import math
+import random
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+
+import simpleeval
+
+from scenes.errors import PackError
+from scenes.folder import PackFiles
+from scenes.pack import Expression, Knob, Pack, Scalar
+
+KnobValue = Scalar | tuple[Scalar, ...]
+
+_ATTEMPTS = 1000
+_TARGET = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?\.(?P<attribute>\w+)")
+_FUNCTIONS = {
+    name: getattr(math, name)
+    for name in (
+        "sqrt",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "exp",
+        "log",
+        "radians",
+        "degrees",
+        "floor",
+    )
+} | {"abs": abs, "min": min, "max": max}
+
+
+def draw_knobs(
+    files: PackFiles, pack: Pack, seed: int, *, reseed: Mapping[str, int] | None = None
+) -> dict[str, KnobValue]:
+    """Values of the knobs and of what is derived from them.
+
+    Args:
+        files: Where the pack is, for its id and for error messages.
+        pack: The pack.
+        seed: 0 for the scene as written, any other whole number for a variant.
+        reseed: Knobs to draw from another seed than the rest: twins that differ in these alone.
+
+    Raises:
+        PackError: An expression is wrong, or no draw meets `accept_draw`.
+    """
+    seeds = {name: (reseed or {}).get(name, seed) for name in pack.knobs}
+    for attempt in range(_ATTEMPTS):
+        values: dict[str, KnobValue] = {
+            name: _draw(knob, f"{files.scene_id}:{seeds[name]}:{name}:{attempt}") if seeds[name] else knob.canonical
+            for name, knob in pack.knobs.items()
+        }
+        for name, expression in pack.derive.items():
+            values[name] = evaluate(files, f"derive.{name}", expression, values)
+        conditions = enumerate(pack.accept_draw)
+        if all(evaluate(files, f"accept_draw.{i}", condition, values) for i, condition in conditions):
+            return values
+        if not any(seeds.values()):
+            raise PackError(files.json, "field accept_draw: the canonical values do not meet it")
+    raise PackError(files.json, f"field accept_draw: no draw of seed {seed} met it in {_ATTEMPTS} attempts")
+
+
+def evaluate(files: PackFiles, field: str, expression: Expression, values: Mapping[str, KnobValue]) -> Scalar:
+    """Arithmetic over knob values.
+
+    Raises:
+        PackError: The expression does not evaluate to a finite number or a text.
+    """
+    if not isinstance(expression, str):
+        return expression
+    evaluator = simpleeval.EvalWithCompoundTypes(
+        names={"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}},
+        functions=_FUNCTIONS,
+    )
+    try:
+        value: object = evaluator.eval(expression)  # pyright: ignore[reportUnknownMemberType] - untyped library
+    except (
+        simpleeval.InvalidExpression,
+        SyntaxError,
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise PackError(files.json, f"field {field}: {expression!r} cannot be computed: {error}") from error
+    if isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value)):
+        return value
+    raise PackError(files.json, f"field {field}: {expression!r} gives {value!r}, not a finite number or a text")
+
+
+def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
+    """The model's XML text with the drawn values written in.
+
+    Args:
+        files: Where the pack is.
+        pack: The pack.
+        values: What `draw_knobs` returned.
+        canonical: The values are those of seed 0: the text is returned as written.
+
+    Raises:
+        PackError: The XML is missing or not XML, or a target of `apply` does not name exactly one element.
+    """
+    try:
+        text = files.mjcf.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError) as error:
+        raise PackError(files.mjcf, "no such file, or not UTF-8") from error
+    if canonical:
+        return text
+    return write_values(files, pack, values, text)
+
+
+def write_values(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], text: str) -> str:
+    """`text` with every target of `apply` set from `values`.
+
+    Raises:
+        PackError: As for `drawn_mjcf`.
+    """
+    try:
+        root = ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
+    except ET.ParseError as error:
+        raise PackError(files.mjcf, f"not XML: {error}") from error
+    for target, expressions in pack.apply.items():
+        field = f"apply.{target}"
+        element, attribute = _find_target(files, root, target)
+        parts = expressions if isinstance(expressions, tuple) else (expressions,)
+        element.set(attribute, " ".join(_as_text(evaluate(files, field, part, values)) for part in parts))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _draw(knob: Knob, stream: str) -> KnobValue:
+    source = random.Random(stream)  # noqa: S311 - a reproducible draw, not a secret
+    if knob.uniform is not None:
+        low, high = knob.uniform
+        return _six_digits(low + (high - low) * source.random())
+    if knob.log_uniform is not None:
+        low, high = knob.log_uniform
+        return _six_digits(low * (high / low) ** source.random())
+    if knob.choice is not None:
+        return knob.choice[int(source.random() * len(knob.choice))]
+    # Only random() is promised to stay the same between Python versions, so no shuffle() here.
+    keyed = sorted((source.random(), place) for place in range(len(knob.permutation or ())))
+    return tuple((knob.permutation or ())[place] for _, place in keyed)
+
+
+def _six_digits(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _as_text(value: Scalar) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def _find_target(files: PackFiles, root: ET.Element, target: str) -> tuple[ET.Element, str]:
+    match = _TARGET.fullmatch(target)
+    if match is None:
+        raise PackError(files.json, f"field apply.{target}: write targets as tag[name].attribute")
+    tag, name = match["tag"], match["name"]
+    found = [element for element in root.iter(tag) if name is None or element.get("name") == name]
+    if len(found) != 1:
+        raise PackError(files.json, f"field apply.{target}: names {len(found)} elements of {files.mjcf.name}, not one")
+    return found[0], match["attribute"]

@@ -1,0 +1,12 @@
+"""The one error of this package: a pack that cannot be used, with file, field and reason."""
+
+from pathlib import Path
+
+
+class PackError(Exception):
+    """A scene pack is missing or malformed; the message is one sentence for the person who runs it."""
+
+    def __init__(self, where: Path, problem: str) -> None:
+        super().__init__(f"{where}: {problem}")
+        self.where = where
+        self.problem = problem

@@ -1,0 +1,94 @@
+"""Where packs are: `{folder}/Scene{N}/scene{N}.json`, `scene{N}.xml` and, optionally, `solution.py`."""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from scenes.errors import PackError
+from scenes.pack import Pack
+
+_PACK_FOLDER = re.compile(r"Scene(\d+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class PackFiles:
+    """The files of one pack."""
+
+    scene_id: int
+    folder: Path
+
+    @property
+    def json(self) -> Path:
+        """Metadata, permissions, answer and knobs."""
+        return self.folder / f"scene{self.scene_id}.json"
+
+    @property
+    def mjcf(self) -> Path:
+        """The MuJoCo model at seed 0."""
+        return self.folder / f"scene{self.scene_id}.xml"
+
+    @property
+    def solution(self) -> Path:
+        """The reference protocol and the truth; a published pack has none."""
+        return self.folder / "solution.py"
+
+
+def default_folder() -> Path:
+    """The folder of the suite that is installed with this package."""
+    return Path(__file__).parent
+
+
+def list_packs(folder: Path | None = None) -> list[PackFiles]:
+    """All packs in `folder` (default: the suite), by ascending id.
+
+    Raises:
+        PackError: The folder does not exist or holds no pack.
+    """
+    folder = folder or default_folder()
+    if not folder.is_dir():
+        raise PackError(folder, "no such folder of scene packs")
+    found = [
+        PackFiles(int(match[1]), path)
+        for path in folder.iterdir()
+        if path.is_dir() and (match := _PACK_FOLDER.fullmatch(path.name))
+    ]
+    if not found:
+        raise PackError(folder, "holds no scene packs (folders named Scene7, Scene8, …)")
+    return sorted(found, key=lambda files: files.scene_id)
+
+
+def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
+    """The pack with this id.
+
+    Raises:
+        PackError: There is none; the message lists the ids there are.
+    """
+    packs = list_packs(folder)
+    for files in packs:
+        if files.scene_id == scene_id:
+            return files
+    known = ", ".join(str(files.scene_id) for files in packs)
+    raise PackError(folder or default_folder(), f"no scene {scene_id}; the scenes here are {known}")
+
+
+def read_pack(files: PackFiles) -> Pack:
+    """Read and check the JSON of a pack.
+
+    Raises:
+        PackError: The file is missing, is not UTF-8 JSON, or a field is wrong; the message names the field.
+    """
+    try:
+        raw = json.loads(files.json.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise PackError(files.json, "no such file") from error
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise PackError(files.json, f"not JSON in UTF-8: {error}") from error
+    try:
+        return Pack.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"]) or "(the whole file)"
+        raise PackError(files.json, f"field {field}: {first['msg']}") from error

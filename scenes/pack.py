@@ -1,0 +1,171 @@
+"""The format of `scene{N}.json`. One model reads our packs and the published ones alike.
+
+Unknown keys are ignored: packs are data other people own. What the laboratory may see of a pack is
+picked field by field in `physment_mcp.scene`; nothing here decides that.
+"""
+
+from enum import StrEnum
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
+"""Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
+
+Scalar = float | int | str
+
+
+class Category(StrEnum):
+    """The 13 categories of the suite: difficulty, breadth, modality."""
+
+    EASY_SINGLE = "easy-single"
+    EASY_SINGLE_CREATION = "easy-single-creation"
+    EASY_SINGLE_HIDDEN = "easy-single-hidden"
+    HARD_SINGLE = "hard-single"
+    HARD_SINGLE_CREATION = "hard-single-creation"
+    HARD_SINGLE_HIDDEN = "hard-single-hidden"
+    EASY_MULTI = "easy-multi"
+    EASY_MULTI_CREATION = "easy-multi-creation"
+    EASY_MULTI_HIDDEN = "easy-multi-hidden"
+    HARD_MULTI = "hard-multi"
+    HARD_MULTI_CREATION = "hard-multi-creation"
+    HARD_MULTI_HIDDEN = "hard-multi-hidden"
+    CREATE_DELETE_ATTACH = "create-delete-attach"
+
+
+class AnswerKind(StrEnum):
+    """What an answer is, and so how it is graded."""
+
+    NUMBER = "number"
+    NUMBERS = "numbers"
+    CHOICE = "choice"
+    OBJECTS = "objects"
+    TEXT = "text"
+
+
+class _PackModel(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Metadata(_PackModel):
+    """What the scene is and asks."""
+
+    scene_name: str
+    task: str = Field(min_length=1)
+    problem_type: str
+    """`comparison`, `calculation`, `computation` or `observation`; published packs use others too."""
+    description: str = ""
+
+
+class SceneObject(_PackModel):
+    """An object the task speaks of."""
+
+    name: str
+    object_id: Annotated[str, BeforeValidator(str)]
+
+
+class Permissions(_PackModel):
+    """What the agent may read of, and do to, one object. A static attribute not mentioned is withheld."""
+
+    geom_type: bool = False
+    geom_density: bool = False
+    body_mass: bool = False
+    geom_size: bool = False
+    geom_radius: bool = False
+    body_pos: bool = False
+    body_quat: bool = False
+    velocity: bool = True
+    """Gates velocity, acceleration, energies, momenta and approach speed."""
+    actuate: bool = True
+    """False seals the object: nothing may push, move, attach or delete it."""
+    hidden: bool = False
+    """Unknown to the agent until `find_objects`."""
+
+
+class AnswerSpec(_PackModel):
+    """The type of the answer, and how close is close enough."""
+
+    kind: AnswerKind
+    unit: str | tuple[str, ...] | None = None
+    """Unit of a number, or one unit for each of several numbers; `1` where there is none."""
+    labels: tuple[str, ...] = ()
+    """What each of several numbers is, in order; shown to the agent."""
+    abs_tol: float = Field(default=0.0, ge=0)
+    rel_tol: float = Field(default=0.05, ge=0)
+    options: tuple[str, ...] = ()
+    """The admissible answers of a choice or of objects, shown to the agent."""
+    accept: tuple[str, ...] = ()
+    """Regular expressions: wordings of the right answer that normalised grading accepts. Private."""
+
+
+class Knob(_PackModel):
+    """A hidden quantity: how it is drawn for seeds other than 0, and its value at seed 0.
+
+    Exactly one of `uniform`, `log_uniform`, `choice` and `permutation` is given.
+    """
+
+    canonical: Scalar | tuple[Scalar, ...]
+    uniform: tuple[float, float] | None = None
+    log_uniform: tuple[float, float] | None = None
+    choice: tuple[Scalar, ...] | None = None
+    permutation: tuple[Scalar, ...] | None = None
+    meaning: str = ""
+    """What the quantity is, with its unit, for readers of the pack."""
+
+    @model_validator(mode="after")
+    def _one_way_to_draw(self) -> Self:
+        ways = ("uniform", "log_uniform", "choice", "permutation")
+        given = [way for way in ways if getattr(self, way) is not None]
+        if len(given) != 1:
+            msg = f"give exactly one of {', '.join(ways)}; found {', '.join(given) or 'none'}"
+            raise ValueError(msg)
+        for bounds in (self.uniform, self.log_uniform):
+            if bounds is not None and not bounds[0] < bounds[1]:
+                msg = f"the range {list(bounds)} is empty: the first bound must be below the second"
+                raise ValueError(msg)
+        if self.log_uniform is not None and self.log_uniform[0] <= 0:
+            msg = "log_uniform needs bounds above 0"
+            raise ValueError(msg)
+        return self
+
+
+Expression = str | int | float
+"""Arithmetic over knob values, such as `9.81 * m` or `order[0]`; a plain number is itself."""
+
+
+class Pack(_PackModel):
+    """A whole `scene{N}.json`, public and private halves."""
+
+    metadata: Metadata
+    answer: Scalar | tuple[Scalar, ...]
+    expected_behavior: str = ""
+    reasoning: str = ""
+    number_of_objects: Annotated[
+        int, BeforeValidator(lambda value: int(value) if isinstance(value, str) else value)
+    ] = 0
+    objects: dict[str, SceneObject]
+    object_permissions: dict[str, Permissions] = {}
+
+    category: Category | None = None
+    concepts: tuple[str, ...] = ()
+    answer_spec: AnswerSpec | None = None
+    disabled_tools: dict[str, str] = {}
+    """Tool name → why it is not available; the reason is shown to nobody but readers of the pack."""
+    requires: tuple[str, ...] = ()
+    """Tools without which the scene cannot be solved."""
+    soft_objects: tuple[str, ...] = ()
+    """Ids of objects with soft surfaces: sinking into them by more than 1 mm is not an overlap."""
+    knobs: dict[str, Knob] = {}
+    derive: dict[str, Expression] = {}
+    """Quantities computed from the knobs, in order; usable in `apply`, `accept_draw`, `theory` and `measure`."""
+    accept_draw: tuple[str, ...] = ()
+    """Conditions a draw must meet, such as `abs(mu - tan(0.5)) > 0.02`; a draw that fails one is redrawn."""
+    apply: dict[str, Expression | tuple[Expression, ...]] = {}
+    """Where values go in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute."""
+    version: str = "1"
+    canary: str | None = None
+    format: Literal[1] = 1
+
+    def permissions_of(self, key: str) -> Permissions:
+        """Permissions of the object listed under `key` (such as `object_1`); all withheld if not written."""
+        return self.object_permissions.get(f"{key}_permissions", Permissions())
