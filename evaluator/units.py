@@ -1,0 +1,219 @@
+"""Units of mechanics as people write them, and the factor between two of them. Knows no answers and no tools.
+
+A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s` without a
+word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would make wrong
+answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import NamedTuple
+
+MAX_UNIT_CHARS = 60
+"""Longer text is not a unit."""
+
+_CYCLE = Fraction(2 * math.pi)
+_DEGREE = Fraction(math.pi) / 180
+
+
+class Unit(NamedTuple):
+    """A unit as a factor to coherent SI and the exponents of its dimensions."""
+
+    scale: Fraction
+    """Factor to metre, kilogram and second, angle left aside."""
+    dimensions: tuple[int, int, int]
+    """Exponents of length, mass and time."""
+    angle: int = 0
+    """Exponent of angle."""
+    angle_scale: Fraction = Fraction(1)
+    """Factor of the angular part to the radian."""
+
+    def power(self, exponent: int) -> "Unit":
+        """The unit raised to a whole power."""
+        length, mass, time = self.dimensions
+        return Unit(
+            self.scale**exponent,
+            (length * exponent, mass * exponent, time * exponent),
+            self.angle * exponent,
+            self.angle_scale**exponent,
+        )
+
+    def times(self, other: "Unit") -> "Unit":
+        """The product of two units."""
+        (length, mass, time), (more_length, more_mass, more_time) = self.dimensions, other.dimensions
+        return Unit(
+            self.scale * other.scale,
+            (length + more_length, mass + more_mass, time + more_time),
+            self.angle + other.angle,
+            self.angle_scale * other.angle_scale,
+        )
+
+
+_ONE = Unit(Fraction(1), (0, 0, 0))
+_PREFIXES = {
+    "n": ("nano", Fraction(1, 10**9)),
+    "u": ("micro", Fraction(1, 10**6)),
+    "m": ("milli", Fraction(1, 1000)),
+    "c": ("centi", Fraction(1, 100)),
+    "": ("", Fraction(1)),
+    "k": ("kilo", Fraction(1000)),
+    "M": ("mega", Fraction(10**6)),
+    "G": ("giga", Fraction(10**9)),
+}
+_PREFIXED = {
+    "m": (("metre", "meter"), Unit(Fraction(1), (1, 0, 0))),
+    "g": (("gram",), Unit(Fraction(1, 1000), (0, 1, 0))),
+    "s": (("second", "sec"), Unit(Fraction(1), (0, 0, 1))),
+    "N": (("newton",), Unit(Fraction(1), (1, 1, -2))),
+    "J": (("joule",), Unit(Fraction(1), (2, 1, -2))),
+    "W": (("watt",), Unit(Fraction(1), (2, 1, -3))),
+    "Pa": (("pascal",), Unit(Fraction(1), (-1, 1, -2))),
+    "Hz": (("hertz",), Unit(Fraction(1), (0, 0, -1), 1, _CYCLE)),
+    "rad": (("radian",), Unit(Fraction(1), (0, 0, 0), 1)),
+}
+_PLAIN = {
+    "1": _ONE,
+    "%": Unit(Fraction(1, 100), (0, 0, 0)),
+    "percent": Unit(Fraction(1, 100), (0, 0, 0)),
+    "min": Unit(Fraction(60), (0, 0, 1)),
+    "minute": Unit(Fraction(60), (0, 0, 1)),
+    "h": Unit(Fraction(3600), (0, 0, 1)),
+    "hr": Unit(Fraction(3600), (0, 0, 1)),
+    "hour": Unit(Fraction(3600), (0, 0, 1)),
+    "t": Unit(Fraction(1000), (0, 1, 0)),
+    "tonne": Unit(Fraction(1000), (0, 1, 0)),
+    "L": Unit(Fraction(1, 1000), (3, 0, 0)),
+    "litre": Unit(Fraction(1, 1000), (3, 0, 0)),
+    "liter": Unit(Fraction(1, 1000), (3, 0, 0)),
+    "kph": Unit(Fraction(1000, 3600), (1, 0, -1)),
+    "°": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
+    "deg": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
+    "degree": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
+    "rev": Unit(Fraction(1), (0, 0, 0), 1, _CYCLE),
+    "revolution": Unit(Fraction(1), (0, 0, 0), 1, _CYCLE),
+    "turn": Unit(Fraction(1), (0, 0, 0), 1, _CYCLE),
+    "cycle": Unit(Fraction(1), (0, 0, 0), 1, _CYCLE),
+    "rpm": Unit(Fraction(1, 60), (0, 0, -1), 1, _CYCLE),
+}
+_RUN_TOGETHER = {"Nm": "N*m", "kNm": "kN*m", "Ns": "N*s", "Js": "J*s"}
+
+
+def _table() -> dict[str, Unit]:
+    table = dict(_PLAIN)
+    for symbol, (names, unit) in _PREFIXED.items():
+        for short, (long, factor) in _PREFIXES.items():
+            scaled = unit._replace(scale=unit.scale * factor)
+            table[short + symbol] = scaled
+            table.update({long + name: scaled for name in names})
+    # Plural names only: the plural of a symbol ("ms", "Ns") would be another unit.
+    table.update({f"{name}s": unit for name, unit in tuple(table.items()) if len(name) > 3 and name.isalpha()})
+    return table
+
+
+_UNITS = _table()
+_SPELLINGS = (
+    ("µ", "u"),
+    ("μ", "u"),
+    ("·", "*"),
+    ("⋅", "*"),
+    ("×", "*"),
+    ("**", "^"),
+    ("²", "^2"),
+    ("³", "^3"),
+    ("⁻¹", "^-1"),
+    ("⁻^", "^-"),
+    ("−", "-"),
+)
+_WORDS = (
+    (re.compile(r"\bper\b", re.IGNORECASE), "/"),
+    (re.compile(r"\s*\bsquared\b", re.IGNORECASE), "^2"),
+    (re.compile(r"\s*\bcubed\b", re.IGNORECASE), "^3"),
+    (re.compile(r"\b(?:square|sq)\s+([A-Za-z]+)", re.IGNORECASE), r"\1^2"),
+    (re.compile(r"\bcubic\s+([A-Za-z]+)", re.IGNORECASE), r"\1^3"),
+    (re.compile(r"(?<=[A-Za-z])[-.](?=[A-Za-z])"), "*"),
+)
+_TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+|[%°]|1(?![0-9]))(?:\^?\(?(?P<power>[+-]?[1-9])\)?)?|(?P<mark>[*/()]))\s*")
+
+
+def _tokens(text: str) -> Iterator[Unit | str]:
+    """Units with their powers, and the marks between them.
+
+    Raises:
+        ValueError: Something is neither.
+    """
+    position = 0
+    while position < len(text):
+        token = _TOKEN.match(text, position)
+        if token is None:
+            raise ValueError(text[position:])
+        position = token.end()
+        if token["mark"]:
+            yield token["mark"]
+            continue
+        name = token["name"]
+        unit = _UNITS.get(name) or (_UNITS.get(name.lower()) if len(name) > 3 else None)
+        if unit is None:
+            raise ValueError(name)
+        yield unit.power(int(token["power"] or 1))
+
+
+def _product(tokens: Iterator[Unit | str], *, inside: bool = False) -> Unit:
+    """Multiply and divide from left to right, as `m/s/s` is read, down to the closing bracket if inside one.
+
+    Raises:
+        ValueError: A mark without a unit on both sides, or brackets that do not match.
+    """
+    result, sign, open_mark = _ONE, 1, True
+    for token in tokens:
+        if isinstance(token, Unit) or token == "(":
+            unit = token if isinstance(token, Unit) else _product(tokens, inside=True)
+            result = result.times(unit.power(sign))
+            open_mark = False
+            sign = 1
+        elif token == ")" and inside and not open_mark:
+            return result
+        elif token in "*/" and not open_mark:
+            sign, open_mark = (-1 if token == "/" else 1), True
+        else:
+            raise ValueError(token)
+    if inside or open_mark:
+        raise ValueError("unfinished")
+    return result
+
+
+def parse_unit(text: str) -> Unit | None:
+    """Read a unit such as `m/s^2`, `kg·m²`, `N m`, `metres per second` or `km/h`; None if it is not one."""
+    text = text.strip()
+    if not 0 < len(text) <= MAX_UNIT_CHARS:
+        return None
+    for written, meant in _SPELLINGS:
+        text = text.replace(written, meant)
+    for word, meant in _WORDS:
+        text = word.sub(meant, text)
+    text = re.sub(r"[A-Za-z]+", lambda name: _RUN_TOGETHER.get(name[0], name[0]), text)
+    try:
+        return _product(_tokens(text))
+    except ValueError:
+        return None
+
+
+def conversion(written: Unit, asked: Unit) -> Fraction | None:
+    """Factor that turns a number in one unit into the other; None where they measure different things.
+
+    A side without an angle (`1/s`, `N·m`) agrees with radians and with cycles (`rad/s`, `Hz`) as it stands, for SI has it
+    so; it never agrees with degrees.
+    """
+    if written.dimensions != asked.dimensions:
+        return None
+    scale = written.scale / asked.scale
+    if written.angle == asked.angle:
+        return scale * written.angle_scale / asked.angle_scale
+    if written.angle and asked.angle:
+        return None
+    if not any(written.dimensions):
+        # `rad` or `turn` where a bare number is asked, or the reverse of it: only the radian is the number 1.
+        return scale if written.angle_scale == asked.angle_scale == 1 else None
+    angular = written if written.angle else asked
+    return scale if abs(angular.angle) == 1 and angular.angle_scale in {1, _CYCLE, 1 / _CYCLE} else None

@@ -1,0 +1,67 @@
+"""Everything that can go wrong in the laboratory, and who reads it.
+
+PhysMentError
+├─ SceneError            the scene cannot be loaded                         → the operator, before serving
+└─ RefusedCall           the agent can do better: its message is all it sees → the agent, as an error result
+   ├─ UnknownObject      no such object, as far as the agent may know
+   ├─ NotPermitted       the attribute is withheld, or the object is sealed
+   ├─ NotAvailable       the tool is disabled in this scene
+   ├─ NotPossible        the laboratory cannot do that to this object
+   ├─ NoDifference       no velocity difference exists yet
+   ├─ BadArgument        a value is out of bounds or of the wrong form
+   ├─ Unstable           the simulation blew up and was rolled back
+   └─ EpisodeOver        there is no episode, or it has ended
+
+A refused call changes nothing.
+"""
+
+from collections.abc import Iterable
+
+
+class PhysMentError(Exception):
+    """Root of the errors this package raises on purpose."""
+
+
+class SceneError(PhysMentError):
+    """A scene cannot be loaded; one sentence for the operator."""
+
+
+class RefusedCall(PhysMentError):
+    """A call the laboratory refuses; one sentence that says what was wrong and what would be right."""
+
+
+class UnknownObject(RefusedCall):
+    """No object of this id is known to the agent."""
+
+    def __init__(self, object_id: str, known: Iterable[str]) -> None:
+        super().__init__(
+            f"there is no object {object_id!r}; the objects you can use are {', '.join(known) or 'none yet'}"
+        )
+
+
+class NotPermitted(RefusedCall):
+    """The attribute is withheld, or the object is sealed."""
+
+
+class NotAvailable(RefusedCall):
+    """The tool is disabled in this scene."""
+
+
+class NotPossible(RefusedCall):
+    """The laboratory cannot do that to this object."""
+
+
+class NoDifference(RefusedCall):
+    """No velocity difference over the last time step exists."""
+
+
+class BadArgument(RefusedCall):
+    """A value is out of bounds or of the wrong form."""
+
+
+class Unstable(RefusedCall):
+    """The simulation left the finite numbers; the call was rolled back."""
+
+
+class EpisodeOver(RefusedCall):
+    """There is no episode, or it has ended."""

@@ -1,0 +1,122 @@
+"""From MJCF text to a compiled spec at its start state, and state carried from one compiled model to the next.
+
+Knows MuJoCo specs, models and data; knows nothing of what is done with them.
+"""
+
+import mujoco
+import numpy as np
+
+from physment_mcp.errors import SceneError
+
+START_KEY = "start"
+"""Name of the keyframe that gives the initial state."""
+
+
+def _ignore_warning(_text: str) -> None:
+    """Drop engine warnings: the world reads the warning counters, and the text could name hidden things."""
+
+
+# Without a handler MuJoCo writes MUJOCO_LOG.TXT into the working directory.
+mujoco.set_mju_user_warning(_ignore_warning)
+
+
+def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoco.MjModel, mujoco.MjData]:
+    """Compile `mjcf` and put it into its start state.
+
+    Args:
+        mjcf: MuJoCo XML.
+        timestep: Replaces the model's own time step [s]; for step-halving checks.
+
+    Raises:
+        SceneError: The XML does not compile.
+    """
+    try:
+        spec = mujoco.MjSpec.from_string(mjcf)
+        if timestep is not None:
+            spec.option.timestep = timestep
+        # A blown-up state must stay visible: by default the engine silently restarts the scene at t = 0.
+        spec.option.disableflags = int(spec.option.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        _name_everything(spec)
+        with_keys = spec.compile()
+        started = mujoco.MjData(with_keys)
+        if any(key.name == START_KEY for key in spec.keys):
+            mujoco.mj_resetDataKeyframe(with_keys, started, with_keys.key(START_KEY).id)
+        # Keyframes have the size of the state, so they would break every later model edit.
+        for key in list(spec.keys):
+            key.delete()
+        model = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise SceneError(f"the scene's XML does not compile: {reason}") from error
+    data = mujoco.MjData(model)
+    for field in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
+        getattr(data, field)[:] = getattr(started, field)
+    return spec, model, data
+
+
+def compiled_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """A copy of `spec` to edit: if the edit fails, the original is untouched."""
+    copy = spec.copy()
+    copy.compile()
+    return copy
+
+
+def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) -> mujoco.MjData:
+    """Data for `new` with the clock, motion, loads and warm start of everything that `old` has too, by name.
+
+    Source: the fields of MuJoCo's `mjSTATE_INTEGRATION`. Carried by hand because `MjSpec.recompile` drops applied
+    forces, equality switches and the solver's warm start.
+    """
+    data = mujoco.MjData(new)
+    data.time = state.time
+    for index in range(new.njnt):
+        name = new.joint(index).name
+        before = mujoco.mj_name2id(old, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if before < 0:
+            continue
+        positions, dofs = joint_slices(new, index)
+        old_positions, old_dofs = joint_slices(old, before)
+        data.qpos[positions] = state.qpos[old_positions]
+        for field in ("qvel", "qacc_warmstart", "qfrc_applied"):
+            getattr(data, field)[dofs] = getattr(state, field)[old_dofs]
+    for kind, count, fields in (
+        (mujoco.mjtObj.mjOBJ_BODY, new.nbody, ("xfrc_applied",)),
+        (mujoco.mjtObj.mjOBJ_EQUALITY, new.neq, ("eq_active",)),
+        (mujoco.mjtObj.mjOBJ_ACTUATOR, new.nu, ("ctrl",)),
+    ):
+        for index in range(count):
+            before = mujoco.mj_name2id(old, kind, mujoco.mj_id2name(new, kind, index))
+            if before >= 0:
+                for field in fields:
+                    getattr(data, field)[index] = getattr(state, field)[before]
+    return data
+
+
+def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
+    """Where a joint lives in qpos and in qvel."""
+    kind = mujoco.mjtJoint(model.jnt_type[joint])
+    position, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    sizes = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
+    n_position, n_dof = sizes.get(kind, (1, 1))
+    return slice(position, position + n_position), slice(dof, dof + n_dof)
+
+
+def is_finite(data: mujoco.MjData) -> bool:
+    """Whether the state is finite and the engine raised no instability warning since the counters were cleared."""
+    tripped = any(
+        data.warning[kind].number
+        for kind in (
+            mujoco.mjtWarning.mjWARN_BADQPOS,
+            mujoco.mjtWarning.mjWARN_BADQVEL,
+            mujoco.mjtWarning.mjWARN_BADQACC,
+        )
+    )
+    return not tripped and all(bool(np.isfinite(field).all()) for field in (data.qpos, data.qvel, data.qacc))
+
+
+def _name_everything(spec: mujoco.MjSpec) -> None:
+    """Name what the author left unnamed: state is carried by name."""
+    for kind in ("bodies", "joints", "geoms", "equalities", "actuators"):
+        for index, element in enumerate(getattr(spec, kind)):
+            if not element.name:
+                element.name = f"unnamed_{kind}_{index}"
