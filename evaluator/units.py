@@ -134,7 +134,9 @@ _WORDS = (
     (re.compile(r"\bcubic\s+([A-Za-z]+)", re.IGNORECASE), r"\1^3"),
     (re.compile(r"(?<=[A-Za-z])[-.](?=[A-Za-z])"), "*"),
 )
-_TOKEN = re.compile(r"\s*(?:(?P<name>[A-Za-z]+|[%°]|1(?![0-9]))(?:\^?\(?(?P<power>[+-]?[1-9])\)?)?|(?P<mark>[*/()]))\s*")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<name>[A-Za-z]+|[%°]|1(?![0-9]))(?:\^?\(?(?P<power>[+-]?[1-9])\)?)?|(?P<mark>[*/()]))\s*"
+)
 
 
 def _tokens(text: str) -> Iterator[Unit | str]:
@@ -194,7 +196,7 @@ def parse_unit(text: str) -> Unit | None:
         text = word.sub(meant, text)
     text = re.sub(r"[A-Za-z]+", lambda name: _RUN_TOGETHER.get(name[0], name[0]), text)
     try:
-        return _product(_tokens(text))
+        return _product(_tokens(f"1{text}" if text.startswith("/") else text))
     except ValueError:
         return None
 

@@ -36,10 +36,13 @@ class Twist(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """What a body looks like: type name, full edge lengths (3,) [m] in the body frame, None if unbounded."""
+    """What a body looks like: type name, full edge lengths (3,) [m] in the body frame (None if unbounded), and the
+    radius [m] of a sphere, cylinder or capsule.
+    """
 
     type: str
     box: Array | None
+    radius: float | None = None
 
 
 class Contact(NamedTuple):
@@ -83,12 +86,13 @@ def shape(model: mujoco.MjModel, body: int) -> Shape:
         return Shape("compound", None)
     geoms = range(first, first + count)
     name = "compound" if count > 1 else _GEOM_TYPES.get(mujoco.mjtGeom(model.geom_type[first]), "other")
+    radius = float(model.geom_size[first][0]) if name in {"sphere", "cylinder", "capsule"} else None
     boxes = [_extent(model, geom) for geom in geoms]
     if any(box is None for box in boxes):
         return Shape(name, None)
     low = np.min([box[0] for box in boxes if box is not None], axis=0)
     high = np.max([box[1] for box in boxes if box is not None], axis=0)
-    return Shape(name, high - low)
+    return Shape(name, high - low, radius)
 
 
 def _extent(model: mujoco.MjModel, geom: int) -> tuple[Array, Array] | None:

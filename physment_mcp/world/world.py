@@ -76,7 +76,7 @@ class World:
         """
         self._settled = False
         for warning in self._data.warning:
-            warning.number = 0  # noqa: PLW2901
+            warning.number = 0
         if steps > 1:
             mujoco.mj_step(self._model, self._data, steps - 1)
         self._before_step = _Instant(self._model, self._state())

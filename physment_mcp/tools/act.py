@@ -1,0 +1,222 @@
+"""Tools that act on objects: push, twist, move, give a velocity, collide."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from physment_mcp.errors import NotPermitted, NotPossible, RefusedCall
+from physment_mcp.mechanics import Array, rotation_matrix
+from physment_mcp.results import Collision, ForceSet, Moved, Shifted, TorqueSet, VelocitySet
+from physment_mcp.session import LabObject, Session
+from physment_mcp.tools.base import Arguments, Number, ObjectArguments, ObjectId, Tool, Vector, array, plain
+from physment_mcp.world import Contact
+
+_RESTING_SPEED = 1e-3
+"""Contacts that close more slowly than this [m/s] are at rest and get no elastic response."""
+
+
+class PlaceArguments(ObjectArguments):
+    """Arguments of `move_object`."""
+
+    x: Annotated[Number, Field(description="World x [m].")]
+    y: Annotated[Number, Field(description="World y [m].")]
+    z: Annotated[Number, Field(description="World z, up [m].")]
+
+
+class ShiftArguments(ObjectArguments):
+    """Arguments of `change_position`."""
+
+    dx: Annotated[Number, Field(description="Shift along x [m].")]
+    dy: Annotated[Number, Field(description="Shift along y [m].")]
+    dz: Annotated[Number, Field(description="Shift along z [m].")]
+    in_world_frame: Annotated[bool, Field(description="True: world axes. False: the object's own axes.")] = True
+
+
+class VelocityArguments(ObjectArguments):
+    """Arguments of `set_velocity`."""
+
+    velocity_vector: Annotated[Vector, Field(description="Velocity of the centre of mass [x, y, z], world [m/s].")]
+
+
+class ForceArguments(ObjectArguments):
+    """Arguments of `apply_force`."""
+
+    force_vector: Annotated[Vector, Field(description="Force [x, y, z], world [N].")]
+
+
+class TorqueArguments(ObjectArguments):
+    """Arguments of `apply_torque`."""
+
+    torque_vector: Annotated[Vector, Field(description="Torque [x, y, z], world [N·m].")]
+
+
+class CollisionArguments(Arguments):
+    """Arguments of `detect_collision`."""
+
+    obj1_id: ObjectId
+    obj2_id: ObjectId
+    elastic_response: Annotated[
+        bool,
+        Field(description="True: bounce the two off each other elastically if they are closing in. False: only look."),
+    ] = True
+
+
+def _relocate(session: Session, one: LabObject, target: Array) -> str | None:
+    """Place an object, and say so if its joints did not allow the whole move."""
+    if one.attached:
+        raise NotPossible(f"{one.object_id} is attached to another object and cannot be moved by itself")
+    session.readable(one.object_id, "position")
+    try:
+        restricted = session.world.place(one.body, target, session.obstacles())
+    except NotPossible as refusal:
+        raise NotPossible(f"{one.object_id} was not moved: {refusal}") from refusal
+    if restricted and not np.allclose(session.world.pose(one.body).position, target, rtol=0, atol=1e-9):
+        return "its joints let it move only along its slides, and within their range; it went as near as they allow"
+    return None
+
+
+def _move_object(session: Session, args: PlaceArguments) -> Moved:
+    one = session.movable(args.object_id)
+    note = _relocate(session, one, array([args.x, args.y, args.z]))
+    return Moved(sim_time=session.world.time, position=plain(session.world.pose(one.body).position), note=note)
+
+
+def _change_position(session: Session, args: ShiftArguments) -> Shifted:
+    one = session.movable(args.object_id)
+    shift = array([args.dx, args.dy, args.dz])
+    pose = session.world.pose(one.body)
+    if not args.in_world_frame:
+        shift = rotation_matrix(pose.quaternion) @ shift
+    note = _relocate(session, one, pose.position + shift)
+    return Shifted(sim_time=session.world.time, new_position=plain(session.world.pose(one.body).position), note=note)
+
+
+def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
+    one = session.movable(args.object_id)
+    try:
+        session.world.set_velocity(one.body, array(args.velocity_vector))
+    except NotPossible as refusal:
+        raise NotPossible(f"{one.object_id} cannot be given a velocity: {refusal}") from refusal
+    obtained = plain(session.world.twist(one.body).linear)
+    return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=one.object_id, velocity=obtained)
+
+
+def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
+    one = session.movable(args.object_id)
+    session.world.push(one.body, force=array(args.force_vector))
+    return ForceSet(
+        sim_time=session.world.time, status="force set", object_id=one.object_id, force=plain(array(args.force_vector))
+    )
+
+
+def _apply_torque(session: Session, args: TorqueArguments) -> TorqueSet:
+    one = session.movable(args.object_id)
+    session.world.push(one.body, torque=array(args.torque_vector))
+    return TorqueSet(
+        sim_time=session.world.time,
+        status="torque set",
+        object_id=one.object_id,
+        torque=plain(array(args.torque_vector)),
+    )
+
+
+def _detect_collision(session: Session, args: CollisionArguments) -> Collision:
+    first, second = session.find(args.obj1_id), session.find(args.obj2_id)
+    if first is second:
+        raise NotPossible(f"{first.object_id} cannot collide with itself; name two objects")
+    if args.elastic_response:
+        for one in (first, second):
+            if not one.permissions.actuate:
+                raise NotPermitted(
+                    f"{one.object_id} is sealed in this scene: call detect_collision with elastic_response=false"
+                )
+    touching = session.world.contact(first.body, second.body)
+    impulse = _respond(session, first, second, touching) if args.elastic_response else None
+    pair = (first, second)
+    seen = touching is not None
+    shows_place = seen and all(session.may_read(one, "position") for one in pair)
+    # The normal on a flat face gives its tilt away; on a sphere it only gives the direction of the contact.
+    shows_normal = shows_place and all(
+        session.may_read(one, "orientation") or session.world.shape(one.body).type == "sphere" for one in pair
+    )
+    shows_speed = seen and all(session.may_read(one, "velocity") for one in pair)
+    # The impulse gives the effective mass away.
+    shows_impulse = all(session.may_read(one, "mass") or not session.world.is_movable(one.body) for one in pair)
+    return Collision(
+        sim_time=session.world.time,
+        collision_detected=seen,
+        contact_point=plain(touching.point) if touching and shows_place else None,
+        normal=plain(touching.normal) if touching and shows_normal else None,
+        approach_speed=touching.approach_speed if touching and shows_speed else None,
+        impulse=impulse if shows_impulse else None,
+    )
+
+
+def _respond(session: Session, first: LabObject, second: LabObject, touching: Contact | None) -> float:
+    if touching is None or touching.approach_speed <= _RESTING_SPEED:
+        return 0.0
+    try:
+        return session.world.bounce(first.body, second.body, touching)
+    except NotPossible as refusal:
+        raise RefusedCall(f"no elastic response is possible: {refusal}") from refusal
+
+
+MOVE_OBJECT = Tool(
+    "move_object",
+    "Move",
+    "Put an object's origin at a place. It keeps its velocity; what is jointed to it rides along. On slides it goes as"
+    " near as they allow. Refused where it would overlap another object by more than 1 mm, and for what is fixed,"
+    " sealed or attached. No time passes.",
+    PlaceArguments,
+    Moved,
+    _move_object,
+    idempotent=True,
+)
+CHANGE_POSITION = Tool(
+    "change_position",
+    "Shift",
+    "Shift an object by a displacement, along the world axes or its own; same rules as move_object. No time passes.",
+    ShiftArguments,
+    Shifted,
+    _change_position,
+)
+SET_VELOCITY = Tool(
+    "set_velocity",
+    "Set velocity",
+    "Give an object's centre of mass a velocity, world frame; its spin stays. On joints it gets the nearest velocity"
+    " they allow, which is returned. No time passes.",
+    VelocityArguments,
+    VelocitySet,
+    _set_velocity,
+    idempotent=True,
+)
+APPLY_FORCE = Tool(
+    "apply_force",
+    "Set force",
+    "Set the external force on an object, at its centre of mass, world frame. It acts during every later step until it"
+    " is set again; [0, 0, 0] clears it. No time passes.",
+    ForceArguments,
+    ForceSet,
+    _apply_force,
+    idempotent=True,
+)
+APPLY_TORQUE = Tool(
+    "apply_torque",
+    "Set torque",
+    "Set the external torque on an object, world frame. It acts during every later step until it is set again;"
+    " [0, 0, 0] clears it. No time passes.",
+    TorqueArguments,
+    TorqueSet,
+    _apply_torque,
+    idempotent=True,
+)
+DETECT_COLLISION = Tool(
+    "detect_collision",
+    "Detect collision",
+    "Tell whether two objects touch now. If they do, are closing in and elastic_response is true, they are bounced off"
+    " each other perfectly elastically along the normal. With elastic_response=false it only looks. No time passes.",
+    CollisionArguments,
+    Collision,
+    _detect_collision,
+)

@@ -1,0 +1,116 @@
+"""What a tool is, and the types its arguments are made of."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Generic, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
+
+from physment_mcp.errors import BadArgument
+from physment_mcp.mechanics import Array
+from physment_mcp.results import Result
+from physment_mcp.session import Session
+
+LIMIT = 1e6
+"""Largest magnitude of a number argument, unless its tool says otherwise."""
+
+
+def _id_text(value: object) -> object:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Number = Annotated[float, Field(ge=-LIMIT, le=LIMIT)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Mass = Annotated[float, Field(gt=0, le=LIMIT, description="Mass to compute with [kg]; yours to measure or choose.")]
+ObjectId = Annotated[
+    str,
+    BeforeValidator(_id_text),
+    Field(min_length=1, max_length=64),
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "string", "minLength": 1, "maxLength": 64}, {"type": "integer"}],
+            "description": "Id of the object, such as object_1; 1 means object_1.",
+        }
+    ),
+]
+
+
+class Arguments(BaseModel):
+    """Base of all argument models: closed and strict, so nothing is guessed from a near miss."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class NoArguments(Arguments):
+    """The tool takes no arguments."""
+
+
+class ObjectArguments(Arguments):
+    """The tool takes one object."""
+
+    object_id: ObjectId
+
+
+class MassArguments(ObjectArguments):
+    """The tool takes an object and a mass to compute with."""
+
+    mass: Mass
+
+
+A = TypeVar("A", bound=Arguments)
+
+ReportProgress = Callable[[float, float], Awaitable[None]]
+"""Told how much of how much is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tool(Generic[A]):
+    """A published tool: what the agent reads, the types both ways, and the physics behind it."""
+
+    name: str
+    title: str
+    description: str
+    arguments: type[A]
+    result: type[Result]
+    run: Callable[[Session, A], Result] | Callable[[Session, A, ReportProgress], Awaitable[Result]]
+    reads_only: bool = False
+    destructive: bool = False
+    idempotent: bool = False
+    takes_time: bool = False
+    """The run is awaited and reports progress."""
+
+    def parse(self, arguments: dict[str, Any]) -> A:
+        """Check the arguments against the tool's model.
+
+        Raises:
+            BadArgument: They do not fit; the message says which and why.
+        """
+        try:
+            return self.arguments.model_validate(arguments)
+        except ValidationError as error:
+            raise BadArgument(f"{self.name}: {_sentence(error, list(self.arguments.model_fields))}") from None
+
+
+def _sentence(error: ValidationError, fields: list[str]) -> str:
+    problems: list[str] = []
+    for one in error.errors(include_url=False)[:3]:
+        path = ".".join(str(part) for part in one["loc"])
+        if one["type"] == "extra_forbidden":
+            problems.append(f"there is no argument {path!r}; the arguments are {', '.join(fields) or 'none'}")
+        elif one["type"] == "missing":
+            problems.append(f"the argument {path!r} is missing")
+        else:
+            message = one["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+            problems.append(f"{path} must be {message}" if message != one["msg"] else f"{path}: {message}")
+    return "; ".join(problems)
+
+
+def array(values: list[float]) -> Array:
+    """A float array of a checked list."""
+    return np.array(values, dtype=np.float64)
+
+
+def plain(values: Array) -> list[float]:
+    """A list of plain floats; -0.0 becomes 0.0."""
+    return [float(value) + 0.0 for value in values]

@@ -1,0 +1,151 @@
+"""Tools that compute a quantity from readings and from what the agent supplies. None of them changes anything."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from physment_mcp import mechanics
+from physment_mcp.errors import BadArgument, NotPossible
+from physment_mcp.mechanics import Array
+from physment_mcp.results import (
+    AngularMomentum,
+    Components,
+    Force,
+    KineticEnergy,
+    Momentum,
+    PotentialEnergy,
+    Rotation,
+    RotationalEnergy,
+)
+from physment_mcp.session import Session
+from physment_mcp.tools.base import Arguments, MassArguments, Number, Tool, array, plain
+
+
+class PotentialEnergyArguments(MassArguments):
+    """Arguments of `get_potential_energy`."""
+
+    gravity: Annotated[Number, Field(description="Gravitational acceleration to compute with [m/s²].")] = 9.81
+
+
+class QuaternionArguments(Arguments):
+    """Arguments of `quat_to_rot_matrix`."""
+
+    q: Annotated[list[Number], Field(min_length=4, max_length=4, description="Quaternion [w, x, y, z].")]
+
+
+def _compute_force(session: Session, args: MassArguments) -> Force:
+    one = session.readable(args.object_id, "velocity")
+    x, y, z = plain(args.mass * session.world.acceleration(one.body))
+    return Force(sim_time=session.world.time, x=x, y=y, z=z)
+
+
+def _get_kinetic_energy(session: Session, args: MassArguments) -> KineticEnergy:
+    one = session.readable(args.object_id, "velocity")
+    energy = mechanics.kinetic_energy(args.mass, session.world.twist(one.body).linear)
+    return KineticEnergy(sim_time=session.world.time, kinetic_energy=energy)
+
+
+def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> PotentialEnergy:
+    one = session.readable(args.object_id, "position")
+    energy = mechanics.potential_energy(args.mass, args.gravity, float(session.world.centre(one.body)[2]))
+    return PotentialEnergy(sim_time=session.world.time, potential_energy=energy)
+
+
+def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
+    """Inertia scaled to the agent's mass, so that the true mass does not show, and spin."""
+    one = session.readable(args.object_id, "velocity")
+    true_mass = session.world.mass(one.body)
+    if true_mass <= 0:
+        raise NotPossible(f"{one.object_id} has no mass of its own, so it has no inertia")
+    return args.mass * session.world.inertia(one.body) / true_mass, session.world.twist(one.body).angular
+
+
+def _get_rotational_energy(session: Session, args: MassArguments) -> RotationalEnergy:
+    energy = mechanics.rotational_energy(*_spin(session, args))
+    return RotationalEnergy(sim_time=session.world.time, rotational_energy=energy)
+
+
+def _get_angular_momentum(session: Session, args: MassArguments) -> AngularMomentum:
+    x, y, z = plain(mechanics.angular_momentum(*_spin(session, args)))
+    return AngularMomentum(sim_time=session.world.time, angular_momentum=Components(x=x, y=y, z=z))
+
+
+def _get_momentum(session: Session, args: MassArguments) -> Momentum:
+    one = session.readable(args.object_id, "velocity")
+    x, y, z = plain(mechanics.momentum(args.mass, session.world.twist(one.body).linear))
+    return Momentum(sim_time=session.world.time, momentum=Components(x=x, y=y, z=z))
+
+
+def _quat_to_rot_matrix(session: Session, args: QuaternionArguments) -> Rotation:
+    if not np.any(args.q):
+        raise BadArgument("quat_to_rot_matrix: q must not be the zero quaternion; no rotation is [1, 0, 0, 0]")
+    matrix = mechanics.rotation_matrix(array(args.q))
+    return Rotation(sim_time=session.world.time, rotation_matrix=[plain(row) for row in matrix])
+
+
+COMPUTE_FORCE = Tool(
+    "compute_force",
+    "Net force",
+    "Compute the net force on an object: the mass you give times its acceleration over the last time step.",
+    MassArguments,
+    Force,
+    _compute_force,
+    reads_only=True,
+)
+GET_KINETIC_ENERGY = Tool(
+    "get_kinetic_energy",
+    "Kinetic energy",
+    "Compute an object's translational kinetic energy, ½ m v², with the mass you give.",
+    MassArguments,
+    KineticEnergy,
+    _get_kinetic_energy,
+    reads_only=True,
+)
+GET_POTENTIAL_ENERGY = Tool(
+    "get_potential_energy",
+    "Potential energy",
+    "Compute m g z of an object's centre of mass, with the mass and the gravity you give; zero at z = 0.",
+    PotentialEnergyArguments,
+    PotentialEnergy,
+    _get_potential_energy,
+    reads_only=True,
+)
+GET_ROTATIONAL_ENERGY = Tool(
+    "get_rotational_energy",
+    "Rotational energy",
+    "Compute the kinetic energy of an object's spin about its centre of mass, as if it had the mass you give and its"
+    " own shape and mass distribution.",
+    MassArguments,
+    RotationalEnergy,
+    _get_rotational_energy,
+    reads_only=True,
+)
+GET_MOMENTUM = Tool(
+    "get_momentum",
+    "Momentum",
+    "Compute an object's linear momentum, m v, with the mass you give.",
+    MassArguments,
+    Momentum,
+    _get_momentum,
+    reads_only=True,
+)
+GET_ANGULAR_MOMENTUM = Tool(
+    "get_angular_momentum",
+    "Angular momentum",
+    "Compute an object's angular momentum about its centre of mass, as if it had the mass you give and its own shape"
+    " and mass distribution.",
+    MassArguments,
+    AngularMomentum,
+    _get_angular_momentum,
+    reads_only=True,
+)
+QUAT_TO_ROT_MATRIX = Tool(
+    "quat_to_rot_matrix",
+    "Rotation matrix",
+    "Convert a quaternion [w, x, y, z] into a 3 x 3 rotation matrix; it is normalised first.",
+    QuaternionArguments,
+    Rotation,
+    _quat_to_rot_matrix,
+    reads_only=True,
+)

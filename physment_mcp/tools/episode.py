@@ -1,0 +1,81 @@
+"""Tools that move the episode on: let time pass, and answer."""
+
+import time
+from typing import Annotated
+
+import anyio
+from pydantic import Field
+
+from physment_mcp.errors import BadArgument
+from physment_mcp.results import Answered, Stepped
+from physment_mcp.session import MAX_SIMULATED_S, Session
+from physment_mcp.tools.base import Arguments, ReportProgress, Tool
+
+_CHUNK_S = 0.05
+"""Wall time between looks at progress and cancellation [s]."""
+
+Part = str | int | float
+
+
+class StepArguments(Arguments):
+    """Arguments of `step`."""
+
+    duration: Annotated[
+        float, Field(gt=0, le=60, description="How long to simulate [s]; rounded to whole time steps, at least one.")
+    ]
+
+
+class AnswerArguments(Arguments):
+    """Arguments of `answer`."""
+
+    answer: Annotated[
+        Annotated[str, Field(max_length=10_000)] | int | float | Annotated[list[Part], Field(max_length=1000)],
+        Field(description="Your final answer: a number, a text, or a list of them. It is taken down as it is."),
+    ]
+
+
+async def _step(session: Session, args: StepArguments, report: ReportProgress) -> Stepped:
+    world = session.world
+    steps = world.whole_steps(args.duration)
+    length = steps * world.timestep
+    if session.simulated_s + length > MAX_SIMULATED_S * (1 + 1e-9):
+        left = MAX_SIMULATED_S - session.simulated_s
+        raise BadArgument(f"step: only {left:.6g} s of simulated time are left in this episode")
+    done, chunk = 0, min(steps, 64)
+    while done < steps:
+        started = time.perf_counter()
+        await anyio.to_thread.run_sync(world.step, chunk)
+        done += chunk
+        # Chunks grow until one takes about _CHUNK_S; their size does not change the physics.
+        taken = max(time.perf_counter() - started, 1e-6)
+        chunk = min(steps - done, max(1, int(chunk * min(8.0, _CHUNK_S / taken))))
+        if done < steps:
+            await report(done * world.timestep, length)
+    session.simulated_s += length
+    return Stepped(sim_time=world.time, steps=steps)
+
+
+def _answer(session: Session, args: AnswerArguments) -> Answered:
+    session.answer = args.answer
+    session.over = True
+    return Answered(sim_time=session.world.time, acknowledged=True)
+
+
+STEP = Tool(
+    "step",
+    "Step",
+    "Let time pass in the laboratory. Nothing moves unless you call this.",
+    StepArguments,
+    Stepped,
+    _step,
+    takes_time=True,
+)
+ANSWER = Tool(
+    "answer",
+    "Answer",
+    "Give your final answer and end the episode. You have one chance; nothing is said about whether it is right.",
+    AnswerArguments,
+    Answered,
+    _answer,
+    destructive=True,
+)
