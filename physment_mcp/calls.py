@@ -1,6 +1,5 @@
 """The one door of the laboratory: a tool name and raw arguments in, a result out, or a refusal that changed nothing."""
 
-from collections.abc import Awaitable
 from typing import Any
 
 from pydantic import ValidationError
@@ -33,8 +32,7 @@ async def call(session: Session, name: str, arguments: dict[str, Any], report: R
     checked = tool.parse(arguments)
     with session.all_or_nothing():
         try:
-            result = tool.run(session, checked, report) if tool.takes_time else tool.run(session, checked)  # pyright: ignore[reportCallIssue] - the flag says which
-            return await result if isinstance(result, Awaitable) else result
+            return await tool.run(session, checked, report)
         except ValidationError:
             # The only values a result model can refuse are NaN and infinities.
             raise Unstable(f"{name}: the result is not a finite number, so the call was rolled back") from None

@@ -3,7 +3,7 @@
 Every tool reaches the world through the gates here. Knows no MCP, no JSON, no paths and no answers.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -199,7 +199,7 @@ class Session:
     # Roll-back
 
     @contextmanager
-    def all_or_nothing(self) -> Iterator[None]:
+    def all_or_nothing(self) -> Generator[None]:
         """Put everything back as it was if the block fails or is cancelled."""
         world = self.world.save()
         mine = (self.objects, self.joined, self.simulated_s, self.created_count, self.answer, self.over)

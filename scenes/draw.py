@@ -10,6 +10,7 @@ import random
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from typing import Any, cast
 
 import simpleeval
 
@@ -84,7 +85,7 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
         functions=_FUNCTIONS,
     )
     try:
-        value: object = evaluator.eval(expression)  # pyright: ignore[reportUnknownMemberType] - untyped library
+        value = cast(Any, evaluator).eval(expression)  # the library is not typed
     except (
         simpleeval.InvalidExpression,
         SyntaxError,

@@ -73,12 +73,20 @@ class Tool(Generic[A]):
     description: str
     arguments: type[A]
     result: type[Result]
-    run: Callable[[Session, A], Result] | Callable[[Session, A, ReportProgress], Awaitable[Result]]
+    at_once: Callable[[Session, A], Result] | None = None
+    """What the tool does, for all tools that take no noticeable wall time."""
+    over_time: Callable[[Session, A, ReportProgress], Awaitable[Result]] | None = None
+    """What the tool does, for one that reports progress and can be cancelled."""
     reads_only: bool = False
     destructive: bool = False
     idempotent: bool = False
-    takes_time: bool = False
-    """The run is awaited and reports progress."""
+
+    async def run(self, session: Session, arguments: A, report: ReportProgress) -> Result:
+        """Do what the tool does; roll-back is the caller's."""
+        if self.over_time is not None:
+            return await self.over_time(session, arguments, report)
+        assert self.at_once is not None
+        return self.at_once(session, arguments)
 
     def parse(self, arguments: dict[str, Any]) -> A:
         """Check the arguments against the tool's model.

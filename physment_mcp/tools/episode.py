@@ -67,8 +67,7 @@ STEP = Tool(
     "Let time pass in the laboratory. Nothing moves unless you call this.",
     StepArguments,
     Stepped,
-    _step,
-    takes_time=True,
+    over_time=_step,
 )
 ANSWER = Tool(
     "answer",

@@ -46,8 +46,9 @@ def _get_parameters(session: Session, args: ObjectArguments) -> Parameters:
     one = session.find(args.object_id)
     shape = session.world.shape(one.body)
     allowed = {
-        field: session.may_read(one, attribute)
-        for field, attribute in (("mass", "mass"), ("bounding_box", "size"), ("type", "type"))
+        "mass": session.may_read(one, "mass"),
+        "bounding_box": session.may_read(one, "size"),
+        "type": session.may_read(one, "type"),
     }
     return Parameters(
         sim_time=session.world.time,

@@ -36,8 +36,10 @@ class Twist(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """What a body looks like: type name, full edge lengths (3,) [m] in the body frame (None if unbounded), and the
-    radius [m] of a sphere, cylinder or capsule.
+    """What a body looks like.
+
+    `type` names its geom, `box` holds the full edge lengths (3,) [m] in the body frame (None if unbounded), `radius`
+    [m] is that of a sphere, cylinder or capsule.
     """
 
     type: str
