@@ -54,6 +54,8 @@ class Session:
     objects: dict[str, LabObject] = field(init=False)
     joined: frozenset[frozenset[str]] = frozenset()
     """Pairs of ids joined by `attach_objects`."""
+    opening: tuple[tuple[LabObject, dict[str, object]], ...] = field(init=False)
+    """The objects known at the start and what they looked like then: the table of the opening prompt."""
     simulated_s: float = 0.0
     created_count: int = 0
     calls: int = 0
@@ -78,6 +80,7 @@ class Session:
             )
             for listed in self.scene.objects
         }
+        self.opening = tuple((one, self.describe(one)) for one in self.known())
 
     # Gates
 

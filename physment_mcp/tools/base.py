@@ -97,21 +97,25 @@ class Tool(Generic[A]):
         try:
             return self.arguments.model_validate(arguments)
         except ValidationError as error:
-            raise BadArgument(f"{self.name}: {_sentence(error, list(self.arguments.model_fields))}") from None
+            raise BadArgument(f"{self.name}: {_sentence(error, self.arguments)}") from None
 
 
-def _sentence(error: ValidationError, fields: list[str]) -> str:
-    problems: list[str] = []
-    for one in error.errors(include_url=False)[:3]:
-        path = ".".join(str(part) for part in one["loc"])
+def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
+    """What is wrong, by argument; an argument of several possible types is described instead."""
+    fields = arguments.model_fields
+    problems: dict[str, str] = {}
+    for one in error.errors(include_url=False):
+        name, path = str(one["loc"][0]), ".".join(str(part) for part in one["loc"])
         if one["type"] == "extra_forbidden":
-            problems.append(f"there is no argument {path!r}; the arguments are {', '.join(fields) or 'none'}")
+            problems[name] = f"there is no argument {name[:64]!r}; the arguments are {', '.join(fields) or 'none'}"
         elif one["type"] == "missing":
-            problems.append(f"the argument {path!r} is missing")
+            problems[name] = f"the argument {name!r} is missing"
+        elif name in problems:
+            problems[name] = f"{name} has not the right form. {fields[name].description}"
         else:
-            message = one["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-            problems.append(f"{path} must be {message}" if message != one["msg"] else f"{path}: {message}")
-    return "; ".join(problems)
+            message = one["msg"].removeprefix("Input should be ")
+            problems[name] = f"{path}: {message}" if message == one["msg"] else f"{path} must be {message}"
+    return "; ".join(list(problems.values())[:3])
 
 
 def array(values: list[float]) -> Array:

@@ -1,0 +1,38 @@
+"""Worked examples for the opening prompt: short runs in other scenes, true to the tools."""
+
+EXAMPLES = (
+    """## A dropped ball
+
+Task: with which acceleration does object_1, let go at rest, fall?
+
+Reasoning: time must pass before a change of velocity exists. I let 0.5 s pass and read the velocity.
+Calls: step(duration=0.5); get_velocity(object_id="object_1")
+Returns: {"sim_time":0.5,"steps":100,"results":null}; {"sim_time":0.5,"velocity":[0.0,0.0,-4.905]}
+Reasoning: it started at rest, so a = 4.905 / 0.5 = 9.81 m/s² downward. I check with the last time step.
+Calls: get_acceleration(object_id="object_1")
+Returns: {"sim_time":0.5,"x":0.0,"y":0.0,"z":-9.81}
+Reasoning: both agree.
+Calls: answer(answer=9.81)""",
+    """## A pushed box
+
+Task: what is the mass of object_1, which glides without friction?
+
+Reasoning: a known force and the acceleration it causes give the mass.
+Calls: apply_force(object_id="object_1", force_vector=[6, 0, 0]); step(duration=0.1); \
+get_acceleration(object_id="object_1")
+Returns: {"sim_time":0.0,"status":"force set","object_id":"object_1","force":[6.0,0.0,0.0]}; \
+{"sim_time":0.1,"steps":20,"results":null}; {"sim_time":0.1,"x":2.4,"y":0.0,"z":0.0}
+Reasoning: m = F / a = 6 / 2.4 = 2.50 kg.
+Calls: answer(answer=2.50)""",
+    """## A sphere on a ramp
+
+Task: does object_1 roll down the ramp without slipping (1) or does it slip (2)? Its radius is 0.1 m.
+
+Reasoning: rolling means that speed and spin agree: v = ω R. With E and L computed for the same mass, ω = 2 E / L.
+Calls: step(duration=0.5); get_velocity(object_id="object_1"); get_rotational_energy(object_id="object_1", mass=1); \
+get_angular_momentum(object_id="object_1", mass=1)
+Returns: {"sim_time":0.5,"steps":100,"results":null}; {"sim_time":0.5,"velocity":[0.8,0.0,-0.6]}; \
+{"sim_time":0.5,"rotational_energy":0.2}; {"sim_time":0.5,"angular_momentum":{"x":0.0,"y":0.04,"z":0.0}}
+Reasoning: ω = 2 · 0.2 / 0.04 = 10 rad/s and ω R = 1.0 m/s. The speed is √(0.8² + 0.6²) = 1.0 m/s. They agree.
+Calls: answer(answer=1)""",
+)

@@ -1,0 +1,199 @@
+"""The warm host: many episodes in one process, each an MCP endpoint of its own over HTTP.
+
+`POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL; whoever has the URL has the episode, whether
+the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
+"""
+
+import contextlib
+import json
+import logging
+import secrets
+import time
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import anyio
+from anyio.abc import TaskGroup, TaskStatus
+from mcp.server.streamable_http_manager import RequestBodyLimitMiddleware, StreamableHTTPSessionManager
+from pydantic import BaseModel, ConfigDict, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
+
+from physment_mcp.errors import SceneError
+from physment_mcp.scene import load_scene
+from physment_mcp.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+logger = logging.getLogger(__name__)
+
+MAX_BODY = 1_000_000
+"""Largest accepted request body [bytes]."""
+_SWEEP_S = 5.0
+"""Wall time between looks for expired episodes [s], at most."""
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+
+
+class EpisodeRequest(BaseModel):
+    """Body of `POST /episodes`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    scene: int
+    seed: int = 0
+
+
+@dataclass(slots=True)
+class _Open:
+    """An open episode."""
+
+    manager: StreamableHTTPSessionManager
+    close: Callable[[], None]
+    last_used: float
+    in_flight: int = 0
+
+
+@dataclass(slots=True)
+class Host:
+    """The episodes of one process."""
+
+    scenes_dir: Path | None = None
+    max_episodes: int = 1000
+    idle_timeout_s: float = 1800.0
+    _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
+    _tasks: TaskGroup | None = None
+
+    def app(self) -> Starlette:
+        """The ASGI application; answers only requests addressed to this machine."""
+        routes = [
+            Route("/healthz", self._health),
+            Route("/episodes", self._create, methods=["POST"]),
+            Route("/episodes/{episode_id}", self._delete, methods=["DELETE"]),
+            Route("/episodes/{episode_id}/mcp", _Endpoint(self.serve)),
+        ]
+        return Starlette(
+            routes=routes,
+            lifespan=self._lifespan,
+            middleware=[
+                Middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK, "::1"], www_redirect=False),
+                Middleware(RequestBodyLimitMiddleware, max_body_size=MAX_BODY),
+            ],
+        )
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
+        async with anyio.create_task_group() as tasks:
+            self._tasks = tasks
+            tasks.start_soon(self._sweep)
+            yield
+            tasks.cancel_scope.cancel()
+
+    async def open_episode(self, scene: int, seed: int) -> str:
+        """Open an episode and return its unguessable id.
+
+        Raises:
+            SceneError: The scene cannot be loaded.
+        """
+        assert self._tasks is not None
+        session = Session(load_scene(scene, seed, self.scenes_dir))
+        manager = StreamableHTTPSessionManager(
+            build_server(Laboratory(session)), json_response=False, session_idle_timeout=None
+        )
+        episode_id = secrets.token_urlsafe(18)
+
+        async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
+            with anyio.CancelScope() as scope:
+                async with manager.run():
+                    task_status.started(scope.cancel)
+                    await anyio.sleep_forever()
+
+        close = await self._tasks.start(live)
+        self._episodes[episode_id] = _Open(manager, close, time.monotonic())
+        return episode_id
+
+    async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand a request to the MCP server of its episode."""
+        episode = self._episodes.get(scope["path_params"]["episode_id"])
+        if episode is None:
+            await _refuse(404, "no such episode, or it has expired; open one with POST /episodes")(scope, receive, send)
+            return
+        episode.in_flight += 1
+        try:
+            await episode.manager.handle_request(scope, receive, send)
+        finally:
+            episode.in_flight -= 1
+            episode.last_used = time.monotonic()
+
+    async def _health(self, _request: Request) -> Response:
+        return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
+
+    async def _create(self, request: Request) -> Response:
+        try:
+            wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(str(part) for part in first["loc"]) or "body"
+            return _refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
+        if len(self._episodes) >= self.max_episodes:
+            return _refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
+        try:
+            episode_id = await self.open_episode(wanted.scene, wanted.seed)
+        except SceneError as error:
+            return _refuse(404, str(error))
+        expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
+        url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
+        body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
+        return JSONResponse(body, status_code=201)
+
+    async def _delete(self, request: Request) -> Response:
+        episode = self._episodes.pop(request.path_params["episode_id"], None)
+        if episode is None:
+            return _refuse(404, "no such episode, or it has expired")
+        episode.close()
+        return Response(status_code=204)
+
+    async def _sweep(self) -> None:
+        while True:
+            await anyio.sleep(min(_SWEEP_S, self.idle_timeout_s / 2))
+            oldest = time.monotonic() - self.idle_timeout_s
+            for episode_id, episode in list(self._episodes.items()):
+                if not episode.in_flight and episode.last_used < oldest:
+                    del self._episodes[episode_id]
+                    episode.close()
+                    logger.info("an episode expired after %g s without a call", self.idle_timeout_s)
+
+
+class _Endpoint:
+    """An ASGI application as a class, which is how Starlette routes all methods of a path to it."""
+
+    def __init__(self, serve: Callable[[Scope, Receive, Send], Awaitable[None]]) -> None:
+        self._serve = serve
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self._serve(scope, receive, send)
+
+
+def _refuse(status: int, sentence: str) -> JSONResponse:
+    return JSONResponse({"error": sentence}, status_code=status)
+
+
+def serve(host: Host, address: str, port: int) -> None:
+    """Serve until interrupted; prints the address, also when the port was chosen by the system, as one JSON line."""
+    import uvicorn  # noqa: PLC0415 - half a second that stdio episodes need not wait for
+
+    class _Announcing(uvicorn.Server):
+        async def startup(self, sockets: list[object] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride] - sockets are passed through
+            await super().startup(sockets)  # pyright: ignore[reportArgumentType]
+            for server in self.servers:
+                bound = server.sockets[0].getsockname()
+                shown = f"[{bound[0]}]" if ":" in bound[0] else bound[0]
+                print(json.dumps({"listening": f"http://{shown}:{bound[1]}"}), flush=True)  # noqa: T201 - the command's output
+
+    config = uvicorn.Config(host.app(), host=address, port=port, log_level="warning", timeout_graceful_shutdown=2)
+    _Announcing(config).run()

@@ -1,0 +1,263 @@
+"""One episode, one low-level MCP server: tools, prompt, resources, instructions. Refusals become error results.
+
+Knows MCP; leaves physics to the session and files to `scene`.
+"""
+
+import functools
+import json
+import logging
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import anyio
+import mcp_types as types
+from mcp.server import ServerRequestContext
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
+
+from physment_mcp import __version__
+from physment_mcp.calls import call
+from physment_mcp.errors import EpisodeOver, RefusedCall, SceneError
+from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
+from physment_mcp.session import Session
+from physment_mcp.tools import TOOLS
+
+logger = logging.getLogger(__name__)
+
+SCENE_URI = "physment://scene"
+EPISODE_URI = "physment://episode"
+_PROMPT = "scene"
+
+
+class Laboratory:
+    """The place of at most one open episode; calls on it run one at a time."""
+
+    def __init__(
+        self,
+        session: Session | None = None,
+        *,
+        reopen: Callable[[int], Session] | None = None,
+        scene_ids: Sequence[int] = (),
+    ) -> None:
+        """Args: the open episode; for an idle start, how to open one by scene id, and which ids there are."""
+        self.session = session
+        self.reopen = reopen
+        self.scene_ids = scene_ids
+        self.lock = anyio.Lock()
+
+    def open_session(self) -> Session:
+        """The open episode.
+
+        Raises:
+            EpisodeOver: No scene is open.
+        """
+        if self.session is None:
+            raise EpisodeOver("no scene is open yet: use the prompt `scene` with a scene_id to open one")
+        return self.session
+
+
+def build_server(laboratory: Laboratory) -> Server[Any]:
+    """An MCP server for one laboratory; connect it to any transport."""
+    service = _Service(laboratory)
+    session = laboratory.session
+    return Server(
+        "physment-mcp",
+        version=__version__,
+        title="PhysMent laboratory",
+        instructions=IDLE_INSTRUCTIONS if session is None else opening_prompt(session),
+        get_tool_input_schema=lambda name: _input_schemas().get(name),
+        on_list_tools=service.list_tools,
+        on_call_tool=service.call_tool,
+        on_list_prompts=service.list_prompts,
+        on_get_prompt=service.get_prompt,
+        on_list_resources=service.list_resources,
+        on_read_resource=service.read_resource,
+        on_completion=service.complete,
+    )
+
+
+@functools.cache
+def published_tools() -> tuple[types.Tool, ...]:
+    """The 26 tools as MCP publishes them: always the same, in the same order."""
+    return tuple(
+        types.Tool(
+            name=tool.name,
+            title=tool.title,
+            description=tool.description,
+            input_schema=tool.arguments.model_json_schema(),
+            output_schema=tool.result.model_json_schema(mode="serialization"),
+            annotations=types.ToolAnnotations(
+                title=tool.title,
+                read_only_hint=tool.reads_only,
+                destructive_hint=tool.destructive,
+                idempotent_hint=tool.reads_only or tool.idempotent,
+                open_world_hint=False,
+            ),
+        )
+        for tool in TOOLS
+    )
+
+
+def _input_schemas() -> dict[str, dict[str, Any]]:
+    return {tool.name: tool.input_schema for tool in published_tools()}
+
+
+class _Service:
+    """The request handlers of one laboratory."""
+
+    def __init__(self, laboratory: Laboratory) -> None:
+        self._laboratory = laboratory
+
+    async def list_tools(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListToolsResult:
+        return types.ListToolsResult(tools=list(published_tools()))
+
+    async def call_tool(
+        self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams
+    ) -> types.CallToolResult:
+        async def report(done: float, total: float) -> None:
+            await ctx.session.report_progress(done, total)
+
+        async with self._laboratory.lock:
+            try:
+                session = self._laboratory.open_session()
+                result = await call(session, params.name, params.arguments or {}, report)
+            except RefusedCall as refusal:
+                return _error(str(refusal))
+            except Exception as crash:  # a fault of ours must not end the episode
+                # The traceback may name hidden things, so it is not for the default log level.
+                logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
+                logger.debug("traceback", exc_info=True)
+                return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+        return types.CallToolResult(
+            content=[types.TextContent(type="text", text=result.model_dump_json())],
+            structured_content=result.model_dump(mode="json"),
+        )
+
+    async def list_prompts(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListPromptsResult:
+        arguments = [
+            types.PromptArgument(name="scene_id", description="Which scene to open; needed unless one is open."),
+            types.PromptArgument(name="prompting", description=f"One of {', '.join(Prompting)}."),
+            types.PromptArgument(name="protocol", description=f"How calls are written: {', '.join(CallProtocol)}."),
+            types.PromptArgument(name="budget", description="Number of iterations to announce."),
+        ]
+        prompt = types.Prompt(
+            name=_PROMPT, title="Scene", description="The task of a scene and all you need for it.", arguments=arguments
+        )
+        return types.ListPromptsResult(prompts=[prompt])
+
+    async def get_prompt(
+        self, _ctx: ServerRequestContext[Any], params: types.GetPromptRequestParams
+    ) -> types.GetPromptResult:
+        if params.name != _PROMPT:
+            raise _bad_request(f"there is no prompt {params.name!r}; the prompt is {_PROMPT}")
+        arguments = params.arguments or {}
+        options = _prompt_options(arguments)
+        async with self._laboratory.lock:
+            session = self._session_for(arguments.get("scene_id"))
+            text = opening_prompt(session, options)
+        message = types.PromptMessage(role="user", content=types.TextContent(type="text", text=text))
+        return types.GetPromptResult(description=session.scene.name, messages=[message])
+
+    def _session_for(self, scene_id: str | None) -> Session:
+        """The open episode; with an idle start, a scene_id opens a new one."""
+        laboratory = self._laboratory
+        if laboratory.reopen is None or (scene_id is None and laboratory.session is not None):
+            session = laboratory.open_session()
+            if scene_id is not None and scene_id != str(session.scene.scene_id):
+                raise _bad_request(f"scene {session.scene.scene_id} is open in this episode and cannot be changed")
+            return session
+        if scene_id is None or not scene_id.isdecimal():
+            raise _bad_request("scene_id must be the number of a scene, such as 7")
+        try:
+            laboratory.session = laboratory.reopen(int(scene_id))
+        except SceneError as error:
+            raise _bad_request(str(error)) from error
+        return laboratory.session
+
+    async def list_resources(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListResourcesResult:
+        resources = [
+            types.Resource(uri=uri, name=name, title=title, mime_type="application/json")
+            for uri, name, title in (
+                (SCENE_URI, "scene", "The open scene, as the opening prompt shows it"),
+                (EPISODE_URI, "episode", "Where the episode stands"),
+            )
+        ]
+        return types.ListResourcesResult(resources=resources)
+
+    async def read_resource(
+        self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
+    ) -> types.ReadResourceResult:
+        uri = str(params.uri)
+        views = {SCENE_URI: _scene_view, EPISODE_URI: _episode_view}
+        if uri not in views:
+            raise _bad_request(f"there is no resource {uri}; the resources are {', '.join(views)}")
+        async with self._laboratory.lock:
+            session = self._laboratory.session
+            text = json.dumps({"phase": "idle"} if session is None else views[uri](session), ensure_ascii=False)
+        contents = types.TextResourceContents(uri=params.uri, mime_type="application/json", text=text)
+        return types.ReadResourceResult(contents=[contents])
+
+    async def complete(
+        self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
+    ) -> types.CompleteResult:
+        choices = {
+            "scene_id": [str(one) for one in self._laboratory.scene_ids],
+            "prompting": list(Prompting),
+            "protocol": list(CallProtocol),
+            "budget": ["5", "10", "15", "20"],
+        }.get(params.argument.name, [])
+        matching = [str(one) for one in choices if str(one).startswith(params.argument.value)]
+        return types.CompleteResult(
+            completion=types.Completion(values=matching[:100], total=len(matching), has_more=len(matching) > 100)
+        )
+
+
+def _scene_view(session: Session) -> dict[str, object]:
+    scene, form = session.scene, session.scene.answer_form
+    return {
+        "scene_id": scene.scene_id,
+        "name": scene.name,
+        "task": scene.task,
+        "problem_type": scene.problem_type,
+        "objects": [{"object_id": one.object_id, "name": one.name, **look} for one, look in session.opening],
+        "answer": form and {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options},
+        "disabled_tools": sorted(scene.disabled_tools),
+        "timestep_s": session.world.timestep,
+    }
+
+
+def _episode_view(session: Session) -> dict[str, object]:
+    return {
+        "phase": "answered" if session.over else "running",
+        "sim_time": session.world.time,
+        "calls": session.calls,
+        "objects": [one.object_id for one in session.known()],
+    }
+
+
+def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
+    try:
+        prompting = Prompting(arguments.get("prompting") or Prompting.ZERO_SHOT)
+        protocol = CallProtocol(arguments.get("protocol") or CallProtocol.NATIVE)
+    except ValueError as error:
+        raise _bad_request(
+            f"{error}; prompting is one of {', '.join(Prompting)}, protocol one of {', '.join(CallProtocol)}"
+        ) from None
+    budget = arguments.get("budget")
+    if budget is not None and not (budget.isdecimal() and int(budget) > 0):
+        raise _bad_request("budget must be a whole number above 0")
+    return PromptOptions(prompting, protocol, None if budget is None else int(budget))
+
+
+def _error(sentence: str) -> types.CallToolResult:
+    return types.CallToolResult(is_error=True, content=[types.TextContent(type="text", text=sentence)])
+
+
+def _bad_request(sentence: str) -> MCPError:
+    return MCPError(types.INVALID_PARAMS, sentence)
