@@ -59,7 +59,7 @@ class Turn(Record):
     reasoning: str
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
-    """What the loop told the agent apart from returns: a malformed reply, a call that fits no schema, no call at all."""
+    """What the loop told the agent apart from returns: malformed reply, call that fits no schema, no call at all."""
     usage: Usage | None = None
     agent_s: float = 0.0
     server_s: float = 0.0

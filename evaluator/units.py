@@ -1,8 +1,8 @@
 """Units of mechanics as people write them, and the factor between two of them. Knows no answers and no tools.
 
-A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s` without a
-word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would make wrong
-answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
+A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s` without
+a word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would make
+wrong answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
 """
 
 import math
@@ -155,31 +155,33 @@ def _tokens(text: str) -> Iterator[Unit | str]:
             yield token["mark"]
             continue
         name = token["name"]
+        if name == "1" and token.start():
+            raise ValueError(text)
         unit = _UNITS.get(name) or (_UNITS.get(name.lower()) if len(name) > 3 else None)
         if unit is None:
             raise ValueError(name)
         yield unit.power(int(token["power"] or 1))
 
 
-def _product(tokens: Iterator[Unit | str], *, inside: bool = False) -> Unit:
+def _product(parts: Iterator[Unit | str], *, inside: bool = False) -> Unit:
     """Multiply and divide from left to right, as `m/s/s` is read, down to the closing bracket if inside one.
 
     Raises:
         ValueError: A mark without a unit on both sides, or brackets that do not match.
     """
     result, sign, open_mark = _ONE, 1, True
-    for token in tokens:
-        if isinstance(token, Unit) or token == "(":
-            unit = token if isinstance(token, Unit) else _product(tokens, inside=True)
+    for part in parts:
+        if isinstance(part, Unit) or part == "(":
+            unit = part if isinstance(part, Unit) else _product(parts, inside=True)
             result = result.times(unit.power(sign))
             open_mark = False
             sign = 1
-        elif token == ")" and inside and not open_mark:
+        elif part == ")" and inside and not open_mark:
             return result
-        elif token in "*/" and not open_mark:
-            sign, open_mark = (-1 if token == "/" else 1), True
+        elif part in "*/" and not open_mark:
+            sign, open_mark = (-1 if part == "/" else 1), True
         else:
-            raise ValueError(token)
+            raise ValueError(part)
     if inside or open_mark:
         raise ValueError("unfinished")
     return result
@@ -204,8 +206,8 @@ def parse_unit(text: str) -> Unit | None:
 def conversion(written: Unit, asked: Unit) -> Fraction | None:
     """Factor that turns a number in one unit into the other; None where they measure different things.
 
-    A side without an angle (`1/s`, `N·m`) agrees with radians and with cycles (`rad/s`, `Hz`) as it stands, for SI has it
-    so; it never agrees with degrees.
+    A side without an angle (`1/s`, `N·m`) agrees with radians and with cycles (`rad/s`, `Hz`) as it stands, for SI has
+    it so; it never agrees with degrees.
     """
     if written.dimensions != asked.dimensions:
         return None
