@@ -1,0 +1,1 @@
+"""Agents: what plays an episode. Each knows the briefing and the returns it got, and nothing else."""

@@ -1,0 +1,185 @@
+"""From what `--server` says to connected MCP clients, one session for each episode."""
+
+import contextlib
+import json
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import AsyncGenerator
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Protocol, cast
+
+import anyio
+import httpx
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
+
+from evaluator.errors import InfrastructureError, UsageError
+
+_CALL_TIMEOUT_S = 300.0
+"""A call that takes longer counts as a failure of the server."""
+_START_TIMEOUT_S = 60.0
+
+
+class Laboratory(Protocol):
+    """Where sessions are opened."""
+
+    def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
+        """A connected client of a fresh episode; closing it ends the episode.
+
+        Raises:
+            InfrastructureError: The server cannot be reached or died.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessLaboratory:
+    """Starts a server process on stdio for each episode.
+
+    `command` may hold `{scene}` and `{seed}`; without them `--scene N --seed S` is appended.
+    """
+
+    command: tuple[str, ...]
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """Start the command and connect to it."""
+        line = [part.replace("{scene}", str(scene)).replace("{seed}", str(seed)) for part in self.command]
+        if line == list(self.command):
+            line += ["--scene", str(scene), "--seed", str(seed)]
+        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
+            transport = stdio_client(StdioServerParameters(command=line[0], args=line[1:]), errlog=errors)
+            try:
+                async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S) as client:
+                    yield client
+            except InfrastructureError:
+                raise
+            except Exception as error:
+                raise _failed(f"the server command {shlex.join(line)!r} failed", error, errors) from error
+
+
+@dataclass(frozen=True, slots=True)
+class HostLaboratory:
+    """Opens episodes on a host over HTTP."""
+
+    base_url: str
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """Open an episode, connect to it, and close it afterwards."""
+        async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S) as http:
+            try:
+                reply = await http.post("/episodes", json={"scene": scene, "seed": seed})
+                opened = reply.json()
+            except (httpx.HTTPError, ValueError) as error:
+                raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
+            if not reply.is_success:
+                raise InfrastructureError(f"the host {self.base_url} opened no episode: {opened.get('error', opened)}")
+            try:
+                async with Client(opened["mcp_url"], read_timeout_seconds=_CALL_TIMEOUT_S) as client:
+                    yield client
+            except InfrastructureError:
+                raise
+            except Exception as error:
+                raise InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}") from error
+            finally:
+                with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
+                    await http.delete(f"/episodes/{opened['episode_id']}")
+
+
+@dataclass(slots=True)
+class LocalHost:
+    """A warm host of our own, as a process that lives as long as the context."""
+
+    scenes_dir: Path | None = None
+    max_episodes: int = 1000
+    _process: subprocess.Popen[str] | None = None
+    _errors: IO[str] | None = field(default=None)
+
+    async def __aenter__(self) -> HostLaboratory:
+        """Start the host on a free port.
+
+        Raises:
+            UsageError: It does not start.
+        """
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed below
+        command = [
+            sys.executable,
+            "-m",
+            "physment_mcp",
+            "serve",
+            "--port",
+            "0",
+            "--max-episodes",
+            str(self.max_episodes),
+        ]
+        command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
+        self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
+            command, stdout=subprocess.PIPE, stderr=self._errors, stdin=subprocess.DEVNULL, text=True
+        )
+        assert self._process.stdout is not None
+        line = await anyio.to_thread.run_sync(self._process.stdout.readline)
+        try:
+            return HostLaboratory(json.loads(line)["listening"])
+        except (ValueError, KeyError, TypeError):
+            await self.__aexit__()
+            raise UsageError("the local host did not start; run `physment-mcp serve` to see why") from None
+
+    async def __aexit__(self, *_: object) -> None:
+        """Stop the host."""
+        assert self._process is not None
+        assert self._errors is not None
+        self._process.terminate()
+        with anyio.CancelScope(shield=True):
+            await anyio.to_thread.run_sync(self._process.wait)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        self._errors.close()
+
+
+@contextlib.asynccontextmanager
+async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Laboratory]:
+    """The laboratory that `--server` names.
+
+    Args:
+        server: `stdio` (a process for each episode), `host` (one warm local host), the URL of a host, or a command.
+        scenes_dir: Folder of packs for servers we start ourselves.
+
+    Raises:
+        UsageError: `server` is none of these.
+    """
+    if server == "stdio":
+        command = [sys.executable, "-m", "physment_mcp"]
+        yield ProcessLaboratory((*command, "--scenes-dir", str(scenes_dir)) if scenes_dir else tuple(command))
+    elif server == "host":
+        async with LocalHost(scenes_dir) as laboratory:
+            yield laboratory
+    elif server.startswith(("http://", "https://")):
+        yield HostLaboratory(server.rstrip("/"))
+    else:
+        try:
+            parts = shlex.split(server)
+        except ValueError as error:
+            raise UsageError(f"--server {server!r} is not a command: {error}") from error
+        if not parts:
+            raise UsageError("--server is empty; use stdio, host, a URL or a command")
+        yield ProcessLaboratory(tuple(parts))
+
+
+def _failed(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
+    """The sentence for a server process that failed, with its own last words."""
+    errors.seek(0)
+    said = [line.strip() for line in errors.read().splitlines() if line.strip()]
+    return InfrastructureError(f"{what}: {said[-1] if said else repr(_root(error))}")
+
+
+def _root(error: BaseException) -> BaseException:
+    """The first single error inside exception groups."""
+    if isinstance(error, BaseExceptionGroup):
+        parts = cast(BaseExceptionGroup[BaseException], error).exceptions
+        return _root(parts[0])
+    return error

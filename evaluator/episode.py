@@ -1,0 +1,178 @@
+"""The loop: one agent, one client, one iteration budget → one episode. Sees no answer key."""
+
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import mcp_types as types
+from jsonschema import Draft202012Validator, ValidationError
+from mcp import Client
+from mcp.shared.exceptions import MCPError
+from pydantic import JsonValue
+
+from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Reply, ToolDescription
+from evaluator.errors import AgentError, InfrastructureError
+from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions
+
+SCENE_RESOURCE = "physment://scene"
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """What came of the calls of one turn."""
+
+    exchanges: tuple[Exchange, ...]
+    note: str
+    answered: bool
+
+
+async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: Versions) -> Episode:
+    """Let an agent play one episode to its end.
+
+    Args:
+        agent: Who plays.
+        client: A client connected to a fresh session of the scene.
+        key: Which episode this is; gives the iteration budget.
+        versions: Recorded with the episode.
+
+    Raises:
+        InfrastructureError: The server failed; the episode has no outcome and may be played again.
+    """
+    started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
+    briefing = await _brief(client, key)
+    turns: list[Turn] = []
+    outcome, answer, error = Outcome.BUDGET_EXHAUSTED, None, None
+    try:
+        player = agent.player(key, briefing)
+        feedback: Feedback | None = None
+        validators = {tool.name: Draft202012Validator(dict(tool.input_schema)) for tool in briefing.tools}
+        for remaining in range(key.budget - 1, -1, -1):
+            asked = time.perf_counter()
+            reply = await player.act(feedback)
+            replied = time.perf_counter()
+            batch = await _run_batch(client, reply, validators)
+            turns.append(
+                Turn(
+                    reasoning=reply.reasoning,
+                    exchanges=batch.exchanges,
+                    note=batch.note,
+                    usage=reply.usage,
+                    agent_s=replied - asked,
+                    server_s=time.perf_counter() - replied,
+                )
+            )
+            if batch.answered:
+                outcome, answer = Outcome.ANSWERED, _answer_of(batch.exchanges)
+                break
+            feedback = Feedback(batch.exchanges, batch.note, remaining)
+    except AgentError as failure:
+        outcome, error = Outcome.AGENT_ERROR, str(failure)
+    return Episode(
+        key=key,
+        outcome=outcome,
+        answer=answer,
+        prompt=briefing.prompt,
+        turns=tuple(turns),
+        error=error,
+        usage=_total(turns),
+        started_at=started_at,
+        duration_s=time.perf_counter() - clock,
+        versions=versions,
+    )
+
+
+async def _brief(client: Client, key: EpisodeKey) -> Briefing:
+    arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
+    prompt = await client.get_prompt("scene", arguments)
+    text = "\n\n".join(one.content.text for one in prompt.messages if isinstance(one.content, types.TextContent))
+    tools = await client.list_tools()
+    return Briefing(
+        prompt=text,
+        tools=tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools.tools),
+        budget=key.budget,
+        scene=await _scene_resource(client),
+    )
+
+
+async def _scene_resource(client: Client) -> Mapping[str, Any]:
+    try:
+        contents = (await client.read_resource(SCENE_RESOURCE)).contents
+    except MCPError:
+        return {}
+    return json.loads(contents[0].text) if isinstance(contents[0], types.TextResourceContents) else {}
+
+
+async def _run_batch(client: Client, reply: Reply, validators: Mapping[str, Draft202012Validator]) -> _Batch:
+    """Run a turn's calls in order, up to the first that fits no schema or to the answer."""
+    if reply.malformed:
+        return _Batch((), f"Your reply could not be read, so nothing was run: {reply.malformed}", answered=False)
+    if not reply.calls:
+        return _Batch((), "Your reply held no tool call.", answered=False)
+    exchanges: list[Exchange] = []
+    note, answered, stopped = "", False, False
+    for call in reply.calls:
+        if stopped:
+            exchanges.append(Exchange(call=call, returned=False))
+            continue
+        misfit = _misfit(call, validators)
+        if misfit:
+            note, stopped = f"{misfit}; this call and the ones after it were not run.", True
+            exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
+            continue
+        exchange = await _run(client, call)
+        exchanges.append(exchange)
+        answered = stopped = call.tool == ANSWER and not exchange.is_error
+    return _Batch(tuple(exchanges), note, answered)
+
+
+def _misfit(call: ToolCall, validators: Mapping[str, Draft202012Validator]) -> str:
+    """Why a call fits no published schema; empty if it fits."""
+    validator = validators.get(call.tool)
+    if validator is None:
+        return f"there is no tool {call.tool!r}"
+    try:
+        json.dumps(call.arguments, allow_nan=False)
+    except ValueError:
+        return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
+    errors: Iterator[ValidationError] = validator.iter_errors(call.arguments)  # pyright: ignore[reportUnknownMemberType] - partly typed
+    problem = next(errors, None)
+    if problem is None:
+        return ""
+    where = ".".join(str(part) for part in problem.absolute_path)
+    return f"{call.tool}: {where + ': ' if where else ''}{problem.message[:300]}"
+
+
+async def _run(client: Client, call: ToolCall) -> Exchange:
+    clock = time.perf_counter()
+    try:
+        result = await client.call_tool(call.tool, call.arguments)
+    except Exception as error:
+        raise InfrastructureError(f"{call.tool} did not return: {error!r}") from error
+    return Exchange(
+        call=call,
+        returned=True,
+        is_error=result.is_error,
+        content=None if result.is_error else result.structured_content,
+        text="\n".join(one.text for one in result.content if isinstance(one, types.TextContent)),
+        duration_s=time.perf_counter() - clock,
+    )
+
+
+def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
+    return next(one.call.arguments["answer"] for one in exchanges if one.returned and one.call.tool == ANSWER)
+
+
+def _total(turns: Sequence[Turn]) -> Usage | None:
+    used = [turn.usage for turn in turns if turn.usage is not None]
+    if not used:
+        return None
+    costs = [one.cost_usd for one in used if one.cost_usd is not None]
+    return Usage(
+        input_tokens=sum(one.input_tokens for one in used),
+        output_tokens=sum(one.output_tokens for one in used),
+        cached_tokens=sum(one.cached_tokens for one in used),
+        cost_usd=sum(costs) if costs else None,
+    )

@@ -1,0 +1,88 @@
+"""What `--scenes`, `--budgets`, `--seeds` and `--agent` mean."""
+
+from pathlib import Path
+
+from evaluator.agents.base import Agent
+from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.agents.scripted import load_script
+from evaluator.errors import UsageError
+from scenes import Category, PackError, PackFiles, list_packs, read_pack
+
+AGENTS = ("reference", "random", "blind", "oracle-once:AGENT", "scripted:FILE")
+
+
+def parse_agent(text: str, scenes_dir: Path | None) -> Agent:
+    """The agent that `--agent` names.
+
+    Raises:
+        UsageError: There is no such agent, or its script cannot be read.
+    """
+    kind, _, rest = text.partition(":")
+    match kind, bool(rest):
+        case "reference", False:
+            return ReferenceAgent(scenes_dir)
+        case "random", False:
+            return RandomAgent()
+        case "blind", False:
+            return BlindAgent()
+        case "oracle-once", True:
+            return OracleOnceAgent(parse_agent(rest, scenes_dir))
+        case "scripted", True:
+            return load_script(Path(rest))
+        case _:
+            raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
+
+
+def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
+    """The packs that `--scenes` selects: ids, ranges and categories, separated by commas; all of them if None.
+
+    A range selects what there is in it. An id must exist.
+
+    Raises:
+        UsageError: A part is malformed or selects nothing.
+    """
+    try:
+        packs = {files.scene_id: files for files in list_packs(scenes_dir)}
+        if text is None:
+            return list(packs.values())
+        chosen: set[int] = set()
+        for part in text.split(","):
+            found = _select(part.strip(), packs)
+            if not found:
+                raise UsageError(
+                    f"--scenes {part.strip()}: there is no such scene; the scenes are {', '.join(map(str, packs))}"
+                )
+            chosen |= found
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    return [packs[scene] for scene in sorted(chosen)]
+
+
+def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:
+    if part.startswith("category:"):
+        name = part.removeprefix("category:")
+        if name not in set(Category):
+            raise UsageError(f"--scenes {part}: the categories are {', '.join(Category)}")
+        return {scene for scene, files in packs.items() if read_pack(files).category == name}
+    low, dash, high = part.partition("-")
+    if not low.isdecimal() or (dash and not high.isdecimal()):
+        raise UsageError(f"--scenes {part}: write ids and ranges such as 7,9,20-30, or category:{next(iter(Category))}")
+    return {scene for scene in packs if int(low) <= scene <= int(high or low)}
+
+
+def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
+    """Whole numbers and ranges separated by commas, such as `0,3-5`, in the order written, without repetition.
+
+    Raises:
+        UsageError: A part is not a whole number or range, or is below `least`.
+    """
+    numbers: list[int] = []
+    for part in text.split(","):
+        low, dash, high = part.strip().partition("-")
+        if not low.isdecimal() or (dash and not high.isdecimal()):
+            raise UsageError(f"{option} {part.strip() or text!r}: write whole numbers and ranges such as 5,10 or 0-9")
+        numbers += range(int(low), int(high or low) + 1)
+    if not numbers or min(numbers) < least:
+        raise UsageError(f"{option} {text}: must be {least} or more")
+    return tuple(dict.fromkeys(numbers))

@@ -1,0 +1,156 @@
+"""A run folder: append-only records that survive a kill at any moment. Knows files, not what records mean.
+
+`run.json` says what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record.
+A line that a kill tore is set aside in `*.torn` and its episode is played again.
+"""
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from evaluator.errors import StoreError
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Record
+
+R = TypeVar("R", bound=Record)
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """The files of one run."""
+
+    path: Path
+
+    @property
+    def run_file(self) -> Path:
+        """What decides the result."""
+        return self.path / "run.json"
+
+    @property
+    def episodes_file(self) -> Path:
+        """One line for each episode played."""
+        return self.path / "episodes.jsonl"
+
+    @property
+    def grades_file(self) -> Path:
+        """One line for each grade."""
+        return self.path / "grades.jsonl"
+
+    @property
+    def summary_file(self) -> Path:
+        """The numbers of the run."""
+        return self.path / "summary.json"
+
+    @property
+    def report_file(self) -> Path:
+        """The report."""
+        return self.path / "report.html"
+
+    def create(self, *, resume: bool) -> None:
+        """Make the folder, or check that it can be gone on with.
+
+        Raises:
+            StoreError: It cannot be written, or holds a run already and `resume` is false.
+        """
+        if self.run_file.exists() and not resume:
+            raise StoreError(f"{self.path} holds a run already; add --resume to go on with it, or choose another --out")
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            probe.write_text("", encoding="utf-8")
+            probe.unlink()
+        except OSError as error:
+            raise StoreError(f"the folder {self.path} cannot be written: {error.strerror}") from error
+
+    def write_run(self, facts: dict[str, Any]) -> None:
+        """Write `run.json`."""
+        self._replace(self.run_file, json.dumps(facts, indent=2, ensure_ascii=False) + "\n")
+
+    def read_run(self) -> dict[str, Any]:
+        """Read `run.json`.
+
+        Raises:
+            StoreError: There is none, or it is not JSON.
+        """
+        try:
+            return json.loads(self.run_file.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({error})") from error
+
+    def append_episode(self, episode: Episode) -> None:
+        """Add an episode; when this returns, it is on disk."""
+        self._append(self.episodes_file, episode)
+
+    def episodes(self) -> dict[EpisodeKey, Episode]:
+        """All episodes; of several with one key the last counts.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {one.key: one for one in self._read(self.episodes_file, Episode)}
+
+    def write_grades(self, grades: Iterable[GradeRecord]) -> None:
+        """Write all grades anew."""
+        self._replace(self.grades_file, "".join(one.model_dump_json() + "\n" for one in grades))
+
+    def grades(self) -> dict[EpisodeKey, GradeRecord]:
+        """All grades by episode.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {one.key: one for one in self._read(self.grades_file, GradeRecord)}
+
+    def write_text(self, file: Path, text: str) -> None:
+        """Write a derived file in one go."""
+        self._replace(file, text)
+
+    def _append(self, file: Path, record: Record) -> None:
+        try:
+            with file.open("a", encoding="utf-8") as stream:
+                stream.write(record.model_dump_json() + "\n")
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+    def _read(self, file: Path, kind: type[R]) -> list[R]:
+        if not file.exists():
+            return []
+        self._set_torn_line_aside(file)
+        records: list[R] = []
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+            try:
+                records.append(kind.model_validate_json(line))
+            except ValidationError as error:
+                what = error.errors(include_url=False)[0]["msg"]
+                raise StoreError(f"{file}, line {number} is damaged: {what}") from error
+        return records
+
+    @staticmethod
+    def _set_torn_line_aside(file: Path) -> None:
+        """Cut off a last line without its end, and keep it beside the file."""
+        content = file.read_bytes()
+        if not content or content.endswith(b"\n"):
+            return
+        whole, _, torn = content.rpartition(b"\n")
+        with file.with_name(file.name + ".torn").open("ab") as aside:
+            aside.write(torn + b"\n")
+        RunFolder._replace(file, (whole + b"\n" if whole else b"").decode("utf-8"))
+
+    @staticmethod
+    def _replace(file: Path, text: str) -> None:
+        """Write a file so that a kill leaves the old or the new one."""
+        fresh = file.with_name(f".{file.name}.new")
+        try:
+            with fresh.open("w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            fresh.replace(file)
+        except OSError as error:
+            raise StoreError(f"{file} cannot be written: {error.strerror}") from error
