@@ -19,6 +19,7 @@ from evaluator.units import Unit, parse_unit
 MAX_CHARS = 2000
 """Longer answers are not read at all; no key of the published suite needs more than 50 characters."""
 
+_MAX_INTEGER = 10**300
 Item = str | int | float
 """One part of an answer."""
 
@@ -65,8 +66,10 @@ def is_too_long(answer: JsonValue) -> bool:
 
 
 def as_item(value: JsonValue) -> Item | None:
-    """The value as one part of an answer; None for booleans, null, lists and objects."""
-    return value if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
+    """The value as one part of an answer; None for booleans, null, lists, objects and numbers beyond all floats."""
+    if isinstance(value, bool) or (isinstance(value, int) and abs(value) > _MAX_INTEGER):
+        return None
+    return value if isinstance(value, (str, int, float)) else None
 
 
 def plain_number(item: Item) -> Plain | None:
@@ -75,7 +78,7 @@ def plain_number(item: Item) -> Plain | None:
         text = item.strip()
         if not _PLAIN.fullmatch(text):
             return None
-    elif isinstance(item, int) and abs(item) > 10**300:
+    elif as_item(item) is None:
         return None
     else:
         text = str(item)

@@ -1,8 +1,8 @@
 """Units of mechanics as people write them, and the factor between two of them. Knows no answers and no tools.
 
-A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s` without
-a word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would make
-wrong answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
+A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s`
+without a word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would
+make wrong answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
 """
 
 import math

@@ -1,0 +1,97 @@
+"""Answers in words: text contained in a key, and the ways to name one object. Knows no numbers and no verdicts."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+_WORD = re.compile(r"[^\W_]+(?:[.'’-][^\W_]+)*|_")
+_NEGATIONS = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        not no non never neither nor none nothing without cannot except unless hardly rather instead false wrong
+        incorrect
+        """,
+    )
+)
+_EMPTY_WORDS = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        a an and any are as at be been both but by can could do does did for from had has have he her his how i if in
+        into is it its just may might more most much of off on one only or other our out over same she should so some
+        such than that the their them then there these they this those to too under up very was we were what when
+        where which while who will with would you your answer object objects body bodies scene yes
+        """,
+    )
+)
+_OBJECT_ID = re.compile(r"object_(?P<number>[0-9]{1,6})")
+_TWO_NAMES = re.compile(r"(?P<first>[^()]+) \((?P<second>[^()]+)\)")
+
+
+def words_of(text: str) -> list[str]:
+    """The words of a text in lower case, punctuation left out; a hyphenated word is one word."""
+    return [word for word in _WORD.findall(text.lower()) if word != "_"]
+
+
+def _negations(words: Sequence[str]) -> int:
+    return sum(word in _NEGATIONS or word.startswith("non-") or word.endswith(("n't", "n’t")) for word in words)
+
+
+def is_contained(answer: str, key: str, options: Sequence[str] = ()) -> bool:
+    """Tell whether the answer's words stand in the key, in a row, and say something.
+
+    At least one must be a content word: letters, and neither a function word nor a negation. Three guards keep what
+    distinguishes one answer from another: numbers in the key must be said (`ball` is not `ball 2`), the answer must
+    deny as often as the key (`oscillates` is not found in `no longer oscillates`), and where the admissible answers
+    are known it must not stand in another one too.
+    """
+    said, meant = words_of(answer), words_of(key)
+    if not _stands_in(said, meant) or _negations(said) != _negations(meant):
+        return False
+    if not any(_is_content(word) for word in said) or {word for word in meant if word[0].isdigit()} - {*said}:
+        return False
+    others = [words_of(option) for option in options]
+    return not any(_stands_in(said, other) for other in others if other != meant)
+
+
+def _is_content(word: str) -> bool:
+    return len(word) > 1 and word[0].isalpha() and word not in _EMPTY_WORDS and word not in _NEGATIONS
+
+
+def _stands_in(said: Sequence[str], meant: Sequence[str]) -> bool:
+    return bool(said) and any(
+        list(meant[start : start + len(said)]) == list(said) for start in range(len(meant) - len(said) + 1)
+    )
+
+
+def is_object_id(text: str) -> bool:
+    """Tell whether a text is an id in the form that the prompt asks for, such as `object_2`."""
+    return _OBJECT_ID.fullmatch(text) is not None
+
+
+def named_object(text: str, objects: Mapping[str, str]) -> str | None:
+    """Id of the one object that a text names; None if it names none, or could mean several.
+
+    Args:
+        text: A number (`2`), an id (`object_2`, `Object 2`), a public name (`cart_2`), or two of these for the same
+            object, the second in brackets.
+        objects: Ids of the scene's objects and their public names.
+    """
+    folded = _folded(text)
+    pair = _TWO_NAMES.fullmatch(folded)
+    if pair is not None:
+        first, second = named_object(pair["first"], objects), named_object(pair["second"], objects)
+        return first if first == second else None
+    named = [object_id for object_id, name in objects.items() if folded in _notations(object_id, name)]
+    return named[0] if len(named) == 1 else None
+
+
+def _notations(object_id: str, name: str) -> set[str]:
+    folded = _folded(object_id)
+    forms = {folded, _folded(name)} - {""}
+    numbered = _OBJECT_ID.fullmatch(object_id)
+    return forms | {numbered["number"], folded.replace(" ", "")} if numbered else forms
+
+
+def _folded(text: str) -> str:
+    return " ".join(re.split(r"[\s_-]+", text.lower().strip(" _-\t\r\n")))
