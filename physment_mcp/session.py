@@ -120,18 +120,25 @@ class Session:
     def may_read(self, one: LabObject, attribute: Attribute) -> bool:
         """Whether the scene lets the agent read an attribute of an object."""
         may = one.permissions
-        round_shape = self.world.shape(one.body).type == "sphere"
-        size = may.geom_size or (may.geom_radius and round_shape)
-        return {
-            "type": may.geom_type,
-            "density": may.geom_density,
-            "mass": may.body_mass or (may.geom_density and size),
-            "size": size,
-            "radius": may.geom_radius or (may.geom_size and round_shape),
-            "position": may.body_pos,
-            "orientation": may.body_quat,
-            "velocity": may.velocity,
-        }[attribute]
+        match attribute:
+            case "size":
+                return may.geom_size or (may.geom_radius and self._is_ball(one))
+            case "radius":
+                return may.geom_radius or (may.geom_size and self._is_ball(one))
+            case "mass":
+                return may.body_mass or (may.geom_density and self.may_read(one, "size"))
+            case _:
+                return {
+                    "type": may.geom_type,
+                    "density": may.geom_density,
+                    "position": may.body_pos,
+                    "orientation": may.body_quat,
+                    "velocity": may.velocity,
+                }[attribute]
+
+    def _is_ball(self, one: LabObject) -> bool:
+        """Whether size and radius say the same of it."""
+        return self.world.shape(one.body).type == "sphere"
 
     def movable(self, object_id: str) -> LabObject:
         """The object, if the agent may act on it and anything lets it move.
