@@ -38,7 +38,8 @@ STACK = f'<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="
 
 async def compare(ours: Timed, theirs: Timed, rounds: int) -> tuple[float, float, float]:
     """Median times [s] of both sides and the median of the ratios, after one round to warm up."""
-    await ours(), await theirs()
+    await ours()
+    await theirs()
     pairs = [(await ours(), await theirs()) for _ in range(rounds)]
     ratios = [mine / other for mine, other in pairs]
     return (

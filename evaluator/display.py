@@ -1,0 +1,131 @@
+"""What a person sees of a run in the terminal: a progress bar or plain lines, and the table at the end."""
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from evaluator.metrics import RunSummary
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Verdict
+
+_MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
+
+
+class ProgressDisplay:
+    """A bar on a terminal, a line for each finished episode otherwise."""
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console = console
+        self._total = total
+        self._done = 0
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._bar.add_task("playing", total=total)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def started(self, key: EpisodeKey) -> None:
+        """Show which episode is being played."""
+        self._bar.update(self._task, description=f"scene {key.scene} seed {key.seed}")
+
+    def ended(self, episode: Episode) -> None:
+        """Count a finished episode."""
+        self._done += 1
+        self._bar.advance(self._task)
+        line = f"[{self._done}/{self._total}] {_describe(episode)}"
+        if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
+            self._console.print(f"{line}: {episode.error}", markup=False, highlight=False)
+        elif not self._console.is_terminal:
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _describe(episode: Episode) -> str:
+    key = episode.key
+    what = episode.outcome.value.replace("_", " ")
+    return (
+        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} iterations"
+        f" ({episode.duration_s:.1f} s)"
+    )
+
+
+def print_results(
+    console: Console, episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey, GradeRecord], summary: RunSummary
+) -> None:
+    """The results: a row for each episode (for each category where there are many), then the totals."""
+    if len(episodes) <= 120:
+        console.print(_episode_table(episodes, grades))
+    for line in summary_lines(summary):
+        console.print(line, highlight=False)
+
+
+def _episode_table(episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey, GradeRecord]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for title, justify in (("scene", "right"), ("seed", "right"), ("budget", "right"), ("iterations", "right")):
+        table.add_column(title, justify=justify)
+    for title in ("outcome", "answer", "", "reason"):
+        table.add_column(title, overflow="fold")
+    for key, episode in sorted(episodes.items(), key=lambda item: (item[0].scene, item[0].seed, item[0].budget)):
+        grade = grades[key].grade
+        table.add_row(
+            str(key.scene),
+            str(key.seed),
+            str(key.budget),
+            str(len(episode.turns)),
+            episode.outcome.value,
+            _short(episode.answer),
+            _MARKS[grade.strict],
+            episode.error or grade.reason,
+        )
+    return table
+
+
+def _short(answer: object) -> str:
+    if isinstance(answer, float):
+        return f"{answer:.5g}"
+    if isinstance(answer, list):
+        return ", ".join(_short(part) for part in answer)  # pyright: ignore[reportUnknownVariableType] - JSON
+    return "" if answer is None else str(answer)[:60]
+
+
+def summary_lines(summary: RunSummary) -> list[str]:
+    """The totals of a run, a line each."""
+    whole = summary.overall
+    lines = [f"strict accuracy {share(whole.strict_accuracy)} ({whole.n_correct}/{whole.n_scored})"]
+    if whole.strict_interval is not None:
+        lines[0] += f", 95 % interval {share(whole.strict_interval.low)} to {share(whole.strict_interval.high)}"
+    lines[0] += f"; normalised accuracy {share(whole.normalised_accuracy)}"
+    if len(summary.by_budget) > 1:
+        parts = (f"{budget}: {share(one.strict_accuracy)}" for budget, one in summary.by_budget.items())
+        lines.append("by budget  " + "   ".join(parts))
+    dimensions = (("C", whole.c), ("E", whole.e), ("G", whole.g), ("V", whole.v), ("R", whole.r), ("G′", whole.g_prime))
+    score = "–" if whole.final_score is None else f"{whole.final_score:.1f}"
+    lines.append("   ".join(f"{name} {decimal(value)}" for name, value in dimensions) + f"   Final Score {score}")
+    lines.append("   ".join(f"{outcome.value} {count}" for outcome, count in whole.outcomes.items()))
+    return lines
+
+
+def share(value: float | None) -> str:
+    """A share in per cent; a dash where it is undefined."""
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def decimal(value: float | None) -> str:
+    """A dimension with three decimals; a dash where it is undefined."""
+    return "–" if value is None else f"{value:.3f}"
