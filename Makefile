@@ -1,0 +1,51 @@
+# Set-up and the commands of every day. `make demo` and `make test` need nothing but Python 3.11+ and make.
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench lock wheel clean setup
+
+help: ## list the commands
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|'
+
+setup: $(STAMP) ## create .venv and install everything, locked by hash
+
+$(STAMP): requirements.lock pyproject.toml
+	@python=$$(for name in python3.13 python3.12 python3.11 python3 python; do \
+	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
+	done); \
+	if [ -z "$$python" ]; then echo "physment-mcp needs Python 3.11, 3.12 or 3.13, and finds none on this machine." >&2; exit 1; fi; \
+	echo "Creating $(VENV) with $$($$python --version)"; $$python -m venv --clear $(VENV)
+	@echo "Installing the locked dependencies (a minute or two)"
+	@$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $(STAMP)
+
+demo: $(STAMP) ## set up, then let the reference agent solve every scene over stdio
+	@$(BIN)/physment-eval --server stdio
+
+test: $(STAMP) ## set up, then run the whole test suite
+	@$(BIN)/python -m pytest --cov --cov-report=term
+
+check: $(STAMP) ## format, lint, types
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: $(STAMP) ## speed, as ratios measured in one run
+	@$(BIN)/python tests/bench/bench.py
+
+wheel: $(STAMP) ## build the wheel into dist/
+	@$(BIN)/python -m build --wheel --no-isolation
+
+lock: ## resolve the dependencies anew into requirements.lock (needs uv)
+	@uv pip compile --universal --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+	  --python-version 3.11 --group dev pyproject.toml --quiet -o requirements.lock
+	@sed -i.old '1i # Every dependency, runtime and development, with hashes. Regenerate with: make lock' requirements.lock
+	@rm requirements.lock.old
+
+clean: ## remove what the commands above made
+	@rm -rf $(VENV) dist build .pytest_cache .ruff_cache .hypothesis .coverage
