@@ -20,7 +20,7 @@ from physment_mcp.tools.base import (
 )
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
-_RESERVED = re.compile(r"object_?\d*|world|laboratory", re.IGNORECASE)
+_RESERVED = re.compile(r"object(_.*|\d*)|world|laboratory", re.IGNORECASE)
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
