@@ -170,7 +170,7 @@ class _Service:
             if scene_id is not None and scene_id != str(session.scene.scene_id):
                 raise _bad_request(f"scene {session.scene.scene_id} is open in this episode and cannot be changed")
             return session
-        if scene_id is None or not scene_id.isdecimal():
+        if scene_id is None or not _is_count(scene_id):
             raise _bad_request("scene_id must be the number of a scene, such as 7")
         try:
             laboratory.session = laboratory.reopen(int(scene_id))
@@ -250,9 +250,14 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
             f"{error}; prompting is one of {', '.join(Prompting)}, protocol one of {', '.join(CallProtocol)}"
         ) from None
     budget = arguments.get("budget")
-    if budget is not None and not (budget.isdecimal() and int(budget) > 0):
+    if budget is not None and not (_is_count(budget) and int(budget) > 0):
         raise _bad_request("budget must be a whole number above 0")
     return PromptOptions(prompting, protocol, None if budget is None else int(budget))
+
+
+def _is_count(text: str) -> bool:
+    # int() raises on decimal text of more than some thousand digits.
+    return text.isdecimal() and len(text) < 10
 
 
 def _error(sentence: str) -> types.CallToolResult:
