@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from evaluator.grading import ZERO_ABS_TOL, AnswerKey, grade, grade_episode, grade_missing, infer_spec
 from evaluator.records import Episode, EpisodeKey, NormalisationClass, Outcome, Verdict, Versions
+from evaluator.units import conversion, parse_unit
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
 
 NOTATION = NormalisationClass.OBJECT_NOTATION
@@ -328,6 +329,38 @@ def test_verdicts_on_answers_found_in_the_published_logs(case: Case) -> None:
 @pytest.mark.parametrize("case", FORMS, ids=lambda case: case.name)
 def test_verdicts_on_each_form_of_an_answer(case: Case) -> None:
     check(case)
+
+
+@pytest.mark.parametrize(
+    ("written", "asked", "factor"),
+    [
+        *(("cm", "m", 0.01), ("km/h", "m/s", 1 / 3.6), ("kJ", "J", 1000), ("g", "kg", 0.001), ("ms", "s", 0.001)),
+        *(("deg", "rad", math.pi / 180), ("rad", "degrees", 180 / math.pi), ("Hz", "rad/s", 2 * math.pi)),
+        *(("rpm", "rad/s", math.pi / 30), ("1/s", "Hz", 1), ("/s", "Hz", 1), ("s^-1", "rad/s", 1), ("rad", "1", 1)),
+        *(
+            ("N m", "N·m", 1),
+            ("Nm", "J", 1),
+            ("newton-metres", "N*m", 1),
+            ("N/(m/s)", "kg/s", 1),
+            ("J s", "kg·m²/s", 1),
+        ),
+        *(("m/s/s", "m/s²", 1), ("m s⁻²", "m/s^2", 1), ("metres per second squared", "m/s^2", 1), ("%", "1", 0.01)),
+        *(("square metres", "m^2", 1), ("cubic centimetres", "m^3", 1e-6), ("g/L", "kg/m^3", 1), ("N·m/rad", "N·m", 1)),
+        *(("J", "N", None), ("cat", "m", None), ("m//s", "m/s", None), ("(m", "m", None), ("m)", "m", None)),
+        *(
+            ("m 1", "m", None),
+            ("N·m/deg", "N·m", None),
+            ("deg", "1", None),
+            ("rad^2", "rad", None),
+            ("m" * 80, "m", None),
+        ),
+        *(("", "m", None), ("m/", "m", None), ("m §", "m", None)),
+    ],
+)
+def test_units_convert_where_they_measure_the_same(written: str, asked: str, factor: float | None) -> None:
+    one, other = parse_unit(written), parse_unit(asked)
+    found = None if one is None or other is None else conversion(one, other)
+    assert found == (None if factor is None else pytest.approx(factor))
 
 
 # Constants over all keys of the published suite.
