@@ -209,9 +209,10 @@ class World:
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
         for pair, depth in readings.overlaps(self._model, trial, tree).items():
-            name = self._model.body(pair[1]).name
-            if name in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
-                raise NotPossible(f"there it would overlap {obstacles[name]} by {1000 * depth:.3g} mm")
+            mine, other = (self._model.body(one).name for one in pair)
+            # What rides along hidden must not be felt, and a soft object may be pressed into a hard one.
+            if mine in obstacles and other in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
+                raise _overlap(obstacles[other])
         self._data.qpos[:] = qpos
         self._disturb()
         return restricted
@@ -255,7 +256,7 @@ class World:
             name = self._model.body(other).name
             if name in obstacles and depth > OVERLAP_LIMIT:
                 self.restore(saved)
-                raise NotPossible(f"there it would overlap {obstacles[name]} by {1000 * depth:.3g} mm")
+                raise _overlap(obstacles[name])
         self._disturbed |= {body}
 
     def remove(self, body: str) -> None:
@@ -309,6 +310,11 @@ class World:
             if not np.array_equal(old_places[index], now.xpos[index])
             or not np.allclose(old_speeds[index], readings.twist(model, now, index).linear, rtol=1e-12, atol=1e-12)
         }
+
+
+def _overlap(label: str) -> NotPossible:
+    # How deep would measure sizes and places that the scene may withhold.
+    return NotPossible(f"there it would overlap {label} by more than {1000 * OVERLAP_LIMIT:g} mm")
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
