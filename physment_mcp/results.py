@@ -67,7 +67,10 @@ class VelocitySet(Result):
 
     status: str
     object_id: str
-    velocity: Annotated[Vector, Field(description="Velocity of the centre of mass really obtained, world [m/s].")]
+    velocity: Annotated[
+        Vector | None,
+        Field(description="Velocity of the centre of mass really obtained, world [m/s]; null if withheld."),
+    ]
 
 
 class Acceleration(Result):

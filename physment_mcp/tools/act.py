@@ -87,6 +87,7 @@ def _change_position(session: Session, args: ShiftArguments) -> Shifted:
     shift = array([args.dx, args.dy, args.dz])
     pose = session.world.pose(one.body)
     if not args.in_world_frame:
+        session.readable(one.object_id, "orientation")
         shift = rotation_matrix(pose.quaternion) @ shift
     note = _relocate(session, one, pose.position + shift)
     return Shifted(sim_time=session.world.time, new_position=plain(session.world.pose(one.body).position), note=note)
@@ -98,7 +99,8 @@ def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
         session.world.set_velocity(one.body, array(args.velocity_vector))
     except NotPossible as refusal:
         raise NotPossible(f"{one.object_id} cannot be given a velocity: {refusal}") from refusal
-    obtained = plain(session.world.twist(one.body).linear)
+    # On joints part of the velocity is what it was before.
+    obtained = plain(session.world.twist(one.body).linear) if session.may_read(one, "velocity") else None
     return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=one.object_id, velocity=obtained)
 
 
@@ -138,11 +140,15 @@ def _detect_collision(session: Session, args: CollisionArguments) -> Collision:
     shows_place = seen and all(session.may_read(one, "position") for one in pair)
     # The normal on a flat face gives its tilt away; on a sphere it only gives the direction of the contact.
     shows_normal = shows_place and all(
-        session.may_read(one, "orientation") or session.world.shape(one.body).type == "sphere" for one in pair
+        session.may_read(one, "orientation")
+        or (session.may_read(one, "type") and session.world.shape(one.body).type == "sphere")
+        for one in pair
     )
     shows_speed = seen and all(session.may_read(one, "velocity") for one in pair)
-    # The impulse gives the effective mass away.
-    shows_impulse = all(session.may_read(one, "mass") or not session.world.is_movable(one.body) for one in pair)
+    # The impulse gives the effective mass away, and with known masses the approach speed.
+    shows_impulse = (shows_speed or not seen) and all(
+        session.may_read(one, "mass") or not session.world.is_movable(one.body) for one in pair
+    )
     return Collision(
         sim_time=session.world.time,
         collision_detected=seen,
