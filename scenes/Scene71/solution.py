@@ -1,0 +1,44 @@
+"""Scene 71: shift the hidden rider and let the spring weigh it."""
+
+from math import asin
+
+import numpy as np
+
+from scenes.protocol import answer, call
+
+KAPPA = 60.0
+GRAVITY = 9.81
+SHIFT = 0.3
+LEVER = 1.0
+AXIS_Z = 1.0
+
+
+def solve(task):
+    """Reveal the rider, shift it outward, and balance the change of torque."""
+    found = yield [call("find_objects")]
+    rider = found[0]["revealed"][0]
+    readings = yield [
+        call("change_position", object_id=rider["object_id"], dx=SHIFT, dy=0, dz=0),
+        call("step", duration=15),
+        call("get_position", object_id="object_1"),
+        call("get_position", object_id=rider["object_id"]),
+    ]
+    angle = asin((AXIS_Z - readings[2]["position"][2]) / LEVER)
+    before, after = rider["position"][0], readings[3]["position"][0]
+    yield [answer(KAPPA * angle / (GRAVITY * (after - before)))]
+
+
+def theory(knobs):
+    """The mass that was drawn."""
+    return knobs["m"]
+
+
+def measure(engine, knobs):
+    """The same balance of torques in the engine, for a smaller shift and a longer rest."""
+    before = engine.pose("object_2").position[0]
+    engine.place("object_2", engine.pose("object_2").position + np.array([0.1, 0.0, 0.0]), {})
+    engine.step(engine.whole_steps(40.0))
+    tip, rider = engine.pose("object_1").position, engine.pose("object_2").position
+    angle = asin((AXIS_Z - tip[2]) / LEVER)
+
+    return float(KAPPA * angle / (GRAVITY * (rider[0] - before)))
