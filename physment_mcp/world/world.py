@@ -247,9 +247,11 @@ class World:
         """Add a free sphere; everything else keeps its state.
 
         Raises:
-            NotPossible: It would overlap an obstacle by more than 1 mm.
+            NotPossible: It would overlap an obstacle by more than 1 mm, or its inertia is below what the engine takes.
         """
         saved = self.save()
+        if 0.4 * (4 / 3 * np.pi * radius**3 * density) * radius**2 < mujoco.mjMINVAL:
+            raise NotPossible("so light a sphere cannot be simulated; give it a larger density or radius")
         self._replace(editing.with_ball(self._spec, body, position, density, radius, rgba))
         depths = readings.overlaps(self._model, self._now(), [self._id(body)])
         for (_, other), depth in depths.items():
