@@ -67,6 +67,8 @@ class Host:
     max_episodes: int = 1000
     idle_timeout_s: float = 1800.0
     _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
+    _opening: int = 0
+    """Episodes on their way to being open; they count for the cap."""
     _tasks: TaskGroup | None = None
 
     def app(self) -> Starlette:
@@ -140,12 +142,15 @@ class Host:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
             return _refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
-        if len(self._episodes) >= self.max_episodes:
+        if len(self._episodes) + self._opening >= self.max_episodes:
             return _refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
+        self._opening += 1
         try:
             episode_id = await self.open_episode(wanted.scene, wanted.seed)
         except SceneError as error:
             return _refuse(404, str(error))
+        finally:
+            self._opening -= 1
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
         url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
         body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
