@@ -412,6 +412,14 @@ async def test_a_sphere_out_of_bounds_is_not_created(
         assert argument in await lab.refused("create_objects", **(GOOD["create_objects"] | {argument: value}))
 
 
+async def test_a_sphere_too_light_to_simulate_is_not_created(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        feather = GOOD["create_objects"] | {"density": 1e-5, "radius": 1e-3}
+        assert "larger density or radius" in await lab.refused("create_objects", **feather)
+        # I = 2/5 m r² = 1.6755 ρ r⁵ [kg·m²] must be above the engine's smallest number, 1e-15.
+        await lab.call("create_objects", **(feather | {"density": 0.6}))
+
+
 async def test_a_sphere_is_not_created_inside_something_visible(open_lab: Callable[..., Any]) -> None:
     async with open_lab() as lab:
         inside = await lab.refused("create_objects", **(GOOD["create_objects"] | {"pos": [0.1, 0, 1]}))
