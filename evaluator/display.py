@@ -3,6 +3,7 @@
 from types import TracebackType
 from typing import Self
 
+from pydantic import JsonValue
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -72,13 +73,13 @@ def print_results(
     if len(episodes) <= 120:
         console.print(_episode_table(episodes, grades))
     for line in summary_lines(summary):
-        console.print(line, highlight=False)
+        console.print(line, highlight=False, soft_wrap=True)
 
 
 def _episode_table(episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey, GradeRecord]) -> Table:
     table = Table(box=None, pad_edge=False)
-    for title, justify in (("scene", "right"), ("seed", "right"), ("budget", "right"), ("iterations", "right")):
-        table.add_column(title, justify=justify)
+    for title in ("scene", "seed", "budget", "iterations"):
+        table.add_column(title, justify="right")
     for title in ("outcome", "answer", "", "reason"):
         table.add_column(title, overflow="fold")
     for key, episode in sorted(episodes.items(), key=lambda item: (item[0].scene, item[0].seed, item[0].budget)):
@@ -91,16 +92,16 @@ def _episode_table(episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey,
             episode.outcome.value,
             _short(episode.answer),
             _MARKS[grade.strict],
-            episode.error or grade.reason,
+            episode.error or ("" if grade.strict is Verdict.CORRECT else grade.reason),
         )
     return table
 
 
-def _short(answer: object) -> str:
+def _short(answer: JsonValue) -> str:
     if isinstance(answer, float):
         return f"{answer:.5g}"
     if isinstance(answer, list):
-        return ", ".join(_short(part) for part in answer)  # pyright: ignore[reportUnknownVariableType] - JSON
+        return ", ".join(_short(part) for part in answer)
     return "" if answer is None else str(answer)[:60]
 
 

@@ -36,7 +36,8 @@ def run_facts(plan: Plan, packs: Sequence[PackFiles], server: str, server_said: 
     return {
         "format": FORMAT,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        "plan": {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(plan).items()},
+        # Through JSON, so that it compares equal to what a stored run.json says.
+        "plan": json.loads(json.dumps(asdict(plan))),
         "server": {"option": server, **server_said},
         "packs": {str(files.scene_id): pack_hash(files) for files in packs},
         "versions": {

@@ -5,13 +5,10 @@ from collections.abc import Iterable, Mapping
 from pydantic import JsonValue
 
 from evaluator.answer_key import KeyRing
-from evaluator.grading import AnswerKey, grade_episode
+from evaluator.grading import GRADER_VERSION, AnswerKey, grade_episode
 from evaluator.metrics import RunSummary, ScoredEpisode, summarise
 from evaluator.records import Episode, EpisodeKey, GradeRecord
 from evaluator.store import RunFolder
-
-GRADER_VERSION = "1"
-"""Raised with every change of grading that can change a verdict."""
 
 
 def grade_run(folder: RunFolder, episodes: Mapping[EpisodeKey, Episode], keys: KeyRing) -> RunSummary:

@@ -1,0 +1,1 @@
+"""Numbers and records → pages that people read. Does no arithmetic of its own."""
