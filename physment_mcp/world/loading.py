@@ -3,6 +3,8 @@
 Knows MuJoCo specs, models and data; knows nothing of what is done with them.
 """
 
+from collections.abc import Generator
+
 import mujoco
 import numpy as np
 
@@ -69,27 +71,32 @@ def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) 
     """
     data = mujoco.MjData(new)
     data.time = state.time
-    for index in range(new.njnt):
-        name = new.joint(index).name
-        before = mujoco.mj_name2id(old, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if before < 0:
-            continue
+    for index, before in _in_both(old, new, mujoco.mjtObj.mjOBJ_JOINT, new.njnt):
         positions, dofs = joint_slices(new, index)
         old_positions, old_dofs = joint_slices(old, before)
         data.qpos[positions] = state.qpos[old_positions]
         for field in ("qvel", "qacc_warmstart", "qfrc_applied"):
             getattr(data, field)[dofs] = getattr(state, field)[old_dofs]
-    for kind, count, fields in (
-        (mujoco.mjtObj.mjOBJ_BODY, new.nbody, ("xfrc_applied",)),
-        (mujoco.mjtObj.mjOBJ_EQUALITY, new.neq, ("eq_active",)),
-        (mujoco.mjtObj.mjOBJ_ACTUATOR, new.nu, ("ctrl",)),
-    ):
-        for index in range(count):
-            before = mujoco.mj_name2id(old, kind, mujoco.mj_id2name(new, kind, index))
-            if before >= 0:
-                for field in fields:
-                    getattr(data, field)[index] = getattr(state, field)[before]
+    for index, before in _in_both(old, new, mujoco.mjtObj.mjOBJ_BODY, new.nbody):
+        data.xfrc_applied[index] = state.xfrc_applied[before]
+        if (place := new.body_mocapid[index]) >= 0:
+            data.mocap_pos[place] = state.mocap_pos[old.body_mocapid[before]]
+            data.mocap_quat[place] = state.mocap_quat[old.body_mocapid[before]]
+    for index, before in _in_both(old, new, mujoco.mjtObj.mjOBJ_EQUALITY, new.neq):
+        data.eq_active[index] = state.eq_active[before]
+    for index, before in _in_both(old, new, mujoco.mjtObj.mjOBJ_ACTUATOR, new.nu):
+        data.ctrl[index] = state.ctrl[before]
+        first, earlier, count = new.actuator_actadr[index], old.actuator_actadr[before], new.actuator_actnum[index]
+        data.act[first : first + count] = state.act[earlier : earlier + count]
     return data
+
+
+def _in_both(old: mujoco.MjModel, new: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> Generator[tuple[int, int]]:
+    """Index in `new` and index in `old` of everything of a kind that both have, by name."""
+    for index in range(count):
+        before = mujoco.mj_name2id(old, kind, mujoco.mj_id2name(new, kind, index))
+        if before >= 0:
+            yield index, before
 
 
 def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:

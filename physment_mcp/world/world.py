@@ -206,6 +206,7 @@ class World:
         qpos = now.qpos.copy()
         restricted = motion.place(self._model, now, qpos, index, target)
         trial = mujoco.MjData(self._model)
+        mujoco.mj_setState(self._model, trial, self._state(), _STATE)
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
         for pair, depth in readings.overlaps(self._model, trial, tree).items():
