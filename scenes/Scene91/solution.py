@@ -34,16 +34,18 @@ def solve(task):
         call("step", duration=0.3),
         *_look(),
     ]
+    first_fallen, first_speed = fallen, speed = _state(readings)
     for _ in range(2):
-        fallen, speed = _state(readings)
-        # Uniform acceleration from rest: v² = 2 a s, so what is left takes this long.
+        # Uniform acceleration: what is left takes this long.
         acceleration = speed**2 / (2 * fallen)
         wait = (sqrt(2 * acceleration * FALL) - speed) / acceleration
         if wait < 0.0025:
             break
         readings = yield [call("step", duration=wait), *_look()]
-    fallen, speed = _state(readings)
-    acceleration = speed**2 / (2 * fallen)
+        fallen, speed = _state(readings)
+    # Between two looks, so that the ball's settling into the pan does not count.
+    acceleration = (speed**2 - first_speed**2) / (2 * (fallen - first_fallen))
+    energy_per_kg = speed**2 / 2 + acceleration * (FALL - fallen)
     slowing = yield [
         call("delete_objects", object_id="load"),
         call("step", duration=SETTLE_S),
@@ -54,7 +56,7 @@ def solve(task):
     braking = (_state(slowing[:4])[1] - _state(slowing)[1]) / SLOWING_S
     # (m + p) g - f = a (X + m + p) and f - p g = b (X + p), with X = I / R².
     disk = (BALL_KG * GRAVITY - acceleration * (BALL_KG + PAN_KG) - braking * PAN_KG) / (acceleration + braking)
-    yield [answer(disk * acceleration * FALL)]
+    yield [answer(disk * energy_per_kg)]
 
 
 def theory(knobs):
