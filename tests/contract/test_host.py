@@ -3,7 +3,7 @@
 import contextlib
 import json
 import subprocess
-from collections.abc import AsyncGenerator, Callable, Iterator
+from collections.abc import AsyncGenerator, Callable, Generator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ BASE = "http://127.0.0.1"
 
 
 @contextlib.contextmanager
-def serving(command: list[str], cwd: Path) -> Iterator[str]:
+def serving(command: list[str], cwd: Path) -> Generator[str]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=cwd, text=True) as process:
         assert process.stdout is not None
         try:
