@@ -117,8 +117,13 @@ def _extent(model: mujoco.MjModel, geom: int) -> tuple[Array, Array] | None:
         half = np.abs(axes[:, 2]) * size[1] + size[0] * np.sqrt(np.maximum(0.0, 1.0 - axes[:, 2] ** 2))
     elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
         half = np.sqrt((axes**2) @ (size**2))
+    elif kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        corners = centre + model.mesh_vert[first : first + count] @ axes.T
+        return corners.min(axis=0), corners.max(axis=0)
     else:
-        # Boxes are exact; for meshes and height fields this is the box around the engine's own bounding box.
+        # Boxes are exact; for height fields this is the box around the engine's own bounding box.
         box = model.geom_aabb[geom]
         centre = centre + axes @ box[:3]
         half = np.abs(axes) @ box[3:]
