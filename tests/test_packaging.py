@@ -1,0 +1,69 @@
+"""What a person installs: the lock, and the wheel far from the checkout."""
+
+import re
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+
+import scenes
+from physment_mcp import __version__
+
+ROOT = Path(__file__).parent.parent
+
+
+def run(*command: str, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, f"{command}: {done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fresh environment that has our wheel and, beside it, the dependencies installed here; its bin folder."""
+    place = tmp_path_factory.mktemp("wheel")
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(place), str(ROOT), cwd=place)
+    (wheel,) = place.glob("*.whl")
+    environment = place / "env"
+    venv.create(environment, with_pip=True)
+    binaries = environment / "bin"
+    run(str(binaries / "python"), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel), cwd=place)
+    site = next((environment / "lib").glob("python*")) / "site-packages"
+    # A plain path, so that editable installs there, which are .pth files too, stay out.
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    return binaries
+
+
+def test_the_wheel_brings_every_pack_whole(installed: Path, tmp_path: Path) -> None:
+    code = (
+        "import scenes; packs = scenes.list_packs();"
+        "assert all(f.json.is_file() and f.mjcf.is_file() and f.solution.is_file() for f in packs);"
+        "print(scenes.__file__); print(*(f.scene_id for f in packs))"
+    )
+    where, ids = run(str(installed / "python"), "-c", code, cwd=tmp_path).splitlines()
+    assert Path(where).is_relative_to(installed.parent)
+    assert ids.split() == [str(files.scene_id) for files in scenes.list_packs()]
+
+
+def test_the_wheel_plays_a_scene_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    assert "--scene" in run(str(installed / "physment-mcp"), "--help", cwd=tmp_path)
+    said = run(str(installed / "physment-eval"), "--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)
+    assert "(1/1)" in said
+    assert (tmp_path / "run" / "report.html").stat().st_size > 1000
+
+
+def test_the_lock_has_a_hash_for_everything_and_names_no_host() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert not re.search(r"https?:|--(extra-)?index-url|--find-links|file:", lock)
+    requirements = re.split(r"\n(?=[A-Za-z0-9])", lock.split("\n", 1)[1])
+    assert len(requirements) > 30
+    assert [one.split()[0] for one in requirements if "--hash=sha256:" not in one] == []
+
+
+def test_the_version_is_said_once() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == __version__
