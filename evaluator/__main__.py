@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import anyio
 from rich.console import Console
@@ -135,8 +135,7 @@ def _run(args: argparse.Namespace) -> int:
             except InfrastructureError as error:
                 raise UsageError(str(error)) from error
             facts = run_facts(plan, packs, args.server, said)
-            _check_same_run(folder, facts)
-            folder.write_run(facts)
+            folder.write_run(_continued(folder, facts))
             hashes = {files.scene_id: pack_hash(files) for files in packs}
             todo = missing(plan.keys(), folder.episodes())
             with ProgressDisplay(console, len(todo)) as display:
@@ -193,16 +192,22 @@ def _finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool
     return 0
 
 
-def _check_same_run(folder: RunFolder, facts: dict[str, object]) -> None:
-    """Refuse to mix results of changed packs or another plan in one folder."""
+def _continued(folder: RunFolder, facts: dict[str, Any]) -> dict[str, Any]:
+    """`run.json` of a run that starts, or of one that goes on: as it was, with a note of each resumption.
+
+    Raises:
+        UsageError: The stored run has another plan or other packs, so the results would not belong together.
+    """
     if not folder.run_file.exists():
-        return
+        return facts
     before = folder.read_run()
     for name in ("plan", "packs"):
         if before.get(name) != facts[name]:
             raise UsageError(
                 f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
             )
+    again = {name: facts[name] for name in ("created_at", "server", "versions", "git_revision")}
+    return {**before, "resumed": [*before.get("resumed", []), again]}
 
 
 def _unwrapped(play: Callable[[], object]) -> None:
