@@ -1,0 +1,83 @@
+"""Documents that follow from the code are remade from it and compared; links lead somewhere."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from physment_mcp.server import published_tools
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def tools_page() -> str:
+    """The reference of the tools, from their published schemas."""
+    lines = [
+        "# The 26 tools",
+        "",
+        "Made from the published schemas by `pytest tests/test_docs.py --update-goldens`; do not edit.",
+        "",
+        "SI units, world frame, z up; vectors are [x, y, z], quaternions [w, x, y, z]. Every result carries `sim_time`. A"
+        " refused call returns one sentence and changes nothing.",
+    ]
+    for number, tool in enumerate(published_tools(), start=1):
+        hints = tool.annotations
+        assert hints is not None
+        kind = "reads only" if hints.read_only_hint else "destructive" if hints.destructive_hint else "acts"
+        lines += ["", f"## {number}. `{tool.name}`", "", f"{tool.description} *({kind})*", ""]
+        lines += _table("argument", tool.input_schema)
+        assert tool.output_schema is not None
+        lines += _table("result", tool.output_schema)
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _table(title: str, schema: dict[str, Any]) -> list[str]:
+    fields = schema.get("properties", {})
+    if not fields:
+        return ["No arguments.", ""]
+    required = set(schema.get("required", []))
+    rows = [f"| {title} | form | meaning |", "|---|---|---|"]
+    for name, field in fields.items():
+        default = "" if name in required else f", default {json.dumps(field.get('default'))}"
+        meaning = field.get("description", "").replace("|", "\\|")
+        rows.append(f"| `{name}` | {_form(field)}{default} | {meaning} |")
+    return [*rows, ""]
+
+
+def _form(field: dict[str, Any]) -> str:
+    if "anyOf" in field:
+        return " or ".join(_form(one) for one in field["anyOf"])
+    if "enum" in field:
+        return " or ".join(map(str, field["enum"]))
+    if "$ref" in field:
+        return "{x, y, z}"
+    if field.get("type") == "array":
+        size = field.get("minItems") if field.get("minItems") == field.get("maxItems") else None
+        return f"list of {size} × {_form(field['items'])}" if size else f"list of {_form(field['items'])}"
+    bounds = [
+        f"{sign} {field[key]:g}"
+        for key, sign in (
+            ("minimum", "≥"),
+            ("exclusiveMinimum", ">"),
+            ("maximum", "≤"),
+            ("exclusiveMaximum", "<"),
+        )
+        if key in field and abs(field[key]) < 1e6
+    ]
+    return " ".join([str(field.get("type", "any")), ", ".join(bounds)]).strip()
+
+
+def test_the_reference_of_the_tools_is_current(update_goldens: bool) -> None:
+    page = DOCS / "reference" / "tools.md"
+    if update_goldens:
+        page.write_text(tools_page(), encoding="utf-8")
+    assert page.read_text(encoding="utf-8") == tools_page()
+
+
+def test_links_between_documents_lead_somewhere() -> None:
+    broken: list[str] = []
+    for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if not target.startswith(("http:", "https:")) and not (page.parent / target).exists():
+                broken.append(f"{page.name} → {target}")
+    assert broken == []
