@@ -17,8 +17,8 @@ def tools_page() -> str:
         "",
         "Made from the published schemas by `pytest tests/test_docs.py --update-goldens`; do not edit.",
         "",
-        "SI units, world frame, z up; vectors are [x, y, z], quaternions [w, x, y, z]. Every result carries `sim_time`. A"
-        " refused call returns one sentence and changes nothing.",
+        "SI units, world frame, z up; vectors are [x, y, z], quaternions [w, x, y, z]. Every result carries `sim_time`."
+        " A refused call returns one sentence and changes nothing.",
     ]
     for number, tool in enumerate(published_tools(), start=1):
         hints = tool.annotations
@@ -75,9 +75,10 @@ def test_the_reference_of_the_tools_is_current(update_goldens: bool) -> None:
 
 
 def test_links_between_documents_lead_somewhere() -> None:
-    broken: list[str] = []
-    for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]:
-        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-            if not target.startswith(("http:", "https:")) and not (page.parent / target).exists():
-                broken.append(f"{page.name} → {target}")
+    broken = [
+        f"{page.name} → {target}"
+        for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+        if not target.startswith(("http:", "https:")) and not (page.parent / target).exists()
+    ]
     assert broken == []
