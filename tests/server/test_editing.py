@@ -13,7 +13,9 @@ SPHERE = {"pos": [0, 0, 9], "density": 1000, "rgba": [1, 0, 0, 1]}
 BUSY = """
 <body name="object_1" pos="0 0 3"><joint name="swing" type="hinge" axis="0 1 0" stiffness="2"/>
   <geom size="0.1" mass="1" pos="0 0 -0.5"/>
-  <body name="object_2" pos="0 0 -0.5"><joint name="tail" type="ball"/><geom size="0.05" mass="1" pos="0 0.1 -0.3"/></body>
+  <body name="object_2" pos="0 0 -0.5"><joint name="tail" type="ball"/>
+    <geom size="0.05" mass="1" pos="0 0.1 -0.3"/>
+  </body>
 </body>
 <body name="object_3" pos="2 0 3"><joint name="free" type="free"/><geom type="box" size="0.1 0.2 0.3" mass="2"/></body>
 <body name="object_4" pos="4 0 3"><joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="1"/></body>
@@ -21,8 +23,14 @@ BUSY = """
 <body name="object_6" pos="6 0 0.1"><freejoint/><geom size="0.1" mass="1"/></body>
 """
 BUSY_REST = """
-<actuator><general joint="lift" dyntype="integrator" gainprm="3" name="motor"/><motor joint="swing" gear="2"/></actuator>
-<equality><joint joint1="lift" joint2="swing" active="false"/><connect body1="object_3" body2="object_4" anchor="0 0 1"/></equality>
+<actuator>
+  <general joint="lift" dyntype="integrator" gainprm="3" name="motor"/>
+  <motor joint="swing" gear="2"/>
+</actuator>
+<equality>
+  <joint joint1="lift" joint2="swing" active="false"/>
+  <connect body1="object_3" body2="object_4" anchor="0 0 1"/>
+</equality>
 <keyframe><key name="start" qvel="1 0.1 0.2 0.3 1 2 3 3 2 1 0.5 0 0 0 0 0 0" act="0.7" ctrl="0.4 0.6"/></keyframe>
 """
 

@@ -1,7 +1,7 @@
 """Time, limits, roll-back, purity of reads and repeatability of whole episodes."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,12 @@ from physment_mcp.errors import RefusedCall, SceneError
 from physment_mcp.session import MAX_SIMULATED_S
 from physment_mcp.world import World
 
-# A spring far too stiff for the time step: k Δt²/m = 25 is beyond every explicit integrator.
-BOMB = '<body name="object_1" pos="0 0 1"><joint type="slide" axis="0 0 1" stiffness="1e9" springref="0.1"/><geom size="0.01" mass="1e-3"/></body>'
+# A spring far too stiff for the time step: k Δt²/m = 2500 is beyond every explicit integrator.
+BOMB = """
+<body name="object_1" pos="0 0 1"><joint type="slide" axis="0 0 1" stiffness="1e5" springref="0.1"/>
+  <geom size="0.01" mass="1e-3"/>
+</body>
+"""
 
 
 async def test_a_step_is_rounded_to_whole_time_steps(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
@@ -42,9 +46,10 @@ async def test_simulated_time_is_bounded_by_an_hour(bench: Callable[..., Any], b
 
 
 async def test_progress_does_not_change_the_physics(bench: Callable[..., Any]) -> None:
+    link = '<joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.5"/>'
     chaotic = (
-        '<body name="object_1" pos="0 0 3" euler="0 170 0"><joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.5"/>'
-        '<body name="object_2" pos="0 0 -0.5"><joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.5"/></body></body>'
+        f'<body name="object_1" pos="0 0 3" euler="0 170 0">{link}'
+        f'<body name="object_2" pos="0 0 -0.5">{link}</body></body>'
     )
     once, often = bench(chaotic), bench(chaotic)
     seen: list[tuple[float, float]] = []
@@ -84,11 +89,18 @@ async def test_a_cancelled_step_is_as_if_it_had_never_begun(
     assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
 
 
+@pytest.fixture
+def no_engine_log() -> Generator[None]:
+    """The engine writes its warnings into the working directory unless it is told not to."""
+    yield
+    assert not Path("MUJOCO_LOG.TXT").exists()
+
+
+@pytest.mark.usefixtures("no_engine_log")
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
 async def test_a_blow_up_is_rolled_back_twice_in_a_row_and_writes_no_log(
-    bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, integrator: str
+    bench: Callable[..., Any], integrator: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     lab = bench(BOMB, integrator=integrator, flags='<flag eulerdamp="disable"/>')
     for _ in range(2):
         assert "rolled back" in await lab.refused("step", duration=10)
@@ -98,13 +110,13 @@ async def test_a_blow_up_is_rolled_back_twice_in_a_row_and_writes_no_log(
     await lab("create_objects", name="p", pos=[0, 0, 1], density=100, rgba=[1, 1, 1, 1])
     await lab("step", duration=0.5)
     assert await lab.velocity("p") == pytest.approx([0, 0, -9.81 / 2], rel=1e-9)
-    assert not list(tmp_path.iterdir())
 
 
 async def test_a_result_that_is_not_finite_is_refused(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
     lab = bench(ball(1, "0 0 5"))
-    lab.session.world._data.qvel[0] = 1e200  # its square is not a number any more
-    assert "rolled back" in await lab.refused("get_kinetic_energy", object_id=1, mass=1)
+    lab.session.world.set_velocity("object_1", np.array([1e200, 0, 0]))  # its square is not finite any more
+    with np.errstate(over="ignore"):
+        assert "rolled back" in await lab.refused("get_kinetic_energy", object_id=1, mass=1)
 
 
 async def test_limits_of_force_and_speed_do_not_break_the_world(
@@ -114,12 +126,8 @@ async def test_limits_of_force_and_speed_do_not_break_the_world(
     await lab("set_velocity", object_id=1, velocity_vector=[0, 0, -1e6])
     await lab("apply_force", object_id=1, force_vector=[1e6, -1e6, 1e6])
     await lab("apply_torque", object_id=1, torque_vector=[1e6, 1e6, 1e6])
-    before = lab.fingerprint()
-    try:
-        await lab("step", duration=1)
-    except RefusedCall as refusal:
-        assert "rolled back" in str(refusal)
-        assert lab.fingerprint() == before
+    for told in await play(lab, [("step", {"duration": 1})]):
+        assert "rolled back" in told or told["sim_time"] == pytest.approx(1)
     readings = [*await lab.position(1), *await lab.velocity(1)]
     assert all(math.isfinite(one) for one in readings)
 
@@ -147,14 +155,14 @@ actions = st.one_of(
     st.builds(lambda o, v: ("apply_force", {"object_id": o, "force_vector": v}), movable, vector),
     st.builds(lambda o, v: ("apply_torque", {"object_id": o, "torque_vector": v}), movable, vector),
     st.builds(lambda o, v: ("set_velocity", {"object_id": o, "velocity_vector": v}), movable, vector),
-    st.builds(lambda o, v: ("change_position", {"object_id": o, "dx": v[0], "dy": v[1], "dz": abs(v[2])}), movable, vector),
+    st.builds(lambda o, v: ("change_position", {"object_id": o, "dx": v[0], "dy": v[1], "dz": 1}), movable, vector),
     st.builds(lambda a, b: ("detect_collision", {"obj1_id": a, "obj2_id": b}), movable, st.integers(1, 6)),
     st.builds(
         lambda a, b, j: ("attach_objects", {"object1_id": a, "object2_id": b, "joint": j}),
         movable, movable, st.sampled_from(["weld", "ball", "hinge"]),
     ),
     st.builds(
-        lambda n, v: ("create_objects", {"name": n, "pos": [v[0], v[1], abs(v[2])], "density": 500, "rgba": [1, 1, 1, 1]}),
+        lambda n, v: ("create_objects", {"name": n, "pos": [v[0], v[1], 1], "density": 500, "rgba": [1, 1, 1, 1]}),
         st.sampled_from("abc"), vector,
     ),
     st.builds(lambda o: ("delete_objects", {"object_id": o}), st.sampled_from(["a", "b", 3, 6, 5])),
@@ -214,14 +222,15 @@ async def test_a_failure_after_any_calls_undoes_them_all(bench: Callable[..., An
     lab = bench(PLAYGROUND)
     await play(lab, before)
     state = lab.fingerprint()
-    with pytest.raises(KeyError, match="stop"), lab.session.all_or_nothing():
-        for tool, arguments in within:
-            try:
-                await lab(tool, **arguments)
-            except RefusedCall:
-                continue
-        lab.session.answer, lab.session.over = 1, True
-        raise KeyError("stop")
+
+    async def fail() -> None:
+        with lab.session.all_or_nothing():
+            await play(lab, within)
+            lab.session.answer, lab.session.over = 1, True
+            raise KeyError("stop")
+
+    with pytest.raises(KeyError, match="stop"):
+        await fail()
     assert lab.fingerprint() == state
     twin = bench(PLAYGROUND)
     await play(twin, before)
@@ -238,7 +247,8 @@ async def test_momentum_is_kept_once_nothing_pushes(bench: Callable[..., Any], p
     # Four balls that may hit each other, two of them attached, and no gravity: no outside force is left.
     masses = {1: 1.0, 2: 2.0, 3: 0.5, 4: 4.0}
     bodies = "".join(
-        f'<body name="object_{n}" pos="{0.25 * n} {0.05 * n} 0"><joint type="free"/><geom size="0.1" mass="{m}"/></body>'
+        f'<body name="object_{n}" pos="{0.25 * n} {0.05 * n} 0"><joint type="free"/>'
+        f'<geom size="0.1" mass="{m}"/></body>'
         for n, m in masses.items()
     )
     lab = bench(bodies, gravity="0 0 0")
