@@ -8,7 +8,9 @@ from scenes.protocol import answer, call
 
 RADIUS = 0.1
 WATCH_S = 1.0
-MOVED_M = 0.005
+SLID_M = 0.005
+STIRRED = 0.01
+"""Momentum per kg [m/s] above the creep of a slider that holds, below the speed of one that slides."""
 
 
 def _place(ramp):
@@ -17,18 +19,17 @@ def _place(ramp):
 
 
 def solve(task):
-    """Set the slider down on the middle ramp of those left, at rest, and see whether it has moved."""
+    """Set the slider down on the middle ramp of those left, at rest, and see whether it gains momentum."""
     low, high = 1, 12
     while low < high:
         ramp = (low + high) // 2
-        place = _place(ramp)
         readings = yield [
-            call("move_object", object_id="object_1", **place),
+            call("move_object", object_id="object_1", **_place(ramp)),
             call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
             call("step", duration=WATCH_S),
-            call("get_position", object_id="object_1"),
+            call("get_momentum", object_id="object_1", mass=1.0),
         ]
-        if readings[-1]["position"][0] - place["x"] > MOVED_M:
+        if readings[-1]["momentum"]["x"] > STIRRED:
             high = ramp
         else:
             low = ramp + 1
@@ -47,6 +48,6 @@ def measure(engine, knobs):
         engine.place("object_1", np.array([place["x"], place["y"], place["z"]]), {})
         engine.set_velocity("object_1", np.zeros(3))
         engine.step(engine.whole_steps(WATCH_S))
-        if engine.pose("object_1").position[0] - place["x"] > MOVED_M:
+        if engine.pose("object_1").position[0] - place["x"] > SLID_M:
             return str(ramp)
     return "13"
