@@ -12,13 +12,15 @@ WEIGHT_N = DENSITY * 4 / 3 * pi * RADIUS**3 * 9.81
 
 
 def solve(task):
-    """Put a ball into the pan, let it come to rest, divide weight by sag."""
+    """Put a ball into the pan, let it come to rest, see that it lies there, divide weight by sag."""
     readings = yield [
         call("create_objects", name="weight", pos=[0, 0, 1.105], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
         call("step", duration=15),
+        call("detect_collision", obj1_id="weight", obj2_id="object_1", elastic_response=False),
         call("get_displacement", object_id="object_1"),
     ]
-    yield [answer(WEIGHT_N / readings[-1]["displacement"])]
+    lies_in_the_pan = readings[2]["collision_detected"]
+    yield [answer(WEIGHT_N / readings[-1]["displacement"] if lies_in_the_pan else "the ball is not in the pan")]
 
 
 def theory(knobs):
