@@ -5,6 +5,7 @@ SHA-512 of scene, seed and knob name, as `random.Random` documents for text seed
 significant digits so that the last bits of `exp` and `log` do not matter. Seed 0 is the scene as written.
 """
 
+import ast
 import math
 import random
 import re
@@ -80,22 +81,25 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
     """
     if not isinstance(expression, str):
         return expression
-    evaluator = simpleeval.EvalWithCompoundTypes(
-        names={"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}},
-        functions=_FUNCTIONS,
-    )
+    names = {"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
+    evaluator = cast(Any, simpleeval).EvalWithCompoundTypes(names=names, functions=_FUNCTIONS)  # it is not typed
+    # The library also reads attributes of values, and ignores assignments with a warning.
+    for kind in (ast.Attribute, ast.Assign, ast.AugAssign):
+        evaluator.nodes.pop(kind, None)
     try:
-        value = cast(Any, evaluator).eval(expression)  # the library is not typed
+        value = evaluator.eval(expression)
+        finite = isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value))
     except (
         simpleeval.InvalidExpression,
         SyntaxError,
         ArithmeticError,
         LookupError,
+        RecursionError,
         TypeError,
         ValueError,
     ) as error:
         raise PackError(files.json, f"field {field}: {expression!r} cannot be computed: {error}") from error
-    if isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value)):
+    if finite:
         return value
     raise PackError(files.json, f"field {field}: {expression!r} gives {value!r}, not a finite number or a text")
 
