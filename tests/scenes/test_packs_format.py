@@ -1,0 +1,271 @@
+"""The pack format: draws, expressions, what is said of a bad pack; and every pack there is."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from physment_mcp.scene import load_scene
+from physment_mcp.session import Session
+from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
+from scenes.draw import evaluate, write_values
+
+PUBLISHED = Path(__file__).parents[3] / "shared" / "physment-original" / "Scenes"
+OWN = list_packs()
+NOWHERE = PackFiles(7, Path("Scene7"))
+GOOD: dict[str, Any] = {
+    "metadata": {"scene_name": "a", "task": "t", "problem_type": "calculation"},
+    "answer": 1,
+    "objects": {"object_1": {"name": "ball", "object_id": "1"}},
+    "knobs": {
+        "u": {"canonical": 2, "uniform": [0, 10]},
+        "l": {"canonical": 2, "log_uniform": [1, 100]},
+        "c": {"canonical": "a", "choice": ["a", "b", "c"]},
+        "p": {"canonical": [1, 2, 3, 4], "permutation": [1, 2, 3, 4]},
+    },
+    "derive": {"d": "u * l"},
+    "accept_draw": ["u > 1"],
+}
+
+
+def pack(**changes: Any) -> Pack:
+    return Pack.model_validate(GOOD | changes)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Callable[..., Path]:
+    """Write one pack; returns the folder of packs."""
+
+    def write(text: str | None, xml: str | None = "<mujoco/>") -> Path:
+        inner = tmp_path / "Scene7"
+        inner.mkdir(exist_ok=True)
+        if text is not None:
+            (inner / "scene7.json").write_text(text, encoding="utf-8")
+        if xml is not None:
+            (inner / "scene7.xml").write_text(xml, encoding="utf-8")
+        return tmp_path
+
+    return write
+
+
+# The draw
+
+
+@pytest.mark.parametrize(
+    ("seed", "drawn"),
+    [
+        (0, {"u": 2, "l": 2, "c": "a", "p": (1, 2, 3, 4), "d": 4}),
+        (1, {"u": 5.52716, "l": 1.85195, "c": "c", "p": (3, 4, 2, 1), "d": 5.52716 * 1.85195}),
+        (2, {"u": 6.58459, "l": 2.63474, "c": "a", "p": (4, 3, 2, 1), "d": 6.58459 * 2.63474}),
+        (-5, {"u": 1.49169, "l": 1.56561, "c": "a", "p": (3, 1, 2, 4), "d": 1.49169 * 1.56561}),
+        (10**30, {"u": 8.30266, "l": 4.14569, "c": "b", "p": (1, 4, 3, 2), "d": 8.30266 * 4.14569}),
+    ],
+)
+def test_a_seed_draws_the_same_values_everywhere_and_for_ever(seed: int, drawn: dict[str, Any]) -> None:
+    assert draw_knobs(NOWHERE, pack(), seed) == drawn
+
+
+def test_a_knob_does_not_depend_on_which_other_knobs_there_are() -> None:
+    alone = pack(knobs={"l": GOOD["knobs"]["l"]}, derive={}, accept_draw=[])
+    assert draw_knobs(NOWHERE, alone, 1)["l"] == draw_knobs(NOWHERE, pack(), 1)["l"]
+
+
+def test_twins_differ_in_the_reseeded_knobs_alone() -> None:
+    one, two = draw_knobs(NOWHERE, pack(), 1), draw_knobs(NOWHERE, pack(), 1, reseed={"u": 2})
+    assert {name for name in one if one[name] != two[name]} == {"u", "d"}
+    assert two["u"] == draw_knobs(NOWHERE, pack(), 2)["u"]
+
+
+def test_draws_stay_in_their_ranges_and_meet_the_conditions() -> None:
+    choosy = pack(accept_draw=["u > 9"], knobs=GOOD["knobs"] | {"u": {"canonical": 9.5, "uniform": [0, 10]}})
+    for seed in range(1, 100):
+        drawn: dict[str, Any] = draw_knobs(NOWHERE, choosy, seed)
+        assert 9 < drawn["u"] <= 10
+        assert 1 <= drawn["l"] <= 100
+        assert drawn["c"] in {"a", "b", "c"}
+        assert sorted(drawn["p"]) == [1, 2, 3, 4]
+        assert drawn["u"] == float(f"{drawn['u']:.6g}")
+
+
+def test_conditions_that_nothing_meets_are_an_error_of_the_pack() -> None:
+    with pytest.raises(PackError, match=r"scene7\.json: field accept_draw: the canonical values do not meet it"):
+        draw_knobs(NOWHERE, pack(accept_draw=["u > 3"]), 0)
+    with pytest.raises(PackError, match=r"scene7\.json: field accept_draw: no draw of seed 4 met it"):
+        draw_knobs(NOWHERE, pack(accept_draw=["u > 11"]), 4)
+
+
+# Expressions
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("2 * u", 3.0), ("p[1]", 7), ("abs(-u) + max(1, 2)", 3.5), ("sin(radians(30))", pytest.approx(0.5)),
+        ("-u", -1.5), ("u > 1", True), ("'red' if u > 1 else 'blue'", "red"), ("pi", pytest.approx(3.14159265)), (4, 4), (0.5, 0.5),
+        ("[1, 2][0]", 1), ("min(p)", 5),
+    ],
+)  # fmt: skip
+def test_an_expression_is_arithmetic_over_the_knobs(expression: Any, value: Any) -> None:
+    assert evaluate(NOWHERE, "derive.x", expression, {"u": 1.5, "p": (5, 7)}) == value
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "__import__('os')", "u.__class__", "u.real", "'a'.upper()", "().__class__.__bases__", "open('x')", "eval('1')",
+        "(lambda: 1)()", "print(u)", "nope", "u = 3", "u += 3", "import os", "", "((((", "9**9**9", "'a' * 10**9",
+        "[0] * 10**9", "1/0", "sqrt(-1)", "1e308 * 10", "10**400", "10.0**400", "p[5]", "u[0]", "[1, 2]", "None", "sqrt",
+        "1j", "1" + "+1" * 5000, "9" * 5000,
+    ],
+)  # fmt: skip
+def test_an_expression_that_is_anything_else_is_refused_with_file_and_field(expression: str) -> None:
+    with pytest.raises(PackError) as error:
+        evaluate(NOWHERE, "derive.x", expression, {"u": 1.5, "p": (5, 7)})
+    assert str(error.value).startswith("Scene7/scene7.json: field derive.x: ")
+
+
+# What is said of a bad pack
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"metadata": {"scene_name": "a", "problem_type": "b"}}, "metadata.task"),
+        ({"metadata": {**GOOD["metadata"], "task": ""}}, "metadata.task"),
+        ({"answer": None}, "answer"),
+        ({"answer": {"value": 1}}, "answer"),
+        ({"objects": []}, "objects"),
+        ({"objects": {"object_1": {"name": "x"}}}, "objects.object_1.object_id"),
+        (
+            {"object_permissions": {"object_1_permissions": {"body_pos": 7}}},
+            "object_permissions.object_1_permissions.body_pos",
+        ),
+        ({"category": "medium"}, "category"),
+        ({"answer_spec": {"kind": "guess"}}, "answer_spec.kind"),
+        ({"answer_spec": {"kind": "number", "rel_tol": -1}}, "answer_spec.rel_tol"),
+        ({"knobs": {"m": {"canonical": 1}}}, "knobs.m"),
+        ({"knobs": {"m": {"canonical": 1, "uniform": [0, 1], "choice": [1]}}}, "knobs.m"),
+        ({"knobs": {"m": {"canonical": 1, "uniform": [1, 1]}}}, "knobs.m"),
+        ({"knobs": {"m": {"canonical": 1, "log_uniform": [0, 1]}}}, "knobs.m"),
+        ({"knobs": {"m": {"uniform": [0, 1]}}}, "knobs.m.canonical"),
+        ({"format": 2}, "format"),
+        ({"number_of_objects": "many"}, "number_of_objects"),
+    ],
+)
+def test_a_malformed_pack_is_one_sentence_with_file_and_field(
+    folder: Callable[..., Path], changes: dict[str, Any], field: str
+) -> None:
+    files = find_pack(7, folder(json.dumps(GOOD | changes)))
+    with pytest.raises(PackError) as error:
+        read_pack(files)
+    assert str(error.value).startswith(f"{files.json}: field {field}")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"), [("{", "not JSON"), ("", "not JSON"), ("[]", "the whole file"), (None, "no such")]
+)
+def test_a_file_that_is_not_a_pack_is_named(folder: Callable[..., Path], text: str | None, word: str) -> None:
+    files = find_pack(7, folder(text))
+    with pytest.raises(PackError, match=word) as error:
+        read_pack(files)
+    assert str(files.json) in str(error.value)
+
+
+def test_a_file_that_is_not_utf8_is_named(folder: Callable[..., Path]) -> None:
+    files = find_pack(7, folder("{}"))
+    for file in (files.json, files.mjcf):
+        file.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(PackError, match="UTF-8"):
+        read_pack(files)
+    with pytest.raises(PackError, match="UTF-8"):
+        drawn_mjcf(files, pack(), {}, canonical=True)
+
+
+def test_a_missing_pack_is_answered_with_those_there_are(folder: Callable[..., Path], tmp_path: Path) -> None:
+    with pytest.raises(PackError, match="no scene 8; the scenes here are 7"):
+        find_pack(8, folder("{}"))
+    with pytest.raises(PackError, match="no such folder"):
+        list_packs(tmp_path / "nowhere")
+    with pytest.raises(PackError, match="holds no scene packs"):
+        list_packs(tmp_path / "Scene7")
+
+
+@pytest.mark.parametrize(
+    ("target", "xml", "word"),
+    [
+        ("geom", "<mujoco/>", "write targets as tag"),
+        ("geom[g].mass", "<mujoco/>", "names 0 elements of scene7.xml"),
+        ("geom.mass", "<mujoco><a><geom/><geom/></a></mujoco>", "names 2 elements of scene7.xml"),
+        ("geom[g].mass", "<mujoco>", "not XML"),
+        ("geom[g].mass", None, "no such file"),
+    ],
+)
+def test_a_target_names_exactly_one_element(
+    folder: Callable[..., Path], target: str, xml: str | None, word: str
+) -> None:
+    files = find_pack(7, folder("{}", xml))
+    with pytest.raises(PackError, match=word):
+        drawn_mjcf(files, pack(apply={target: "u"}), {"u": 1.0}, canonical=False)
+
+
+def test_values_are_written_in_as_numbers_and_vectors(folder: Callable[..., Path]) -> None:
+    files = find_pack(7, folder("{}", '<mujoco><geom name="a b"/><geom name="g" mass="9"/><option/></mujoco>'))
+    written = pack(apply={"geom[g].mass": "u * 2", "option.gravity": [0, 0, "-u"], "geom[a b].rgba": "c"})
+    text = drawn_mjcf(files, written, {"u": 0.1, "c": "1 0 0 1"}, canonical=False)
+    assert text == (
+        '<mujoco><geom name="a b" rgba="1 0 0 1" /><geom name="g" mass="0.2" /><option gravity="0 0 -0.1" /></mujoco>'
+    )
+
+
+def test_unknown_keys_of_other_peoples_packs_are_ignored(folder: Callable[..., Path]) -> None:
+    read = read_pack(find_pack(7, folder(json.dumps(GOOD | {"mood": "good", "number_of_objects": "1"}))))
+    assert read.number_of_objects == 1
+    assert read.permissions_of("object_1").body_pos is False
+
+
+# Packs there are
+
+
+@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published packs are not beside this checkout")
+def test_all_published_packs_load_and_run_for_a_second() -> None:
+    packs = list_packs(PUBLISHED)
+    assert len(packs) == 105
+    for files in packs:
+        session = Session(load_scene(files.scene_id, 0, PUBLISHED))
+        session.world.step(session.world.whole_steps(1.0))
+        assert session.world.time == pytest.approx(1, abs=session.world.timestep)
+        assert session.known()
+
+
+@pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))
+def test_seed_0_is_the_scene_as_written(files: PackFiles) -> None:
+    assert load_scene(files.scene_id).mjcf == files.mjcf.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))
+def test_canonical_values_written_in_give_the_scene_as_written(files: PackFiles) -> None:
+    read = read_pack(files)
+    text = drawn_mjcf(files, read, {}, canonical=True)
+    models = [
+        mujoco.MjModel.from_xml_string(one)
+        for one in (text, write_values(files, read, draw_knobs(files, read, 0), text))
+    ]
+    for name in dir(models[0]):
+        one, two = (getattr(model, name) for model in models)
+        if isinstance(one, np.ndarray) and one.dtype.kind in "fiub":
+            # Derived values may have been written with fewer digits than they are computed with.
+            np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9, err_msg=name)
+    for name in ("timestep", "gravity", "density", "viscosity", "wind", "integrator"):
+        np.testing.assert_allclose(getattr(models[0].opt, name), getattr(models[1].opt, name), rtol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))
+def test_variants_of_own_scenes_open(files: PackFiles) -> None:
+    for seed in (1, 2):
+        session = Session(load_scene(files.scene_id, seed))
+        session.world.step(1)
