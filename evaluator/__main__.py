@@ -1,6 +1,7 @@
 """Command line of the evaluator: `physment-eval [run]`, `grade`, `report`. Printing, argv and exit codes live here."""
 
 import argparse
+import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -121,10 +122,6 @@ def _run(args: argparse.Namespace) -> int:
     folder = RunFolder(args.out or Path("runs") / f"{stamp}-{agent.name.split(':')[0]}")
     folder.create(resume=args.resume)
     keys = KeyRing(args.scenes_dir)
-    # A malformed pack or a missing key should show before hours of play, not after.
-    for scene in plan.scenes:
-        for seed in plan.seeds:
-            keys.key(scene, seed)
     console = Console(stderr=args.json)
 
     async def play() -> None:
@@ -151,7 +148,16 @@ def _run(args: argparse.Namespace) -> int:
                 await runner.run(todo)
 
     try:
+        # A malformed pack or a missing key should show before hours of play, not after.
+        for scene in plan.scenes:
+            for seed in plan.seeds:
+                keys.key(scene, seed)
         _unwrapped(play)
+    except UsageError:
+        # Only an empty folder can be removed so: nothing is left of a run that never began.
+        with contextlib.suppress(OSError):
+            folder.path.rmdir()
+        raise
     except KeyboardInterrupt:
         print(f"physment-eval: interrupted; go on with: --out {folder.path} --resume", file=sys.stderr)
         return 130

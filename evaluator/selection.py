@@ -81,7 +81,7 @@ def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
     for part in text.split(","):
         low, dash, high = part.strip().partition("-")
         if not low.isdecimal() or (dash and not high.isdecimal()):
-            raise UsageError(f"{option} {part.strip() or text!r}: write whole numbers and ranges such as 5,10 or 0-9")
+            raise UsageError(f"{option} {part.strip() or text}: write whole numbers and ranges such as 5,10 or 0-9")
         numbers += range(int(low), int(high or low) + 1)
     if not numbers or min(numbers) < least:
         raise UsageError(f"{option} {text}: must be {least} or more")

@@ -1,0 +1,217 @@
+"""The command as a person meets it: exit codes, sentences, files, interruption."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from evaluator.__main__ import main
+from scenes import default_folder
+
+COMMAND = [sys.executable, "-m", "evaluator"]
+
+DYING = """
+import sys
+import anyio
+import mcp_types as types
+from mcp.server.lowlevel import Server
+from mcp.server.stdio import stdio_server
+
+calls = 0
+
+async def list_tools(ctx, params):
+    tools = [types.Tool(name=name, input_schema={"type": "object"}) for name in ("step", "answer")]
+    return types.ListToolsResult(tools=tools)
+
+async def call_tool(ctx, params):
+    global calls
+    calls += 1
+    if calls == 2:
+        print("out of smoke", file=sys.stderr, flush=True)
+        import os
+        os._exit(3)
+    return types.CallToolResult(content=[types.TextContent(type="text", text="{}")], structured_content={})
+
+async def get_prompt(ctx, params):
+    message = types.PromptMessage(role="user", content=types.TextContent(type="text", text="task"))
+    return types.GetPromptResult(messages=[message])
+
+async def run():
+    server = Server("dying", on_list_tools=list_tools, on_call_tool=call_tool, on_get_prompt=get_prompt)
+    async with stdio_server() as (read, write):
+        await server.run(read, write, server.create_initialization_options())
+
+anyio.run(run)
+"""
+
+
+def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *map(str, words)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+    """Run a command that must fail as misuse, and return its one sentence."""
+    assert main([str(word) for word in words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.strip().splitlines()) == 1
+    assert said.err.startswith("physment-eval: ")
+    return said.err
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["run", "--help"], ["grade", "--help"], ["report", "--help"], ["--version"]]
+)
+def test_help_teaches_and_succeeds(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    assert "physment-eval" in capsys.readouterr().out
+
+
+def test_run_is_the_default_command_and_leaves_a_whole_folder(tmp_path: Path) -> None:
+    done = run("--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "strict accuracy 100.0 % (1/1)" in done.stdout
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert names == {"run.json", "episodes.jsonl", "grades.jsonl", "summary.json", "report.html"}
+    facts = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
+    assert facts["server"]["tools"] == 26
+    assert facts["versions"]["mujoco"] == "3.3.3"
+
+
+def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path) -> None:
+    done = run("--server", "host", "--scenes", "7,21", "--out", "run", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["overall"]["n_correct"] == 2
+    assert "strict accuracy" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--budgets", "0"], "--budgets 0: must be 1 or more"),
+        (["--scenes", "999"], "there is no such scene"),
+        (["--agent", "genius"], "there is no such agent"),
+        (["--seeds", "x"], "--seeds x: write whole numbers"),
+        (["--resume"], "--resume needs the folder"),
+        (["--server", "no-such-program --scene {scene}"], "the server command 'no-such-program --scene 7' failed"),
+        (["--server", f"{sys.executable} -c raise(SystemExit('no-licence'))"], "no-licence"),
+        (["--server", "http://127.0.0.1:9"], "cannot be reached"),
+    ],
+    ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
+)
+def test_misuse_gets_one_sentence_and_leaves_nothing_behind(
+    words: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = [] if words == ["--resume"] else ["--out", tmp_path / "run"]
+    scene = [] if "--scenes" in words else ["--scenes", "7"]
+    assert problem in refused(capsys, "run", *words, *scene, *out)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def packs(tmp_path: Path) -> Path:
+    """A folder of one pack to spoil."""
+    shutil.copytree(default_folder() / "Scene7", tmp_path / "packs" / "Scene7")
+    return tmp_path / "packs"
+
+
+def test_a_malformed_pack_is_named_by_file_field_and_reason(packs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = packs / "Scene7" / "scene7.json"
+    raw = json.loads(file.read_text(encoding="utf-8"))
+    del raw["metadata"]["task"]
+    file.write_text(json.dumps(raw), encoding="utf-8")
+    said = refused(capsys, "run", "--scenes-dir", packs, "--out", packs.parent / "run")
+    assert all(part in said for part in ("scene7.json", "field metadata.task", "Field required"))
+
+
+def test_a_scene_that_does_not_compile_is_named_with_the_engines_reason(
+    packs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = packs / "Scene7" / "scene7.xml"
+    file.write_text(file.read_text(encoding="utf-8").replace('type="sphere"', 'type="sfere"'), encoding="utf-8")
+    for server in ("stdio", "host"):
+        said = refused(capsys, "run", "--server", server, "--scenes-dir", packs, "--out", packs.parent / "run")
+        assert "does not compile" in said
+
+
+def test_a_run_folder_in_use_and_one_that_cannot_be_written_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "--server", "host", "--scenes", "7", "--out", str(tmp_path / "run")]) == 0
+    capsys.readouterr()
+    assert "add --resume" in refused(capsys, "run", "--scenes", "7", "--out", tmp_path / "run")
+    said = refused(capsys, "run", "--scenes", "7,21", "--out", tmp_path / "run", "--resume")
+    assert "holds a run with other plan" in said
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    assert "cannot be written" in refused(capsys, "run", "--scenes", "7", "--out", tmp_path / "file" / "run")
+    assert "is not a run folder" in refused(capsys, "grade", tmp_path)
+
+
+def test_a_server_that_dies_is_retried_recorded_and_never_scored_wrong(tmp_path: Path) -> None:
+    (tmp_path / "dying.py").write_text(DYING, encoding="utf-8")
+    turns = [[{"tool": "step", "arguments": {}}], [{"tool": "answer", "arguments": {"answer": 1}}]]
+    (tmp_path / "turns.json").write_text(json.dumps(turns), encoding="utf-8")
+    server = f"{sys.executable} dying.py"
+    done = run(
+        "--server", server, "--agent", "scripted:turns.json", "--scenes", "7", "--out", "run", "--json", cwd=tmp_path
+    )
+    assert done.returncode == 1
+    (line,) = (tmp_path / "run" / "episodes.jsonl").read_text(encoding="utf-8").splitlines()
+    episode = json.loads(line)
+    assert (episode["outcome"], episode["attempts"]) == ("infrastructure_error", 3)
+    assert "out of smoke" in episode["error"]
+    overall = json.loads(done.stdout)["overall"]
+    assert (overall["n"], overall["n_scored"], overall["strict_accuracy"]) == (1, 0, None)
+
+
+def _keys(folder: Path) -> list[tuple[int, int]]:
+    lines = (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines()
+    return [(one["scene"], one["seed"]) for one in (json.loads(line)["key"] for line in lines)]
+
+
+def _start_and_stop(tmp_path: Path, how: signal.Signals, after: int) -> int:
+    """Start a run of 40 episodes, stop it when some of them are on disk, and return its exit code."""
+    command = [*COMMAND, "--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        for _ in range(after):
+            assert process.stdout.readline()
+        os.killpg(process.pid, how) if how is signal.SIGKILL else process.send_signal(how)
+        process.communicate(timeout=60)
+        return process.returncode
+
+
+@pytest.mark.parametrize("after", [1, 7, 23])
+def test_a_killed_run_is_completed_without_a_lost_or_doubled_episode(tmp_path: Path, after: int) -> None:
+    assert _start_and_stop(tmp_path, signal.SIGKILL, after) == -signal.SIGKILL
+    torn = tmp_path / "run" / "episodes.jsonl"
+    with torn.open("a", encoding="utf-8") as stream:
+        stream.write('{"format": 1, "key": {"sce')
+    on_disk = len(torn.read_text(encoding="utf-8").splitlines()) - 1
+    assert after <= on_disk < 40
+    done = run(
+        *("--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run", "--resume"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"[{40 - on_disk}/{40 - on_disk}]" in done.stdout
+    keys = _keys(tmp_path / "run")
+    assert len(keys) == len(set(keys)) == 40
+
+
+def test_an_interrupted_run_says_how_to_go_on_and_leaves_a_usable_folder(tmp_path: Path) -> None:
+    assert _start_and_stop(tmp_path, signal.SIGINT, 3) == 130
+    keys = _keys(tmp_path / "run")
+    assert 3 <= len(keys) < 40
+    done = run("grade", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run" / "report.html").exists()

@@ -1,0 +1,95 @@
+"""Run folders that survive kills, and say what is wrong with them."""
+
+from pathlib import Path
+
+import pytest
+
+from evaluator.errors import StoreError
+from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.runner import Plan, missing
+from evaluator.store import RunFolder
+
+
+def episode(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -> Episode:
+    return Episode(
+        key=EpisodeKey(scene=scene, seed=0, agent="x", budget=5),
+        outcome=outcome,
+        prompt=prompt,
+        turns=(),
+        started_at="2026-01-01T00:00:00+00:00",
+        duration_s=0.0,
+        versions=Versions(physment="0", protocol="0", pack="0"),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    made = RunFolder(tmp_path / "run")
+    made.create(resume=False)
+    return made
+
+
+def test_what_was_appended_is_read_back(folder: RunFolder) -> None:
+    for scene in (7, 8):
+        folder.append_episode(episode(scene, prompt="an eä\nb"))
+    assert [key.scene for key in folder.episodes()] == [7, 8]
+    assert folder.episodes()[episode(7).key].prompt == "an eä\nb"
+
+
+@pytest.mark.parametrize("kept", [0.1, 0.5, 0.99])
+def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, kept: float) -> None:
+    for scene in (7, 8, 9):
+        folder.append_episode(episode(scene, prompt="äöü" * 50))
+    content = folder.episodes_file.read_bytes()
+    last = content.rindex(b"\n", 0, len(content) - 1) + 1
+    torn = content[: last + max(1, int((len(content) - 1 - last) * kept))]
+    folder.episodes_file.write_bytes(torn)
+    assert [key.scene for key in folder.episodes()] == [7, 8]
+    assert folder.episodes_file.read_bytes() == content[:last]
+    assert folder.episodes_file.with_name("episodes.jsonl.torn").read_bytes() == torn[last:] + b"\n"
+    folder.append_episode(episode(9))
+    assert [key.scene for key in folder.episodes()] == [7, 8, 9]
+
+
+def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
+    folder.append_episode(episode(7))
+    with folder.episodes_file.open("a", encoding="utf-8") as stream:
+        stream.write("{not json}\n")
+    folder.append_episode(episode(8))
+    with pytest.raises(StoreError, match=r"episodes\.jsonl, line 2 is damaged"):
+        folder.episodes()
+
+
+def test_of_several_records_of_one_episode_the_last_counts(folder: RunFolder) -> None:
+    folder.append_episode(episode(7, Outcome.INFRASTRUCTURE_ERROR))
+    folder.append_episode(episode(7))
+    assert [one.outcome for one in folder.episodes().values()] == [Outcome.ANSWERED]
+
+
+def test_a_run_is_not_written_over_unless_it_is_resumed(folder: RunFolder) -> None:
+    folder.write_run({"plan": {}})
+    with pytest.raises(StoreError, match="holds a run already; add --resume"):
+        folder.create(resume=False)
+    folder.create(resume=True)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(StoreError, match="cannot be written"):
+        RunFolder(tmp_path / "file" / "run").create(resume=False)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="is not a run folder"):
+        RunFolder(tmp_path).read_run()
+
+
+def test_only_what_is_missing_or_was_never_played_is_to_be_played() -> None:
+    plan = Plan(scenes=(7, 8, 9), agent="x", budgets=(5,))
+    done = {one.key: one for one in (episode(7), episode(8, Outcome.INFRASTRUCTURE_ERROR))}
+    assert [key.scene for key in missing(plan.keys(), done)] == [8, 9]
+
+
+def test_a_plan_is_the_whole_matrix_each_cell_once() -> None:
+    keys = Plan(scenes=(7, 8), agent="x", budgets=(5, 10), seeds=(0, 1, 2), epochs=2).keys()
+    assert len(keys) == len(set(keys)) == 2 * 2 * 3 * 2
