@@ -158,6 +158,14 @@ async def test_a_bad_request_opens_nothing(inside: Callable[..., Any], body: byt
         assert not host._episodes
 
 
+async def test_a_deleted_episode_makes_room_and_is_gone(inside: Callable[..., Any]) -> None:
+    async with inside(max_episodes=1) as (_, http):
+        opened = (await http.post("/episodes", json={"scene": 7})).json()
+        assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
+        assert (await http.post(opened["mcp_url"], json={})).status_code == 404
+        assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
+
+
 async def test_a_large_body_is_refused_by_an_episode_too(inside: Callable[..., Any]) -> None:
     async with inside() as (_, http):
         url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]

@@ -356,7 +356,7 @@ async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: Callable[.
         moved = await lab.call("move_object", object_id="object_1", **on_ghost)
         assert moved["position"] == [31.4, -27.2, 16.2]
         created = await lab.call(
-            "create_objects", name="ghost", pos=[31.3, -27.1, 16.1], density=1, rgba=[1, 1, 1, 1], radius=0.01
+            "create_objects", name="ghost", pos=[31.5, -27.3, 16.15], density=1, rgba=[1, 1, 1, 1], radius=0.01
         )
         assert created["object_id"] == "ghost"
         # The hidden child of the box, 0.52 m below it, would be in the floor.

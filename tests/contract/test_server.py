@@ -71,6 +71,43 @@ async def test_every_prompt_option_shows(
     assert (f"You have {budget} iterations" in text) == (budget is not None)
 
 
+@pytest.mark.parametrize(
+    ("spec", "problem_type", "told"),
+    [
+        (None, "comparison", "Answer with the id or number the task asks for."),
+        (None, "observation", "Answer with the number of the case the task asks for."),
+        (None, "computation", "Answer with a list of numbers in the order of the task."),
+        (None, "riddle", "Answer with a number with at least three significant digits, without its unit."),
+        ({"kind": "number", "unit": "1"}, "x", "without its unit (no unit)."),
+        (
+            {"kind": "numbers", "unit": ["m", "1"], "labels": ["length", "ratio"]},
+            "x",
+            "at least three significant digits, in this order: length (in m); ratio (no unit).",
+        ),
+        ({"kind": "numbers", "unit": "m", "labels": ["a", "b"]}, "x", "in this order: a (in m); b (in m)."),
+        ({"kind": "numbers"}, "x", "a list of numbers, each with at least three significant digits."),
+        ({"kind": "choice", "options": ["rolls", "slips"]}, "x", "Answer with exactly one of: rolls, slips."),
+        ({"kind": "objects", "options": ["object_1", "object_2"]}, "x", "exactly one of: object_1, object_2."),
+        ({"kind": "text"}, "x", "Answer with a short text."),
+    ],
+)
+async def test_the_opening_prompt_says_what_an_answer_looks_like(
+    open_lab: Callable[..., Any], pack: dict[str, Any], spec: dict[str, Any] | None, problem_type: str, told: str
+) -> None:
+    pack["answer_spec"] = spec
+    pack["metadata"]["problem_type"] = problem_type
+    async with open_lab(pack) as lab:
+        assert told in lab.client.instructions
+
+
+async def test_a_scene_of_hidden_objects_alone_shows_none(open_lab: Callable[..., Any], pack: dict[str, Any]) -> None:
+    for permissions in pack["object_permissions"].values():
+        permissions["hidden"] = True
+    async with open_lab(pack) as lab:
+        assert "You see no object that you could name." in lab.client.instructions
+        assert "you can use are none yet" in await lab.refused("get_position", object_id=1)
+
+
 async def test_the_opening_prompt_stays_what_it_was_at_the_start(open_lab: Callable[..., Any]) -> None:
     async with open_lab() as lab:
         await lab.call("step", duration=0.3)

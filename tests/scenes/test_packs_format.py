@@ -13,6 +13,7 @@ from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
 from scenes.draw import evaluate, write_values
+from scenes.protocol import Call, answer, call, load_solution
 
 PUBLISHED = Path(__file__).parents[3] / "shared" / "physment-original" / "Scenes"
 OWN = list_packs()
@@ -105,8 +106,8 @@ def test_conditions_that_nothing_meets_are_an_error_of_the_pack() -> None:
     ("expression", "value"),
     [
         ("2 * u", 3.0), ("p[1]", 7), ("abs(-u) + max(1, 2)", 3.5), ("sin(radians(30))", pytest.approx(0.5)),
-        ("-u", -1.5), ("u > 1", True), ("'red' if u > 1 else 'blue'", "red"), ("pi", pytest.approx(3.14159265)), (4, 4), (0.5, 0.5),
-        ("[1, 2][0]", 1), ("min(p)", 5),
+        ("-u", -1.5), ("u > 1", True), ("'red' if u > 1 else 'blue'", "red"), ("pi", pytest.approx(3.14159265)), (4, 4),
+        (0.5, 0.5), ("[1, 2][0]", 1), ("min(p)", 5),
     ],
 )  # fmt: skip
 def test_an_expression_is_arithmetic_over_the_knobs(expression: Any, value: Any) -> None:
@@ -118,8 +119,8 @@ def test_an_expression_is_arithmetic_over_the_knobs(expression: Any, value: Any)
     [
         "__import__('os')", "u.__class__", "u.real", "'a'.upper()", "().__class__.__bases__", "open('x')", "eval('1')",
         "(lambda: 1)()", "print(u)", "nope", "u = 3", "u += 3", "import os", "", "((((", "9**9**9", "'a' * 10**9",
-        "[0] * 10**9", "1/0", "sqrt(-1)", "1e308 * 10", "10**400", "10.0**400", "p[5]", "u[0]", "[1, 2]", "None", "sqrt",
-        "1j", "1" + "+1" * 5000, "9" * 5000,
+        "[0] * 10**9", "1/0", "sqrt(-1)", "1e308 * 10", "10**400", "10.0**400", "p[5]", "u[0]", "[1, 2]", "None",
+        "sqrt", "1j", "1" + "+1" * 5000, "9" * 5000,
     ],
 )  # fmt: skip
 def test_an_expression_that_is_anything_else_is_refused_with_file_and_field(expression: str) -> None:
@@ -226,6 +227,29 @@ def test_unknown_keys_of_other_peoples_packs_are_ignored(folder: Callable[..., P
     read = read_pack(find_pack(7, folder(json.dumps(GOOD | {"mood": "good", "number_of_objects": "1"}))))
     assert read.number_of_objects == 1
     assert read.permissions_of("object_1").body_pos is False
+
+
+# Reference protocols
+
+
+def test_a_solution_gives_its_three_functions(folder: Callable[..., Path]) -> None:
+    files = find_pack(7, folder("{}"))
+    with pytest.raises(PackError, match=r"solution\.py: no such file"):
+        load_solution(files)
+    files.solution.write_text("def theory(knobs):\n    return knobs['g'] * 2\n", encoding="utf-8")
+    solution = load_solution(files)
+    assert solution.theory is not None
+    assert solution.theory({"g": 4.5}) == 9
+    assert solution.solve is None
+    assert solution.measure is None
+    files.solution.write_text("import no_such_module\n", encoding="utf-8")
+    with pytest.raises(PackError, match="no_such_module"):
+        load_solution(files)
+
+
+def test_calls_of_a_protocol_are_plain_records() -> None:
+    assert call("step", duration=0.1) == Call("step", {"duration": 0.1})
+    assert answer([1.5, "a"]) == Call("answer", {"answer": [1.5, "a"]})
 
 
 # Packs there are

@@ -155,6 +155,31 @@ async def test_a_body_welded_to_what_is_fixed_does_not_give_way(
     assert await lab.velocity(2) == pytest.approx([0, 0, 0], abs=1e-9)
 
 
+async def test_what_is_welded_fast_and_driven_into_a_wall_cannot_bounce(
+    bench: Callable[..., Any], ball: Callable[..., str]
+) -> None:
+    lab = bench(ball(1, "0 0 0") + ball(2, NEAR, joint="") + ball(3, "-0.6 0 0", joint=""), gravity="0 0 0")
+    await lab("attach_objects", object1_id=1, object2_id=3)
+    await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
+    assert "neither of the two can move" in await lab.refused("detect_collision", obj1_id=1, obj2_id=2)
+
+
+async def test_a_crowd_elsewhere_does_not_change_a_collision(
+    bench: Callable[..., Any], ball: Callable[..., str]
+) -> None:
+    # From sixty degrees of freedom on the engine stores its constraints another way.
+    impulses = []
+    for others in (0, 20):
+        lab = bench(ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.1995 1 0", 2), gravity="0 0 0")
+        await lab("attach_objects", object1_id=3, object2_id=2, joint="hinge", axis=[1, 1, 1])
+        for number in range(others):
+            await lab("create_objects", name=f"p{number}", pos=[number, 0, 9], density=10, rgba=[1, 1, 1, 1])
+        await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
+        impulses.append((await lab("detect_collision", obj1_id=1, obj2_id=2))["impulse"])
+        assert await energy(lab, {1: 1, 2: 2, 3: 2}) == pytest.approx(0.5, rel=1e-9)
+    assert impulses[1] == pytest.approx(impulses[0], rel=1e-9)
+
+
 async def test_a_scene_s_own_equality_transmits_the_blow(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
     slide = '<joint name="s{}" type="slide" axis="1 0 0"/>'
     lab = bench(
