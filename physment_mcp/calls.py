@@ -1,5 +1,6 @@
 """The one door of the laboratory: a tool name and raw arguments in, a result out, or a refusal that changed nothing."""
 
+from contextlib import nullcontext
 from typing import Any
 
 from pydantic import ValidationError
@@ -30,7 +31,8 @@ async def call(session: Session, name: str, arguments: dict[str, Any], report: R
     if name in session.scene.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
     checked = tool.parse(arguments)
-    with session.all_or_nothing():
+    # A tool that only reads has nothing to put back.
+    with nullcontext() if tool.reads_only else session.all_or_nothing():
         try:
             return await tool.run(session, checked, report)
         except ValidationError:

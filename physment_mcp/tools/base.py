@@ -39,7 +39,8 @@ ObjectId = Annotated[
 class Arguments(BaseModel):
     """Base of all argument models: closed and strict, so nothing is guessed from a near miss."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    # Built at first use, as the results are.
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
 class NoArguments(Arguments):
