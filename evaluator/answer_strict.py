@@ -104,7 +104,9 @@ def compared(got: Fraction, wanted: Plain, key: AnswerKey) -> Finding:
     """Equation 1 of the paper, on exact decimals: |got - wanted| <= abs_tol + rel_tol * |wanted|."""
     allowed = Fraction(repr(key.spec.abs_tol)) + Fraction(repr(key.spec.rel_tol)) * abs(wanted.value)
     right = abs(got - wanted.value) <= allowed
-    return Finding(right, f"{_short(got)} is {'within' if right else 'outside'} {_short(allowed)} of {wanted.text}")
+    return Finding(
+        right, f"{_short(got)} is {'within' if right else 'outside'} {_short(allowed)} of {_short(wanted.value)}"
+    )
 
 
 def exact(item: Item) -> str:
