@@ -1,6 +1,6 @@
-"""Scene 91: the fall with the ball and the slowing without it share out the energy."""
+"""Scene 91: read the speed at the mark, and get the inertia from the jump of the acceleration without the ball."""
 
-from math import pi, sqrt
+from math import log, pi, sqrt
 
 import numpy as np
 
@@ -8,67 +8,73 @@ from scenes.protocol import answer, call
 
 GRAVITY = 9.81
 BALL_KG = 2.0
-PAN_KG = 0.1
+HUNG_KG = 0.2
+"""Pan and counterweight."""
 RADIUS = 0.1
 DENSITY = BALL_KG / (4 / 3 * pi * RADIUS**3)
 ARM = 0.2
 FALL = 1.0
 PAN_Z = 5.0
-SLOWING_S = 0.1
-SETTLE_S = 0.1
+LOOKS = 3
+NEAR = 0.02
+"""About what a loaded pan travels in two time steps."""
+SETTLE_S = 0.05
+STEP_S = 0.005
 
 
-def _look():
-    return [call("get_position", object_id="object_2"), call("get_velocity", object_id="object_2")]
+def _step(duration):
+    return [
+        call("step", duration=duration),
+        call("get_position", object_id="object_2"),
+        call("get_velocity", object_id="object_2"),
+        call("get_acceleration", object_id="object_2"),
+    ]
 
 
 def _state(readings):
-    return PAN_Z - readings[-2]["position"][2], -readings[-1]["velocity"][2]
+    """How far the pan has come down, its speed and its acceleration, downward positive."""
+    place, speed, change = readings[-3:]
+    return PAN_Z - place["position"][2], -speed["velocity"][2], -change["z"]
 
 
 def solve(task):
-    """Load the pan, follow it to one metre in two steps, then take the ball away and watch it slow down."""
-    ball_z = PAN_Z + RADIUS + 0.0005
+    """Follow the loaded pan to the mark, then take the ball away and see how the acceleration jumps."""
     readings = yield [
-        call("create_objects", name="load", pos=[0, 0, ball_z], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
-        call("step", duration=0.3),
-        *_look(),
+        call("create_objects", name="load", pos=[0, 0, PAN_Z + RADIUS], density=DENSITY, rgba=[1, 0, 0, 1]),
+        *_step(0.2),
     ]
-    first_fallen, first_speed = fallen, speed = _state(readings)
-    for _ in range(2):
-        # Uniform acceleration: what is left takes this long.
-        acceleration = speed**2 / (2 * fallen)
-        wait = (sqrt(2 * acceleration * FALL) - speed) / acceleration
-        if wait < 0.0025:
-            break
-        readings = yield [call("step", duration=wait), *_look()]
-        fallen, speed = _state(readings)
-    # Between two looks, so that the ball's settling into the pan does not count.
-    acceleration = (speed**2 - first_speed**2) / (2 * (fallen - first_fallen))
-    energy_per_kg = speed**2 / 2 + acceleration * (FALL - fallen)
-    slowing = yield [
-        call("delete_objects", object_id="load"),
-        call("step", duration=SETTLE_S),
-        *_look(),
-        call("step", duration=SLOWING_S),
-        *_look(),
-    ]
-    braking = (_state(slowing[:4])[1] - _state(slowing)[1]) / SLOWING_S
-    # (m + p) g - f = a (X + m + p) and f - p g = b (X + p), with X = I / R².
-    disk = (BALL_KG * GRAVITY - acceleration * (BALL_KG + PAN_KG) - braking * PAN_KG) / (acceleration + braking)
-    yield [answer(disk * energy_per_kg)]
+    fallen, speed, loaded = _state(readings)
+    for _ in range(LOOKS):
+        # The pan cannot be there sooner, because its acceleration fades.
+        left = max(FALL - fallen, 0.0)
+        wait = 2 * left / (speed + sqrt(speed**2 + 2 * loaded * left))
+        readings = yield _step(max(wait, STEP_S))
+        fallen, speed, loaded = _state(readings)
+    readings = yield [call("delete_objects", object_id="load"), *_step(SETTLE_S), *_step(SETTLE_S)]
+    first, second = _state(readings[:5])[2], _state(readings)[2]
+    alone = first * (first / second) ** (1 - STEP_S / (2 * SETTLE_S))
+    # m g - r = a (X + m + h) and -r = b (X + h), with the same resistance r and X = I / R².
+    disk = BALL_KG * (GRAVITY - loaded) / (loaded - alone) - HUNG_KG
+    rest = min(max(FALL - fallen, -NEAR), NEAR)
+    yield [answer(disk * (speed**2 / 2 + loaded * rest))]
 
 
 def theory(knobs):
-    """E = X a h, with X = I / R² and a = ((m + p) g - τ / R) / (X + m + p)."""
-    disk, moving = knobs["inertia"] / ARM**2, BALL_KG + PAN_KG
-    return disk * (moving * GRAVITY - knobs["torque"] / ARM) / (disk + moving) * FALL
+    """E = X v² / 2 where 1 m = M (F ln(F / (F - c v)) / c - v) / c; X = I / R², F = m g - τ / R, M = X + m + h."""
+    disk = knobs["inertia"] / ARM**2
+    drag = knobs["drag"] / ARM**2
+    force = BALL_KG * GRAVITY - knobs["torque"] / ARM
+    low, high = 0.0, force / drag
+    for _ in range(60):
+        speed = (low + high) / 2
+        fallen = (disk + BALL_KG + HUNG_KG) / drag * (-force / drag * log(1 - drag * speed / force) - speed)
+        low, high = (speed, high) if fallen < FALL else (low, speed)
+    return disk * speed**2 / 2
 
 
 def measure(engine, knobs):
     """The engine's disk when the pan passes one metre, from its own speeds."""
-    place, colour = np.array([0.0, 0.0, PAN_Z + RADIUS + 0.0005]), np.ones(4)
-    engine.add_ball("load", place, DENSITY, RADIUS, colour, {})
+    engine.add_ball("load", np.array([0.0, 0.0, PAN_Z + RADIUS]), DENSITY, RADIUS, np.ones(4), {})
     before = (0.0, 0.0)
     while True:
         engine.step(1)
