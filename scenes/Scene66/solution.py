@@ -1,6 +1,6 @@
 """Scene 66: one bounce gives the panel's normal and its restitution."""
 
-from math import atan2, cos, degrees, sqrt
+from math import atan2, cos, degrees, radians, sin, sqrt
 
 import numpy as np
 
@@ -14,38 +14,33 @@ FACE_Z = 1.0
 FLIGHT_S = 0.7
 
 
-def _tilt_and_restitution(speed, height, time):
-    """Tilt [rad] and e from the ball's velocity and height at some time after one bounce off the panel."""
-    along_normal = np.array(speed) + np.array([0.0, 0.0, GRAVITY * time])
-    tilt = atan2(along_normal[0], along_normal[2])
-    drop = START_Z - FACE_Z - RADIUS / cos(tilt)
-    lost = GRAVITY * (START_Z - height) - float(np.dot(speed, speed)) / 2
-    return tilt, sqrt(1 - lost / (GRAVITY * drop * cos(tilt) ** 2))
+def _impact(tilt):
+    """Speed along the normal with which the ball meets the panel [m/s]; tilt in rad."""
+    return sqrt(2 * GRAVITY * (START_Z - FACE_Z - RADIUS / cos(tilt))) * cos(tilt)
 
 
 def solve(task):
-    """Drop a ball onto the panel and read it once after the bounce."""
+    """Drop a ball onto the panel, and read momentum and energies for 1 kg once, after the bounce."""
     readings = yield [
         call("create_objects", name="probe", pos=[0, 0, START_Z], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
         call("step", duration=FLIGHT_S),
-        call("get_velocity", object_id="probe"),
-        call("get_position", object_id="probe"),
+        call("get_momentum", object_id="probe", mass=1.0),
+        call("get_kinetic_energy", object_id="probe", mass=1.0),
+        call("get_potential_energy", object_id="probe", mass=1.0, gravity=GRAVITY),
     ]
-    clock = readings[1]["sim_time"]
-    tilt, restitution = _tilt_and_restitution(readings[2]["velocity"], readings[3]["position"][2], clock)
-    yield [answer([degrees(tilt), restitution])]
+    momentum = readings[2]["momentum"]
+    tilt = atan2(momentum["x"], momentum["z"] + GRAVITY * readings[1]["sim_time"])
+    # Energy, not timing: the soft contact lasts some 30 ms, in which gravity goes on acting.
+    lost = GRAVITY * START_Z - readings[3]["kinetic_energy"] - readings[4]["potential_energy"]
+    yield [answer([degrees(tilt), sqrt(1 - 2 * lost / _impact(tilt) ** 2)])]
 
 
 def measure(engine, knobs):
-    """The drawn tilt, and the ratio of the normal speeds of a drop in the engine."""
-    place, colour = np.array([0.0, 0.0, START_Z]), np.ones(4)
-    engine.add_ball("probe", place, DENSITY, RADIUS, colour, {})
+    """The drawn tilt, and the ratio of normal speeds in the engine, w² = v² + 2 g d cos(tilt) at a distance d again."""
+    engine.add_ball("probe", np.array([0.0, 0.0, START_Z]), DENSITY, RADIUS, np.ones(4), {})
     engine.step(engine.whole_steps(FLIGHT_S))
-    tilt = np.radians(knobs["tilt"])
-    normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    speed, height = engine.twist("probe").linear, engine.pose("probe").position[2]
-    impact = sqrt(2 * GRAVITY * (START_Z - FACE_Z - RADIUS / cos(tilt))) * cos(tilt)
-    # Energy, not timing: the soft contact lasts some 30 ms, in which gravity goes on acting.
-    lost = GRAVITY * (START_Z - height) - float(speed @ speed) / 2
-    assert float(normal @ speed) > -impact
-    return [knobs["tilt"], sqrt(1 - 2 * lost / impact**2)]
+    tilt = radians(knobs["tilt"])
+    normal = np.array([sin(tilt), 0.0, cos(tilt)])
+    speed = float(normal @ engine.twist("probe").linear)
+    distance = float(normal @ (engine.pose("probe").position - np.array([0.0, 0.0, FACE_Z]))) - RADIUS
+    return [knobs["tilt"], sqrt(speed**2 + 2 * GRAVITY * cos(tilt) * distance) / _impact(tilt)]
