@@ -9,26 +9,24 @@ PUSH_S = 0.2
 
 
 def solve(task):
-    """Push block 1 alone; stop it and put it back; join the two; push again."""
+    """Push block 1 alone; stop it and put it back; join the two; push again and see what is left for block 1."""
     alone = yield [
         call("apply_force", object_id="object_1", force_vector=[FORCE_N, 0, 0]),
         call("step", duration=PUSH_S),
-        call("get_velocity", object_id="object_1"),
+        call("get_momentum", object_id="object_1", mass=1.0),
     ]
-    first = FORCE_N * PUSH_S / alone[-1]["velocity"][0]
-    yield [
+    first = FORCE_N * PUSH_S / alone[-1]["momentum"]["x"]
+    pair = yield [
         call("apply_force", object_id="object_1", force_vector=[0, 0, 0]),
         call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
         call("move_object", object_id="object_1", x=0, y=0, z=1),
         call("attach_objects", object1_id="object_1", object2_id="object_2", joint="weld"),
-    ]
-    pair = yield [
         call("apply_force", object_id="object_1", force_vector=[FORCE_N, 0, 0]),
         call("step", duration=PUSH_S),
-        call("get_velocity", object_id="object_1"),
+        call("get_acceleration", object_id="object_1"),
+        call("compute_force", object_id="object_1", mass=first),
     ]
-    acceleration = pair[-1]["velocity"][0] / PUSH_S
-    yield [answer([acceleration, FORCE_N - first * acceleration])]
+    yield [answer([pair[-2]["x"], FORCE_N - pair[-1]["x"]])]
 
 
 def theory(knobs):
