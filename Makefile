@@ -3,6 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/episode.py,evaluator/grading.py,evaluator/answer_strict.py,evaluator/answer_forgiven.py,evaluator/metrics.py,evaluator/dimensions.py,evaluator/records.py
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
@@ -29,6 +30,8 @@ demo: $(STAMP) ## set up, then let the reference agent solve every scene over st
 
 test: $(STAMP) ## set up, then run the whole test suite
 	@$(BIN)/python -m pytest --cov --cov-report=term
+	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
+	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
 check: $(STAMP) ## format, lint, types
 	@$(BIN)/ruff format --check .

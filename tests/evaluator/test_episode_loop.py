@@ -4,14 +4,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import mcp_types as types
 import pytest
 from mcp import Client
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
 
 from evaluator.agents.base import Agent, Briefing, Feedback, Reply
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode import play_episode
-from evaluator.errors import AgentError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.errors import AgentError, InfrastructureError
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Versions
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
 from physment_mcp.session import Session
@@ -147,3 +150,38 @@ async def test_the_agent_reads_the_very_text_the_laboratory_returned() -> None:
     assert feedback.exchanges[0].text.startswith('{"sim_time":0.1')
     assert feedback.exchanges[1].content is not None
     assert feedback.exchanges[1].content["position"][2] < 30
+
+
+async def _no_tools(_ctx: object, _params: object) -> types.ListToolsResult:
+    tools = [types.Tool(name=name, input_schema={"type": "object"}) for name in ("step", "answer")]
+    return types.ListToolsResult(tools=tools)
+
+
+async def _short_prompt(_ctx: object, _params: object) -> types.GetPromptResult:
+    text = types.TextContent(type="text", text="task")
+    return types.GetPromptResult(messages=[types.PromptMessage(role="user", content=text)])
+
+
+async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_breaks_is_no_fault_of_the_agent() -> None:
+    async def call_tool(_ctx: object, params: types.CallToolRequestParams) -> types.CallToolResult:
+        if params.name == "step":
+            raise MCPError(types.INTERNAL_ERROR, "broken")
+        return types.CallToolResult(content=[types.TextContent(type="text", text="{}")], structured_content={})
+
+    server: Server[object] = Server("x", on_list_tools=_no_tools, on_call_tool=call_tool, on_get_prompt=_short_prompt)
+    key = EpisodeKey(scene=7, seed=0, agent="x", budget=5)
+    async with Client(server) as client:
+        episode = await play_episode(script((answer(1),)), client, key, VERSIONS)
+        assert (episode.prompt, episode.answer) == ("task", 1)
+        with pytest.raises(InfrastructureError, match="step did not return"):
+            await play_episode(script((STEP,)), client, key, VERSIONS)
+
+
+async def test_usage_is_added_up_and_a_cost_nobody_knows_stays_unknown() -> None:
+    tokens = Usage(input_tokens=10, output_tokens=3, cached_tokens=1)
+    priced = tokens.model_copy(update={"cost_usd": 0.25})
+    both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(answer(1),), usage=priced)]))
+    assert both.usage == Usage(input_tokens=20, output_tokens=6, cached_tokens=2, cost_usd=0.25)
+    one = await play(Replies([Reply(calls=(answer(1),), usage=tokens)]))
+    assert one.usage is not None
+    assert one.usage.cost_usd is None
