@@ -123,7 +123,8 @@ class RunFolder:
             return []
         self._set_torn_line_aside(file)
         records: list[R] = []
-        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        # Bytes, split at line feeds alone: agents write U+2028 and its kin, which `str.splitlines` takes for line ends.
+        for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
             try:
                 records.append(kind.model_validate_json(line))
             except ValidationError as error:

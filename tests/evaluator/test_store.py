@@ -60,6 +60,22 @@ def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
         folder.episodes()
 
 
+@pytest.mark.parametrize("break_", ["\u2028", "\u2029", "\x85", "\x0b", "\x0c", "\x1c", "\r", "\r\n", "\0"], ids=ascii)
+def test_whatever_breaks_lines_in_other_places_breaks_none_here(folder: RunFolder, break_: str) -> None:
+    for scene in (7, 8):
+        folder.append_episode(episode(scene, prompt=f"one{break_}two"))
+    assert [one.prompt for one in folder.episodes().values()] == [f"one{break_}two"] * 2
+
+
+@pytest.mark.parametrize("damage", [b"\xff\xfe\n", b"\n", b"[]\n", b'{"format": 2}\n', b"[" * 300 + b"]" * 300 + b"\n"])
+def test_damage_of_any_kind_is_a_sentence_with_the_line(folder: RunFolder, damage: bytes) -> None:
+    folder.append_episode(episode(7))
+    with folder.episodes_file.open("ab") as stream:
+        stream.write(damage)
+    with pytest.raises(StoreError, match=r"episodes\.jsonl, line 2 is damaged"):
+        folder.episodes()
+
+
 def test_of_several_records_of_one_episode_the_last_counts(folder: RunFolder) -> None:
     folder.append_episode(episode(7, Outcome.INFRASTRUCTURE_ERROR))
     folder.append_episode(episode(7))
