@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -18,6 +18,8 @@ from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions
 
 SCENE_RESOURCE = "physment://scene"
+_MAX_NESTING = 64
+"""Levels of lists and objects in a call; JSON readers give up at 200, and a record must be readable again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: 
         validators = {tool.name: Draft202012Validator(dict(tool.input_schema)) for tool in briefing.tools}
         for remaining in range(key.budget - 1, -1, -1):
             asked = time.perf_counter()
-            reply = await player.act(feedback)
+            reply = _recordable(await player.act(feedback))
             replied = time.perf_counter()
             batch = await _run_batch(client, reply, validators)
             turns.append(
@@ -69,7 +71,7 @@ async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: 
                 break
             feedback = Feedback(batch.exchanges, batch.note, remaining)
     except AgentError as failure:
-        outcome, error = Outcome.AGENT_ERROR, str(failure)
+        outcome, error = Outcome.AGENT_ERROR, _as_text(str(failure))
     return Episode(
         key=key,
         outcome=outcome,
@@ -103,6 +105,28 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
     except MCPError:
         return {}
     return json.loads(contents[0].text) if isinstance(contents[0], types.TextResourceContents) else {}
+
+
+def _recordable(reply: Reply) -> Reply:
+    """The reply, or a malformed one in its place where a record could not hold it and be read again."""
+    problem = reply.malformed
+    for call in reply.calls:
+        if _nests_deeper(call.arguments, _MAX_NESTING):
+            problem = f"a call nests more than {_MAX_NESTING} levels"
+        elif _as_text(written := json.dumps([call.tool, call.arguments], ensure_ascii=False)) != written:
+            problem = "a call holds half a surrogate pair, which is no text"
+    calls = () if problem else reply.calls
+    return Reply(_as_text(reply.reasoning), calls, _as_text(problem), reply.usage)
+
+
+def _as_text(text: str) -> str:
+    """Text that UTF-8 can hold: half surrogate pairs become question marks."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _nests_deeper(value: Any, levels: int) -> bool:
+    parts: Iterable[Any] = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(levels == 0 or _nests_deeper(part, levels - 1) for part in parts)
 
 
 async def _run_batch(client: Client, reply: Reply, validators: Mapping[str, Draft202012Validator]) -> _Batch:
