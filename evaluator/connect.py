@@ -10,7 +10,7 @@ from collections.abc import AsyncGenerator
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Protocol, cast
+from typing import IO, Any, Protocol, cast
 
 import anyio
 import httpx
@@ -72,13 +72,7 @@ class HostLaboratory:
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
         async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S) as http:
-            try:
-                reply = await http.post("/episodes", json={"scene": scene, "seed": seed})
-                opened = reply.json()
-            except (httpx.HTTPError, ValueError) as error:
-                raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
-            if not reply.is_success:
-                raise InfrastructureError(f"the host {self.base_url} opened no episode: {opened.get('error', opened)}")
+            opened = await self._post(http, scene, seed)
             try:
                 async with Client(opened["mcp_url"], read_timeout_seconds=_CALL_TIMEOUT_S) as client:
                     yield client
@@ -89,6 +83,24 @@ class HostLaboratory:
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
                     await http.delete(f"/episodes/{opened['episode_id']}")
+
+    async def _post(self, http: httpx.AsyncClient, scene: int, seed: int) -> dict[str, str]:
+        """Ask for an episode; returns its id and address."""
+        try:
+            reply = await http.post("/episodes", json={"scene": scene, "seed": seed})
+        except httpx.HTTPError as error:
+            raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
+        said: Any = {}
+        with contextlib.suppress(ValueError):
+            said = reply.json()
+        if isinstance(said, dict):
+            if not reply.is_success and "error" in said:
+                raise InfrastructureError(f"the host {self.base_url} opened no episode: {said['error']}")
+            if reply.is_success and {"episode_id", "mcp_url"} <= said.keys():
+                return cast(dict[str, str], said)
+        raise InfrastructureError(
+            f"{self.base_url} is no PhysMent host: it answered {reply.status_code} to POST /episodes"
+        )
 
 
 @dataclass(slots=True)
@@ -159,7 +171,13 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
         async with LocalHost(scenes_dir) as laboratory:
             yield laboratory
     elif server.startswith(("http://", "https://")):
-        yield HostLaboratory(server.rstrip("/"))
+        try:
+            url = httpx.URL(server.rstrip("/"))
+        except httpx.InvalidURL as error:
+            raise UsageError(f"--server {server}: not a URL: {error}") from error
+        if not url.host or (url.port or 0) > 65535:
+            raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
+        yield HostLaboratory(str(url))
     else:
         try:
             parts = shlex.split(server)
