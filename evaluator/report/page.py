@@ -1,30 +1,18 @@
 """`report.html`: one self-contained page, from the rows of a run. Everything an agent wrote is escaped."""
 
+import base64
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from evaluator.display import decimal, share
-from evaluator.metrics import EpisodeScores, GroupSummary, ScoredEpisode, dimensions, summarise
+from evaluator.metrics import WEIGHTS, GroupSummary, ScoredEpisode, summarise
 from evaluator.records import EpisodeKey, GradeRecord
+from evaluator.report.notebook import calls_made, entries, laid_out, returned
 from evaluator.store import RunFolder
-
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """An episode as the page shows it."""
-
-    row: ScoredEpisode
-    record: GradeRecord
-    scores: EpisodeScores
-
-    @property
-    def label(self) -> str:
-        key = self.row.episode.key
-        return f"Scene {key.scene}, seed {key.seed}, budget {key.budget}, epoch {key.epoch}"
 
 
 def write_report(
@@ -47,28 +35,48 @@ def write_report(
 def render(facts: Mapping[str, Any], rows: Sequence[ScoredEpisode], grades: Mapping[EpisodeKey, GradeRecord]) -> str:
     """The page as HTML."""
     summary = summarise(rows)
-    entries = [
-        _Entry(row, grades[row.episode.key], dimensions(row.episode, row.grade, row.disabled_tools)) for row in rows
-    ]
-    entries.sort(key=lambda entry: (entry.row.episode.key.scene, entry.row.episode.key.seed, entry.label))
     groups: list[tuple[str, Mapping[Any, GroupSummary]]] = [
         ("Category", summary.by_category),
-        ("Difficulty and breadth", summary.by_quadrant),
+        ("Easy or hard, single or multi", summary.by_quadrant),
         ("Problem type", summary.by_problem_type),
-        ("Iteration budget", summary.by_budget),
     ]
+    if len(summary.by_budget) > 1:
+        groups.append(("Iteration budget", summary.by_budget))
     environment = Environment(
-        loader=PackageLoader("evaluator.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=PackageLoader("evaluator.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters |= {"share": share, "decimal": decimal, "json": _json, "compact": _compact}
+    environment.filters.update(_FILTERS)
+    script = environment.get_template("filter.js").render()
     return environment.get_template("page.html.j2").render(
-        facts=facts, summary=summary, whole=summary.overall, groups=groups, entries=entries
+        facts=facts,
+        summary=summary,
+        whole=summary.overall,
+        groups=groups,
+        weights=WEIGHTS,
+        entries=entries(rows, grades),
+        graders=sorted({one.grader_version for one in grades.values()}),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
 
 
-def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, indent=2)
+def _score(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1f}"
 
 
 def _compact(value: object) -> str:
     return "–" if value is None else json.dumps(value, ensure_ascii=False)
+
+
+_FILTERS: dict[str, Any] = {
+    "share": share,
+    "decimal": decimal,
+    "score": _score,
+    "compact": _compact,
+    "laid_out": laid_out,
+    "returned": returned,
+    "calls_made": calls_made,
+}

@@ -1,0 +1,97 @@
+"""One episode as the report shows it: a label, its reasoning in passages, its returns in lines. Knows no page."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+from evaluator.grounding import Assertion, Support, grounding_of
+from evaluator.metrics import EpisodeScores, ScoredEpisode, dimensions
+from evaluator.records import EpisodeKey, Exchange, GradeRecord, Turn
+
+_LINE = 92
+"""Characters of JSON that stay on one line."""
+
+
+class Passage(NamedTuple):
+    """A piece of reasoning; where it states a number, with the return behind that number."""
+
+    text: str
+    asserted: bool
+    support: Support | None
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An episode with its grade and scores."""
+
+    row: ScoredEpisode
+    record: GradeRecord
+    scores: EpisodeScores
+    assertions: Sequence[Assertion]
+    label: str
+
+    def passages(self, turn: int) -> Iterator[Passage]:
+        """The reasoning of a turn, cut at the numbers it states."""
+        text, done = self.row.episode.turns[turn].reasoning, 0
+        for one in self.assertions:
+            if one.turn == turn:
+                yield Passage(text[done : one.start], asserted=False, support=None)
+                yield Passage(text[one.start : one.end], asserted=True, support=one.support)
+                done = one.end
+        yield Passage(text[done:], asserted=False, support=None)
+
+
+def entries(rows: Sequence[ScoredEpisode], records: Mapping[EpisodeKey, GradeRecord]) -> list[Entry]:
+    """The episodes in order of scene, seed and budget, labelled by what tells them apart."""
+    ordered = sorted(rows, key=lambda row: _order(row.episode.key))
+    varying = [
+        name
+        for name in ("agent", "budget", "prompting", "protocol", "epoch")
+        if len({getattr(row.episode.key, name) for row in rows}) > 1
+    ]
+    return [
+        Entry(
+            row=row,
+            record=records[row.episode.key],
+            scores=dimensions(row.episode, row.grade, row.disabled_tools),
+            assertions=grounding_of(row.episode).assertions,
+            label=_label(row.episode.key, varying),
+        )
+        for row in ordered
+    ]
+
+
+def _order(key: EpisodeKey) -> tuple[Any, ...]:
+    return (key.scene, key.seed, key.budget, key.epoch, key.agent, key.prompting, key.protocol)
+
+
+def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
+    return ", ".join([f"Scene {key.scene}", f"seed {key.seed}", *(f"{name} {getattr(key, name)}" for name in varying)])
+
+
+def returned(exchange: Exchange) -> str:
+    """What the agent read of a call, JSON laid out in lines."""
+    try:
+        return laid_out(json.loads(exchange.text))
+    except (ValueError, RecursionError):
+        return exchange.text
+
+
+def laid_out(value: Any, indent: str = "") -> str:
+    """JSON that breaks lines only where they would be too long, so that a vector stays a line."""
+    flat = json.dumps(value, ensure_ascii=False)
+    if len(indent) + len(flat) <= _LINE or not isinstance(value, dict | list) or not value:
+        return flat
+    deeper = indent + "  "
+    if isinstance(value, dict):
+        named = cast(dict[str, Any], value)
+        parts = [f"{json.dumps(name, ensure_ascii=False)}: {laid_out(one, deeper)}" for name, one in named.items()]
+        return "{\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}}}"
+    parts = [laid_out(one, deeper) for one in cast(list[Any], value)]
+    return "[\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}]"
+
+
+def calls_made(turns: Sequence[Turn]) -> int:
+    """How many calls the agent wrote."""
+    return sum(len(turn.exchanges) for turn in turns)
