@@ -109,14 +109,20 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 
 def _recordable(reply: Reply) -> Reply:
     """The reply, or a malformed one in its place where a record could not hold it and be read again."""
-    problem = reply.malformed
-    for call in reply.calls:
-        if _nests_deeper(call.arguments, _MAX_NESTING):
-            problem = f"a call nests more than {_MAX_NESTING} levels"
-        elif _as_text(written := json.dumps([call.tool, call.arguments], ensure_ascii=False)) != written:
-            problem = "a call holds half a surrogate pair, which is no text"
-    calls = () if problem else reply.calls
-    return Reply(_as_text(reply.reasoning), calls, _as_text(problem), reply.usage)
+    problems = [reply.malformed, *(_unrecordable(call) for call in reply.calls)]
+    problem = next((one for one in problems if one), "")
+    return Reply(_as_text(reply.reasoning), () if problem else reply.calls, _as_text(problem), reply.usage)
+
+
+def _unrecordable(call: ToolCall) -> str:
+    """Why a record could not hold a call; empty if it can."""
+    if _nests_deeper(call.arguments, _MAX_NESTING):
+        return f"a call nests more than {_MAX_NESTING} levels"
+    try:
+        written = json.dumps([call.tool, call.arguments], ensure_ascii=False)
+    except (TypeError, ValueError) as error:
+        return f"a call is not JSON: {error}"
+    return "" if _as_text(written) == written else "a call holds half a surrogate pair, which is no text"
 
 
 def _as_text(text: str) -> str:

@@ -69,8 +69,20 @@ async def stored(reply: Reply | Exception, path: Path) -> Episode:
         (answer(nested(220)), "nests more than 64 levels"),
         (answer(nested(5000)), "nests more than 64 levels"),
         (ToolCall(tool="no such tool", arguments={"a": {"b": nested(300)}}), "nests more than 64 levels"),
+        (answer(object()), "is not JSON"),
+        (answer(10**5000), "is not JSON"),
     ],
-    ids=["value", "name of an argument", "name of a tool", "65 levels", "220 levels", "5000 levels", "unknown tool"],
+    ids=[
+        "value",
+        "name of an argument",
+        "name of a tool",
+        "65 levels",
+        "220 levels",
+        "5000 levels",
+        "unknown tool",
+        "object",
+        "digits",
+    ],
 )
 async def test_a_call_that_no_record_can_hold_runs_nothing_and_costs_an_iteration(
     bad: ToolCall, problem: str, tmp_path: Path
