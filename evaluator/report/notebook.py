@@ -73,9 +73,11 @@ def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
 def returned(exchange: Exchange) -> str:
     """What the agent read of a call, JSON laid out in lines."""
     try:
-        return laid_out(json.loads(exchange.text))
+        text = laid_out(json.loads(exchange.text))
+        text.encode()  # an escaped half of a surrogate pair is JSON, but no text to write
     except (ValueError, RecursionError):
         return exchange.text
+    return text
 
 
 def laid_out(value: Any, indent: str = "") -> str:
