@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     serve.add_argument("--host", default="127.0.0.1", help="loopback address to listen on (default 127.0.0.1)")
     serve.add_argument(
-        "--port", type=int, default=8000, help="port (default 8000; 0: any free one, printed at the start)"
+        "--port", type=_port, default=8000, help="port (default 8000; 0: any free one, printed at the start)"
     )
     serve.add_argument(
         "--max-episodes", type=_positive(int), default=1000, metavar="N", help="most open episodes (1000)"
@@ -83,6 +83,12 @@ def _parser() -> argparse.ArgumentParser:
         help="close an episode unused for S s (1800)",
     )
     return parser
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
+    return int(text)
 
 
 def _positive(kind: type[int] | type[float]) -> "partial[int | float]":
@@ -128,7 +134,11 @@ def _serve(args: argparse.Namespace) -> int:
         return 2
     scene_ids(args.scenes_dir)
     host = Host(scenes_dir=args.scenes_dir, max_episodes=args.max_episodes, idle_timeout_s=args.idle_timeout)
-    serve(host, args.host, args.port)
+    try:
+        serve(host, args.host, args.port)
+    except OSError as error:
+        print(f"physment-mcp: cannot listen on {args.host} port {args.port}: {error.strerror}", file=sys.stderr)
+        return 2
     return 0
 
 

@@ -8,6 +8,7 @@ import contextlib
 import json
 import logging
 import secrets
+import socket
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import dataclass, field
@@ -189,16 +190,17 @@ def _refuse(status: int, sentence: str) -> JSONResponse:
 
 
 def serve(host: Host, address: str, port: int) -> None:
-    """Serve until interrupted; prints the address, also when the port was chosen by the system, as one JSON line."""
+    """Serve until interrupted; the address, also when the system chose the port, is printed as one JSON line.
+
+    Raises:
+        OSError: The address cannot be listened on.
+    """
     import uvicorn  # noqa: PLC0415 - half a second that stdio episodes need not wait for
 
-    class _Announcing(uvicorn.Server):
-        async def startup(self, sockets: list[object] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride] - sockets are passed through
-            await super().startup(sockets)  # pyright: ignore[reportArgumentType]
-            for server in self.servers:
-                bound = server.sockets[0].getsockname()
-                shown = f"[{bound[0]}]" if ":" in bound[0] else bound[0]
-                print(json.dumps({"listening": f"http://{shown}:{bound[1]}"}), flush=True)  # noqa: T201 - the command's output
-
-    config = uvicorn.Config(host.app(), host=address, port=port, log_level="warning", timeout_graceful_shutdown=2)
-    _Announcing(config).run()
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
+    bound, chosen = listener.getsockname()[:2]
+    shown = f"[{bound}]" if ":" in bound else bound
+    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
+    config = uvicorn.Config(host.app(), log_level="warning", timeout_graceful_shutdown=2)
+    uvicorn.Server(config).run(sockets=[listener])

@@ -2,7 +2,9 @@
 
 import contextlib
 import json
+import socket
 import subprocess
+import sys
 from collections.abc import AsyncGenerator, Callable, Generator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -217,3 +219,22 @@ async def test_expiry_spares_an_episode_in_use(inside: Callable[..., Any]) -> No
             while len(host._episodes) > 1:
                 await anyio.lowlevel.checkpoint()
         assert list(host._episodes) == [busy]
+
+
+@pytest.mark.parametrize("port", ["99999", "-1", "http"])
+def test_a_port_that_is_none_is_refused_in_the_usage(port: str) -> None:
+    command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "is not a port; ports are 0 to 65535" in done.stderr
+
+
+def test_a_port_in_use_is_refused_in_one_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"physment-mcp: cannot listen on 127.0.0.1 port {port}: ")
+    assert len(done.stderr.splitlines()) == 1
