@@ -7,6 +7,7 @@ from pydantic import JsonValue
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from evaluator.metrics import RunSummary
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Verdict
@@ -52,7 +53,7 @@ class ProgressDisplay:
         self._bar.advance(self._task)
         line = f"[{self._done}/{self._total}] {_describe(episode)}"
         if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
-            self._console.print(f"{line}: {episode.error}", markup=False, highlight=False)
+            self._console.print(f"{line}: {_harmless(episode.error or '')}", markup=False, highlight=False)
         elif not self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
@@ -90,11 +91,16 @@ def _episode_table(episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey,
             str(key.budget),
             str(len(episode.turns)),
             episode.outcome.value,
-            _short(episode.answer),
+            Text(_harmless(_short(episode.answer))),
             _MARKS[grade.strict],
-            episode.error or ("" if grade.strict is Verdict.CORRECT else grade.reason),
+            Text(_harmless(episode.error or ("" if grade.strict is Verdict.CORRECT else grade.reason))),
         )
     return table
+
+
+def _harmless(text: str) -> str:
+    """Text of an agent or a server for a terminal, which would obey its control characters."""
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
 
 
 def _short(answer: JsonValue) -> str:
