@@ -115,9 +115,13 @@ async def test_over_200_seeded_episodes_a_guesser_is_right_as_often_as_chance_ha
     assert low <= right <= high, f"{right} right of {len(cells)}, chance gives {low} to {high}"
 
 
-async def test_random_play_is_the_same_each_time() -> None:
-    first, second = [await play(RandomAgent(), SCENES[0], 3) for _ in range(2)]
+@pytest.mark.parametrize("agent", [BlindAgent(), RandomAgent()], ids=lambda agent: agent.name)
+async def test_a_guesser_plays_an_episode_the_same_each_time_and_another_one_differently(
+    agent: BlindAgent | RandomAgent,
+) -> None:
+    first, second, other = [await play(agent, 7, seed) for seed in (3, 3, 4)]
     assert _untimed(first) == _untimed(second)
+    assert first.answer != other.answer
 
 
 def _untimed(episode: Episode) -> list[object]:
