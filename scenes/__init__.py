@@ -3,7 +3,7 @@
 Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
 """
 
-from scenes.draw import KnobValue, draw_knobs, drawn_mjcf
+from scenes.draw import KnobValue, draw_knobs, drawn_mjcf, write_values
 from scenes.errors import PackError
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
 from scenes.pack import (
@@ -15,6 +15,7 @@ from scenes.pack import (
     Metadata,
     Pack,
     Permissions,
+    Scalar,
     SceneObject,
 )
 
@@ -30,6 +31,7 @@ __all__ = [
     "PackError",
     "PackFiles",
     "Permissions",
+    "Scalar",
     "SceneObject",
     "default_folder",
     "draw_knobs",
@@ -37,4 +39,5 @@ __all__ = [
     "find_pack",
     "list_packs",
     "read_pack",
+    "write_values",
 ]

@@ -1,0 +1,82 @@
+"""All six certificates of one scene: played through MCP, examined in the engine."""
+
+from collections.abc import Sequence
+
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.certify import models
+from evaluator.certify.difficulty import check_difficulty
+from evaluator.certify.keys import check_constant, check_key
+from evaluator.certify.lint import lint
+from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, check
+from evaluator.certify.subject import Subject
+from evaluator.certify.twins import check_modality, check_twins
+from evaluator.connect import Laboratory
+from evaluator.episode import play_episode
+from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.runner import pack_hash
+from scenes import PackError, PackFiles
+
+BUDGET = 20
+_SANE_SEEDS = 3
+
+
+async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> SceneCertificate:
+    """Prove a scene sound, or say why it is not.
+
+    Args:
+        files: The pack. Its `solution.py` is run.
+        seeds: On how many seeds, from 0 on.
+        laboratory: Where the reference protocol is played.
+
+    Raises:
+        InfrastructureError: The laboratory failed.
+    """
+    faults = lint(files)
+    try:
+        subject = Subject.open(files)
+    except PackError as error:
+        reason = [*faults, str(error)]
+        return _certificate(files, seeds, "", "", [check(name, reason) for name in CERTIFICATES])
+    category = subject.pack.category
+    assert category is not None
+    checks: list[Check] = []
+    try:
+        episodes = [await _reference(subject, seed, laboratory) for seed in range(seeds)]
+        checks = [
+            check_key(subject, episodes),
+            await check_twins(subject, episodes),
+            await check_modality(subject),
+            check_constant(subject),
+            await check_difficulty(subject, episodes),
+            check_sane(subject, seeds, faults),
+        ]
+    except (PackError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        # The pack's own code ran: whatever it raised is a reason, not a crash of ours.
+        checks = [check(name, [f"solution.py failed: {error!r}"]) for name in CERTIFICATES]
+    return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
+
+
+def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
+    """Certificate 6: nothing that reading the pack shows is wrong; no deep contact; no energy from nowhere."""
+    reasons = list(faults)
+    drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
+    depth = max(models.deepest_contact(mjcf) for mjcf in drawn)
+    gain = max(models.energy_gain(mjcf) for mjcf in drawn)
+    if depth > models.DEEPEST_M:
+        reasons.append(f"a contact is {1000 * depth:.2g} mm deep at the start; at most 1 mm may be")
+    if gain > 1:
+        reasons.append("untouched for 10 s the scene gains mechanical energy")
+    return check("sane", reasons, deepest_contact_m=depth)
+
+
+async def _reference(subject: Subject, seed: int, laboratory: Laboratory) -> Episode:
+    key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
+    agent = ReferenceAgent(subject.files.folder.parent)
+    async with laboratory.open(subject.files.scene_id, seed) as client:
+        return await play_episode(agent, client, key, Versions(physment="", protocol="", pack=""))
+
+
+def _certificate(files: PackFiles, seeds: int, name: str, category: str, checks: Sequence[Check]) -> SceneCertificate:
+    return SceneCertificate(
+        scene=files.scene_id, name=name, category=category, pack=pack_hash(files), seeds=seeds, checks=tuple(checks)
+    )

@@ -1,0 +1,82 @@
+"""Certificate 5: a scene is as hard as its category says, and a Hard one cannot be solved by rote."""
+
+from collections.abc import Sequence
+
+from evaluator.certify.driving import drive
+from evaluator.certify.engine import is_intervention
+from evaluator.certify.records import Check, check
+from evaluator.certify.subject import Subject
+from evaluator.records import Episode
+from scenes import Category
+
+EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
+
+
+async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Check:
+    """Length of the reference protocol, number of concepts, and whether a Hard scene forces to adapt."""
+    category = subject.pack.category
+    assert category is not None
+    interventions = [_interventions(episode) for episode in episodes]
+    iterations = [len(episode.turns) for episode in episodes]
+    reasons: list[str] = []
+    if category.value.startswith("easy"):
+        if max(interventions) > EASY_INTERVENTIONS:
+            reasons.append(
+                f"the reference intervenes {max(interventions)} times; in an Easy scene at most {EASY_INTERVENTIONS}"
+            )
+        if max(iterations) > EASY_ITERATIONS:
+            reasons.append(
+                f"the reference takes {max(iterations)} iterations; in an Easy scene at most {EASY_ITERATIONS}"
+            )
+    if category.value.startswith("hard") and min(interventions) <= EASY_INTERVENTIONS:
+        reasons.append(
+            f"the reference needs only {min(interventions)} interventions; a Hard scene needs more than"
+            f" {EASY_INTERVENTIONS}"
+        )
+    if max(iterations) > ITERATIONS:
+        reasons.append(f"the reference takes {max(iterations)} iterations; the largest budget is {ITERATIONS}")
+    several = "multi" in category.value or category is Category.CREATE_DELETE_ATTACH
+    if (len(subject.pack.concepts) >= 2) != several:
+        reasons.append(
+            f"{category.value} scenes have {'two or more concepts' if several else 'one concept'};"
+            f" this one lists {len(subject.pack.concepts)}"
+        )
+    called = {one.call.tool for episode in episodes for turn in episode.turns for one in turn.exchanges}
+    reasons += [
+        f"requires names {tool}, but the reference never calls it"
+        for tool in subject.pack.requires
+        if tool not in called
+    ]
+    figures: dict[str, float | list[str]] = {
+        "interventions": max(interventions),
+        "iterations": max(iterations),
+        "tools": sorted(called - {"answer"}),
+    }
+    if category.value.startswith("hard"):
+        tried = len(episodes) - 1
+        wrong = await _wrong_by_rote(subject, tried)
+        figures |= {"wrong_by_rote": wrong, "tried_by_rote": tried}
+        if wrong * 2 <= tried:
+            reasons.append(
+                f"the interventions of seed 0, with the right readings, are wrong on only {wrong} of {tried} other"
+                " seeds: a Hard scene must force to adapt"
+            )
+    return check("difficulty", reasons, **figures)
+
+
+def _interventions(episode: Episode) -> int:
+    return sum(is_intervention(one.call.tool, one.call.arguments) for turn in episode.turns for one in turn.exchanges)
+
+
+async def _wrong_by_rote(subject: Subject, seeds: int) -> int:
+    """On how many seeds the interventions of seed 0, with the seed's own readings, end in a wrong answer."""
+    solve = subject.solution.solve
+    assert solve is not None
+    first = await drive(subject.session(subject.draw(0)), solve)
+    rote = [call for call in first.calls if is_intervention(call.tool, call.arguments)]
+    wrong = 0
+    for seed in range(1, seeds + 1):
+        draw = subject.draw(seed)
+        driven = await drive(subject.session(draw), solve, rote)
+        wrong += bool(driven.failure) or not subject.agrees(driven.answer, subject.truth(draw))
+    return wrong

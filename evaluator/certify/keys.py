@@ -1,0 +1,101 @@
+"""Certificates 1 and 4: the key is what physics, engine and experimenter agree on, and no constant hits it often."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from evaluator.certify.records import Check, check
+from evaluator.certify.subject import Subject, gap
+from evaluator.records import Episode, Outcome
+from scenes.protocol import AnswerValue
+
+HALVED_SEEDS = 3
+"""Seeds on which the time step is halved."""
+FREE_DRAWS, ENGINE_DRAWS = 200, 30
+"""Draws against which constants are tried: many where theory gives the key, fewer where each needs an engine run."""
+
+
+def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
+    """Theory, engine, half time step and the reference's answers agree, each to its share of the tolerance.
+
+    Args:
+        subject: The scene.
+        episodes: The reference agent's episodes at seeds 0, 1, ….
+    """
+    reasons: list[str] = []
+    worst_engine, worst_half, worst_answer = 0.0, 0.0, 0.0
+    stored, first = subject.pack.answer, subject.truth(subject.draw(0))
+    if not subject.agrees(stored, first, 0.05):
+        reasons.append(f"the stored answer is {stored}, but the key at seed 0 is {first}")
+    for seed, episode in enumerate(episodes):
+        draw = subject.draw(seed)
+        key = subject.truth(draw)
+        reasons += _refusals(episode)
+        if episode.outcome is not Outcome.ANSWERED:
+            reasons.append(f"seed {seed}: the reference ended with {episode.outcome.value}: {episode.error or ''}")
+        else:
+            worst_answer = max(worst_answer, gap(episode.answer, key))
+            if not subject.agrees(episode.answer, key, 0.5):
+                reasons.append(f"seed {seed}: the reference answered {episode.answer}; the key is {key}")
+        engine = subject.measured(draw)
+        if engine is None:
+            continue
+        worst_engine = max(worst_engine, gap(engine, key))
+        if not subject.agrees(engine, key, 0.25):
+            reasons.append(f"seed {seed}: theory gives {key}, the engine {engine}")
+        if 0 < seed <= HALVED_SEEDS:
+            halved = subject.measured(draw, 0.0025)
+            assert halved is not None
+            worst_half = max(worst_half, gap(halved, engine))
+            if not subject.agrees(halved, engine, 0.25):
+                reasons.append(f"seed {seed}: half the time step gives {halved}, the whole one {engine}")
+    if subject.solution.measure is None:
+        reasons.append("solution.py defines no measure, so the engine was never asked")
+    return check(
+        "key",
+        reasons,
+        key_from="theory" if subject.solution.theory else "engine",
+        theory_engine_gap=worst_engine,
+        answer_gap=worst_answer,
+        half_step_gap=worst_half,
+    )
+
+
+def _refusals(episode: Episode) -> list[str]:
+    exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)
+    refused = next((one for one in exchanges if one.is_error), None)
+    if refused is None:
+        return []
+    return [f"seed {episode.key.seed}: the reference's {refused.call.tool} was refused: {refused.text}"]
+
+
+def check_constant(subject: Subject) -> Check:
+    """No constant answer, the best one included, is right more often than luck may be."""
+    count = FREE_DRAWS if subject.solution.theory else ENGINE_DRAWS
+    keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
+    share = best_constant(subject, keys)
+    options = subject.spec.options
+    allowed = 1 / len(options) + 0.10 if options else 0.20
+    reasons = (
+        [f"one constant answer is right on {share:.0%} of {count} draws; at most {allowed:.0%} may be: widen the knobs"]
+        if share > allowed
+        else []
+    )
+    return check("constant", reasons, best_constant=share, allowed=allowed, draws=count)
+
+
+def best_constant(subject: Subject, keys: Sequence[AnswerValue]) -> float:
+    """Share of keys that the best constant hits; tried are every key and the middles of all of them."""
+    try:
+        table = np.array([np.atleast_1d(np.asarray(key, dtype=float)) for key in keys])
+    except ValueError:
+        words = [str(key) for key in keys]
+        return max(words.count(word) for word in words) / len(words)
+    if subject.spec.options:
+        words = [str(key) for key in keys]
+        return max(words.count(word) for word in words) / len(words)
+    tried = [*table, table.mean(axis=0), np.median(table, axis=0)]
+    if (table > 0).all():
+        tried.append(np.exp(np.log(table).mean(axis=0)))
+    reach = subject.spec.abs_tol + subject.spec.rel_tol * np.abs(table)
+    return max(float((np.abs(table - one) <= reach).all(axis=1).mean()) for one in tried)

@@ -1,0 +1,203 @@
+"""What can be said of a pack without running it: one sentence for each fault, with what to do about it."""
+
+import difflib
+import json
+import re
+from collections.abc import Callable, Iterator
+from typing import Any, cast
+
+from pydantic import BaseModel
+
+from evaluator.certify import models
+from evaluator.certify.engine import TOOL_NAMES
+from physment_mcp.errors import SceneError
+from physment_mcp.scene import load_scene
+from physment_mcp.session import Session
+from scenes import CANARY, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack, write_values
+from scenes.protocol import load_solution
+
+TELLING_NAMES = frozenset(
+    {"hollow", "solid", "heavy", "light", "rough", "smooth", "elastic", "inelastic", "hidden", "long", "short"}
+    | {"stiff", "soft", "slippery", "sticky"}
+)
+_EDITS = ("create_objects", "attach_objects", "delete_objects")
+_KNOB_RATIO = 2.0
+
+
+def lint(files: PackFiles) -> list[str]:
+    """Everything wrong with a pack that reading it shows; empty if nothing is."""
+    try:
+        pack = read_pack(files)
+        mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, 0), canonical=True)
+        Session(load_scene(files.scene_id, 0, files.folder.parent))
+        found = [sentence for rule in _RULES for sentence in rule(files, pack, mjcf)]
+        return found + list(_model_faults(files, pack, mjcf))
+    except (PackError, SceneError) as error:
+        return [str(error)]
+    except ValueError as error:
+        return [f"{files.mjcf}: does not compile: {' '.join(str(error).split())}"]
+
+
+def _unknown_fields(files: PackFiles, _pack: Pack, _mjcf: str) -> Iterator[str]:
+    """Unknown keys are ignored when a pack is read, so a slip of the pen would go unseen."""
+    raw = json.loads(files.json.read_text(encoding="utf-8"))
+    yield from _unknown(raw, Pack, "")
+
+
+def _unknown(raw: Any, model: type[BaseModel], where: str) -> Iterator[str]:
+    for key in raw:
+        if key not in model.model_fields:
+            near = cast("list[str]", difflib.get_close_matches(key, list(model.model_fields), 1))
+            yield f"unknown field {where}{key}" + (f"; did you mean {near[0]}?" if near else "; nothing reads it")
+    for key, field in model.model_fields.items():
+        inner = _model_inside(field.annotation)
+        value = raw.get(key)
+        if inner is None or not isinstance(value, dict):
+            continue
+        nested = cast("dict[str, Any]", value)
+        if _is_mapping(field.annotation):
+            for name, one in nested.items():
+                yield from _unknown(one, inner, f"{where}{key}.{name}.")
+        else:
+            yield from _unknown(nested, inner, f"{where}{key}.")
+
+
+def _model_inside(annotation: Any) -> type[BaseModel] | None:
+    options = [annotation, *getattr(annotation, "__args__", ())]
+    return next((one for one in options if isinstance(one, type) and issubclass(one, BaseModel)), None)
+
+
+def _is_mapping(annotation: Any) -> bool:
+    return getattr(annotation, "__origin__", None) is dict
+
+
+def _incomplete(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    for name in ("category", "concepts", "answer_spec", "expected_behavior", "reasoning", "requires", "knobs"):
+        if not getattr(pack, name):
+            yield f"{name} is missing or empty"
+    if pack.canary != CANARY:
+        yield f"canary must be {CANARY}, so that training corpora can leave the pack out"
+    if pack.number_of_objects != len(pack.objects):
+        yield f"number_of_objects is {pack.number_of_objects}, but {len(pack.objects)} objects are listed"
+
+
+def _answer(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    spec = pack.answer_spec
+    if spec and spec.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS} and not spec.options:
+        yield "answer_spec.options is empty: an agent must see what it can choose from"
+    if spec and spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} and spec.unit is None:
+        yield 'answer_spec.unit is missing; write "1" for a pure number'
+    if spec and spec.options and str(pack.answer) not in spec.options:
+        yield f"the answer {pack.answer!r} is not among the options {list(spec.options)}"
+
+
+def _solution(files: PackFiles, _pack: Pack, _mjcf: str) -> Iterator[str]:
+    try:
+        solution = load_solution(files)
+    except PackError as error:
+        yield str(error)
+        return
+    for name in ("solve", "measure"):
+        if getattr(solution, name) is None:
+            yield f"solution.py defines no {name}"
+
+
+def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
+    bodies, movable = models.names(mjcf)
+    listed = {f"object_{one.object_id}" for one in pack.objects.values()}
+    wanted = {f"object_{number}" for number in range(1, len(listed) + 1)}
+    if listed != wanted:
+        yield f"objects are numbered {', '.join(sorted(listed))}; number them from object_1 on without gaps"
+    yield from (f"object {one} has no body of that name in the XML" for one in sorted(listed - bodies))
+    yield from (
+        f"body {one} can move but is no object: list it, so that agents can name it"
+        for one in sorted(movable - listed)
+        if one.startswith("object_")
+    )
+    for key in pack.object_permissions:
+        if key.removesuffix("_permissions") not in pack.objects:
+            yield f"object_permissions.{key} belongs to no object"
+    for key, one in pack.objects.items():
+        if f"{key}_permissions" not in pack.object_permissions:
+            yield f"object_permissions.{key}_permissions is missing: everything about {key} would be withheld"
+        told = TELLING_NAMES & set(re.split(r"[\W_]+", one.name.lower()))
+        if told:
+            yield f"the name {one.name!r} of {key} tells something: {', '.join(sorted(told))}; use a neutral noun"
+        if pack.permissions_of(key).hidden and re.search(rf"\b{key}\b", pack.metadata.task):
+            yield f"the task names {key}, which is hidden"
+
+
+def _task(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    task = pack.metadata.task
+    for tool in TOOL_NAMES:
+        if "_" in tool and tool in task:
+            yield f"the task names the tool {tool}: describe the laboratory, not the recipe"
+    for number in re.findall(r"\bobject_(\d+)\b", task):
+        if f"object_{number}" not in pack.objects:
+            yield f"the task names object_{number}, which is not listed"
+
+
+def _tools(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    for tool, reason in pack.disabled_tools.items():
+        if tool not in TOOL_NAMES:
+            yield f"disabled_tools names {tool}, which is no tool"
+        if not reason.strip():
+            yield f"disabled_tools.{tool} gives no reason"
+    for tool in pack.requires:
+        if tool not in TOOL_NAMES:
+            yield f"requires names {tool}, which is no tool"
+        if tool in pack.disabled_tools:
+            yield f"requires names {tool}, which the scene disables"
+
+
+def _hidden(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    category = pack.category.value if pack.category else ""
+    hidden = [key for key in pack.objects if pack.permissions_of(key).hidden]
+    if category.endswith("hidden"):
+        if not hidden:
+            yield "a hidden scene has no hidden object"
+        open_to_fakes = [tool for tool in _EDITS if tool not in pack.disabled_tools]
+        if open_to_fakes:
+            yield f"disable {', '.join(open_to_fakes)}: a made body must not stand in for the hidden one"
+    elif hidden:
+        yield f"{hidden[0]} is hidden, but the category is {category}"
+
+
+def _knobs(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    written = json.dumps([pack.derive, pack.apply, pack.accept_draw], default=list)
+    for name, knob in pack.knobs.items():
+        if not knob.meaning:
+            yield f"knobs.{name}.meaning is missing: say what it is, with its unit"
+        if not re.search(rf"\b{re.escape(name)}\b", written):
+            yield f"knobs.{name} is used nowhere"
+        bounds = knob.uniform or knob.log_uniform
+        if bounds and isinstance(knob.canonical, int | float) and not bounds[0] <= knob.canonical <= bounds[1]:
+            yield f"knobs.{name}.canonical lies outside the range {list(bounds)}"
+        if knob.choice and knob.canonical not in knob.choice:
+            yield f"knobs.{name}.canonical is none of the choices"
+
+
+def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
+    if abs(models.timestep(mjcf) - models.TIMESTEP_S) > 1e-12:
+        yield f'the time step is {models.timestep(mjcf)} s; scenes use timestep="{models.TIMESTEP_S}"'
+    if "<!--" in mjcf:
+        yield "the XML has comments: they could hold hints, so put what readers should know into reasoning"
+    yield from models.jointless_parts(mjcf)
+    yield from models.overridden(mjcf, balls_may_come="create_objects" in pack.requires)
+    rewritten = write_values(files, pack, draw_knobs(files, pack, 0), mjcf)
+    yield from (
+        f"the XML as written differs from the canonical knobs in {name}" for name in models.differences(mjcf, rewritten)
+    )
+
+
+_RULES: tuple[Callable[[PackFiles, Pack, str], Iterator[str]], ...] = (
+    _unknown_fields,
+    _incomplete,
+    _answer,
+    _solution,
+    _objects,
+    _task,
+    _tools,
+    _hidden,
+    _knobs,
+)

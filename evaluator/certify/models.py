@@ -1,0 +1,157 @@
+"""What the compiled models of a pack say of it: which friction acts, how deep things start, whether energy appears.
+
+The only module of this room that reads MuJoCo models itself; it looks at the start state and untouched runs.
+"""
+
+# MuJoCo ships no type stubs.
+# pyright: reportAttributeAccessIssue=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from itertools import combinations
+
+import mujoco
+import numpy as np
+
+TIMESTEP_S = 0.005
+DEEPEST_M = 1e-3
+"""Greatest depth of a contact at the start."""
+UNTOUCHED_S = 10.0
+_GAIN, _GAIN_J = 1e-3, 1e-6
+"""Energy may rise by this share of what is exchanged, or by this much."""
+_CREATED_FRICTION = 1.0
+"""Sliding friction of a created ball, whose contacts follow the default."""
+
+
+def started(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The compiled model, in its start state.
+
+    Raises:
+        ValueError: It does not compile.
+    """
+    model = mujoco.MjModel.from_xml_string(mjcf)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def differences(mjcf: str, other: str) -> list[str]:
+    """Which quantities of two models differ, by their names in MuJoCo; of the start states too."""
+    (one, at_one), (two, at_two) = started(mjcf), started(other)
+    found = [name for name in ("qpos", "qvel") if not _alike(getattr(at_one, name), getattr(at_two, name))]
+    for owner, also in ((one, two), (one.opt, two.opt)):
+        for name in dir(owner):
+            mine = None if name.startswith("_") else getattr(owner, name)
+            if isinstance(mine, float | np.ndarray) and np.asarray(mine).dtype.kind == "f":
+                yours = getattr(also, name)
+                if np.shape(mine) != np.shape(yours) or not _alike(mine, yours):
+                    found.append(name)
+    return found
+
+
+def _alike(one: float | np.ndarray, other: float | np.ndarray) -> bool:
+    return np.allclose(one, other, rtol=1e-6, atol=1e-9)
+
+
+def deepest_contact(mjcf: str) -> float:
+    """Depth of the deepest contact at the start [m]."""
+    _, data = started(mjcf)
+    return max([0.0, *(-float(contact.dist) for contact in data.contact)])
+
+
+def energy_gain(mjcf: str) -> float:
+    """Mechanical energy that appears in 10 s untouched, in units of what may.
+
+    Above 1 energy came from nowhere. Worlds that are driven, by wind, motors or compensated gravity, count as 0.
+
+    Source: MuJoCo `mjENBL_ENERGY`.
+    """
+    model, data = started(mjcf)
+    if model.nu or np.any(model.opt.wind) or np.any(model.body_gravcomp):
+        return 0.0
+    first = highest = float(data.energy.sum())
+    scale = 0.0
+    for _ in range(round(UNTOUCHED_S / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        total, motion = float(data.energy.sum()), float(data.energy[1])
+        highest, scale = max(highest, total), max(scale, motion, abs(total - first))
+    return (highest - first) / max(_GAIN * scale, _GAIN_J)
+
+
+def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
+    """Frictions and restitutions that were written on a geom and do not act where a thing meets a fixture.
+
+    Args:
+        mjcf: The model.
+        balls_may_come: Created balls, with friction 1, can touch everything.
+
+    Source: MuJoCo's contact parameters: higher priority decides; otherwise the greater friction, and a mix of solref.
+    """
+    model, _ = started(mjcf)
+    written = {geom.get("name", ""): geom for geom in ET.fromstring(mjcf).iter("geom")}  # noqa: S314 - the user's pack
+    for first, second in combinations(range(model.ngeom), 2):
+        fixed = [model.body_weldid[model.geom_bodyid[geom]] == 0 for geom in (first, second)]
+        if not any(fixed) or not _may_touch(model, first, second):
+            continue
+        if model.geom_priority[first] != model.geom_priority[second]:
+            continue
+        names = [model.geom(geom).name for geom in (first, second)]
+        for attribute, field in (("friction", "geom_friction"), ("solref", "geom_solref")):
+            values = getattr(model, field)[[first, second]]
+            width = 1 if attribute == "friction" else 2
+            stated = [name for name in names if name in written and written[name].get(attribute) is not None]
+            if stated and not np.allclose(values[0][:width], values[1][:width]):
+                yield (
+                    f"the {attribute} of {stated[0]} is not what acts between {names[0]} and {names[1]}:"
+                    f" write the same on both, or give one of them priority"
+                )
+    for geom in range(model.ngeom) if balls_may_come else ():
+        name = model.geom(geom).name
+        friction = model.geom_friction[geom][0]
+        collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
+        stated = name in written and written[name].get("friction") is not None
+        if collides and stated and model.geom_priority[geom] < 1 and friction < _CREATED_FRICTION:
+            yield f'a created ball has friction 1, which would act instead of that of {name}: give {name} priority="1"'
+
+
+def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
+    bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
+    welds = [int(model.body_weldid[body]) for body in bodies]
+    if welds[0] == welds[1]:
+        return False
+    parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
+    # The engine leaves out a body and its parent, unless the parent is the world.
+    if (parents[0] == welds[1] or parents[1] == welds[0]) and 0 not in welds:
+        return False
+    excluded = {int(one) for one in model.exclude_signature}
+    low, high = min(bodies), max(bodies)
+    if (low << 16) + high in excluded:
+        return False
+    kinds = zip((first, second), (second, first), strict=True)
+    return any(model.geom_contype[one] & model.geom_conaffinity[other] for one, other in kinds)
+
+
+def jointless_parts(mjcf: str) -> Iterator[str]:
+    """Bodies fixed without a joint inside an object, which no tool could tell from it."""
+    model, _ = started(mjcf)
+    for body in range(1, model.nbody):
+        if model.body_parentid[body] != 0 and not model.body_jntnum[body]:
+            parent = model.body(int(model.body_parentid[body])).name
+            yield f"body {model.body(body).name!r} has no joint: make it geoms of {parent!r}, or give it a joint"
+
+
+def names(mjcf: str) -> tuple[set[str], set[str]]:
+    """Names of all bodies, and of those that can move."""
+    model, _ = started(mjcf)
+    bodies = range(1, model.nbody)
+    return {model.body(one).name for one in bodies}, {model.body(one).name for one in bodies if model.body_dofnum[one]}
+
+
+def timestep(mjcf: str) -> float:
+    """Time step [s]."""
+    model, _ = started(mjcf)
+    return float(model.opt.timestep)

@@ -1,0 +1,68 @@
+"""What a certificate is on disk: per scene six checks, each with its figures and, where it failed, its reasons."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from evaluator.records import FORMAT, Record
+
+CERTIFICATES_FILE = "certificates.json"
+"""Name of the file, in a folder of packs."""
+CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
+"""The six certificates, in the order in which they are proven."""
+
+
+class Check(Record):
+    """One certificate of one scene."""
+
+    name: str
+    passed: bool
+    reasons: tuple[str, ...] = ()
+    """Why it failed, a sentence each."""
+    figures: Mapping[str, float | int | str | list[str]] = Field(
+        default_factory=dict[str, float | int | str | list[str]]
+    )
+    """What was measured, by name."""
+
+
+class SceneCertificate(Record):
+    """All certificates of one scene."""
+
+    scene: int
+    name: str
+    category: str
+    pack: str
+    """Hash of the files it was proven for."""
+    seeds: int
+    """It was proven on seeds 0 to this number less one."""
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+
+class Certificates(Record):
+    """`certificates.json`."""
+
+    format: Literal[1] = FORMAT
+    engine: str
+    """Version of MuJoCo they were proven with."""
+    scenes: tuple[SceneCertificate, ...]
+
+
+def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> Check:
+    """A check that passed if there is no reason against it; figures to four significant digits."""
+    rounded = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in figures.items()}
+    return Check(name=name, passed=not reasons, reasons=tuple(reasons), figures=rounded)
+
+
+def read_certificates(folder: Path) -> Certificates | None:
+    """The certificates stored in a folder of packs, if there are any that can be read."""
+    try:
+        return Certificates.model_validate_json((folder / CERTIFICATES_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None

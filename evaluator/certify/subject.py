@@ -1,0 +1,127 @@
+"""A pack under examination: its draws, its true values, and what counts as agreement."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Self, cast
+
+from evaluator.certify.engine import drawn_world, session_of
+from physment_mcp.session import Session
+from scenes import (
+    AnswerSpec,
+    KnobValue,
+    Pack,
+    PackError,
+    PackFiles,
+    Scalar,
+    draw_knobs,
+    drawn_mjcf,
+    read_pack,
+    write_values,
+)
+from scenes.protocol import AnswerValue, Solution, load_solution
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """One drawing of the hidden values, and the model that holds them."""
+
+    knobs: Mapping[str, KnobValue]
+    mjcf: str
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A pack with everything its certificates need."""
+
+    files: PackFiles
+    pack: Pack
+    solution: Solution
+    spec: AnswerSpec
+
+    @classmethod
+    def open(cls, files: PackFiles) -> Self:
+        """Read a pack and run its `solution.py`.
+
+        Raises:
+            PackError: A file is missing or malformed, or something a certificate needs is not declared.
+        """
+        pack, solution = read_pack(files), load_solution(files)
+        if pack.answer_spec is None or pack.category is None:
+            raise PackError(files.json, "answer_spec and category are needed to certify a scene")
+        if solution.solve is None or (solution.theory is None and solution.measure is None):
+            raise PackError(files.solution, "define solve, and theory or measure: without them nothing can be proven")
+        return cls(files, pack, solution, pack.answer_spec)
+
+    @functools.cached_property
+    def _drawn(self) -> dict[tuple[int, str, int], Draw]:
+        return {}
+
+    def draw(self, seed: int) -> Draw:
+        """The scene at a seed."""
+        return self._draw(seed, "", 0)
+
+    def twin(self, knob: str, seed: int) -> Draw:
+        """The canonical scene with this one knob drawn anew."""
+        return self._draw(0, knob, seed)
+
+    def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
+        """Draws are kept: the certificates share them."""
+        wanted = (seed, knob, reseed)
+        if wanted not in self._drawn:
+            knobs = draw_knobs(self.files, self.pack, seed, reseed={knob: reseed} if knob else None)
+            self._drawn[wanted] = Draw(knobs, drawn_mjcf(self.files, self.pack, knobs, canonical=not (seed or knob)))
+        return self._drawn[wanted]
+
+    def rewritten(self) -> str:
+        """The model with the canonical values written over it; says the same as the XML if both agree."""
+        draw = self.draw(0)
+        return write_values(self.files, self.pack, draw.knobs, draw.mjcf)
+
+    def session(self, draw: Draw) -> Session:
+        """A fresh session of a draw."""
+        return session_of(self.files, draw.mjcf)
+
+    def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
+        """What the engine gives at the true values; None where the pack has no `measure`."""
+        if self.solution.measure is None:
+            return None
+        return self.solution.measure(drawn_world(draw.mjcf, timestep), draw.knobs)
+
+    @functools.cached_property
+    def _truths(self) -> dict[str, AnswerValue]:
+        return {}
+
+    def truth(self, draw: Draw) -> AnswerValue:
+        """The answer key of a draw: `theory`, or `measure` where there is no closed form."""
+        if self.solution.theory is not None:
+            return self.solution.theory(draw.knobs)
+        if draw.mjcf not in self._truths:
+            self._truths[draw.mjcf] = cast("AnswerValue", self.measured(draw))
+        return self._truths[draw.mjcf]
+
+    def agrees(self, value: object, key: AnswerValue, share: float = 1.0) -> bool:
+        """Whether a value agrees with the key to this share of the tolerance; words must be the same."""
+        pairs = list(zip_longest(_parts(value), _parts(key)))
+        return all(self._part_agrees(got, want, share) for got, want in pairs)
+
+    def _part_agrees(self, got: object, want: Scalar | None, share: float) -> bool:
+        if isinstance(got, int | float) and isinstance(want, int | float):
+            return abs(got - want) <= share * (self.spec.abs_tol + self.spec.rel_tol * abs(want))
+        return got is not None and str(got) == str(want)
+
+
+def gap(value: object, key: AnswerValue) -> float:
+    """Greatest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
+    gaps = [
+        abs(got - want) / max(abs(want), 1e-12)
+        if isinstance(got, int | float) and isinstance(want, int | float)
+        else float(str(got) != str(want))
+        for got, want in zip_longest(_parts(value), _parts(key))
+    ]
+    return max(gaps)
+
+
+def _parts(value: object) -> Sequence[Scalar]:
+    return cast("Sequence[Scalar]", value if isinstance(value, list | tuple) else (value,))

@@ -1,0 +1,51 @@
+"""What the commands share: whole numbers, our own errors out of exception groups, the installed version."""
+
+import argparse
+from collections.abc import Awaitable, Callable
+from importlib.metadata import version
+from typing import Any, Protocol
+
+import anyio
+from rich.console import Console
+
+from evaluator.errors import InfrastructureError, StoreError, UsageError
+
+
+class Commands(Protocol):
+    """Where a command is declared: what `add_subparsers` returns, a type argparse keeps to itself."""
+
+    def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
+        """The parser of a new command."""
+        ...
+
+
+def own_version() -> str:
+    """Version of this package."""
+    return version("physment-mcp")
+
+
+def wide_console() -> Console:
+    """A console for tables: as wide as the terminal, and wide enough for whole words where there is none."""
+    console = Console()
+    return console if console.is_terminal else Console(width=140)
+
+
+def whole(text: str) -> int:
+    """A whole number above 0, as an argument type."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
+    return int(text)
+
+
+def unwrapped(play: Callable[[], Awaitable[object]]) -> None:
+    """Run the async part; of an exception group raise the first of our own errors."""
+    try:
+        anyio.run(play)
+    except BaseExceptionGroup as group:
+        for kind in (KeyboardInterrupt, UsageError, StoreError, InfrastructureError):
+            found, _ = group.split(kind)
+            while isinstance(found, BaseExceptionGroup):
+                found = found.exceptions[0]
+            if found is not None:
+                raise found from None
+        raise

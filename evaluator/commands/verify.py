@@ -1,0 +1,143 @@
+"""`physment-eval verify` and `lint`: is a scene sound, and if not, why not."""
+
+import argparse
+import os
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from evaluator.certify.records import CERTIFICATES, SceneCertificate
+from evaluator.commands.base import Commands, unwrapped, whole, wide_console
+from evaluator.connect import LocalHost
+from evaluator.selection import parse_scenes
+from scenes import PackFiles, default_folder
+
+_VERIFY = """\
+Prove scenes sound by running them: six certificates each, on many seeds.
+
+  key         theory, engine, half the time step and the reference's answers agree, to a share of the tolerance
+  twins       seeds have one opening prompt and the same readings at the start, but different keys
+  modality    what must be created, found, deleted or attached cannot be done without
+  constant    no constant answer is right more often than luck may be
+  difficulty  the reference protocol is as long as the category says; a Hard scene forces to adapt
+  sane        nothing that `lint` finds; no deep contact at the start; no energy from nowhere
+
+This runs the solution.py of each scene: name only folders you trust. The results go into certificates.json in the
+folder of the scenes. Exit code: 0 all sound, 1 some are not.
+"""
+_LINT = """\
+Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `verify` and `lint`."""
+    verify = commands.add_parser(
+        "verify",
+        help="prove scenes sound",
+        description=_VERIFY,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verify.set_defaults(run=_verify)
+    lint = commands.add_parser("lint", help="say what is wrong with scenes, unrun", description=_LINT)
+    lint.set_defaults(run=_lint)
+    for command in (verify, lint):
+        command.add_argument(
+            "--scene", "--scenes", dest="scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single"
+        )
+        command.add_argument(
+            "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
+        )
+    verify.add_argument("--seeds", type=whole, default=20, metavar="N", help="seeds 0 to N-1 (default 20)")
+    verify.add_argument(
+        "--jobs", type=whole, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+    )
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from evaluator.certify.verify import verify, write_certificates  # noqa: PLC0415 - only this command needs the engine
+
+    packs = parse_scenes(args.scenes, args.scenes_dir)
+    console, proven = wide_console(), list[SceneCertificate]()
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+        transient=True,
+    )
+
+    def done(certificate: SceneCertificate) -> None:
+        bar.advance(task)
+        proven.append(certificate)
+        if not console.is_terminal:
+            verdict = "sound" if certificate.passed else "NOT SOUND"
+            console.print(f"[{len(proven)}/{len(packs)}] scene {certificate.scene}: {verdict}", markup=False)
+
+    async def play() -> None:
+        async with LocalHost(args.scenes_dir) as host:
+            await verify(packs, args.seeds, args.jobs, host.base_url, done)
+
+    with bar:
+        task = bar.add_task("proving", total=len(packs))
+        unwrapped(play)
+    certificates = sorted(proven, key=lambda one: one.scene)
+    _print_certificates(console, certificates)
+    file = write_certificates(args.scenes_dir or default_folder(), certificates)
+    sound = sum(one.passed for one in certificates)
+    console.print(
+        f"{sound} of {len(certificates)} scenes are sound   certificates: {file}", soft_wrap=True, highlight=False
+    )
+    return 0 if sound == len(certificates) else 1
+
+
+def _print_certificates(console: Console, certificates: list[SceneCertificate]) -> None:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scene", justify="right")
+    for title in CERTIFICATES:
+        table.add_column(title, justify="center")
+    for title in ("engine gap", "answer gap", "interventions", "iterations"):
+        table.add_column(title, justify="right")
+    for one in certificates:
+        checks = {check.name: check for check in one.checks}
+        key, difficulty = checks["key"].figures, checks["difficulty"].figures
+        table.add_row(
+            str(one.scene),
+            *("[green]✓[/]" if checks[name].passed else "[red]✗[/]" for name in CERTIFICATES),
+            _percent(key.get("theory_engine_gap")),
+            _percent(key.get("answer_gap")),
+            str(difficulty.get("interventions", "")),
+            str(difficulty.get("iterations", "")),
+        )
+    console.print(table)
+    for one in certificates:
+        for check in one.checks:
+            for reason in check.reasons:
+                console.print(Text(f"scene {one.scene}, {check.name}: {reason}", "red"), soft_wrap=True)
+
+
+def _percent(share: object) -> str:
+    return f"{share:.2%}" if isinstance(share, float) else ""
+
+
+def _lint(args: argparse.Namespace) -> int:
+    from evaluator.certify.lint import lint  # noqa: PLC0415 - only this command needs the engine
+
+    console = Console()
+    faults = {files.scene_id: lint(files) for files in _named(args)}
+    for scene, sentences in faults.items():
+        for sentence in sentences:
+            console.print(Text(f"scene {scene}: {sentence}"), soft_wrap=True)
+    faulty = sum(map(bool, faults.values()))
+    console.print(f"{len(faults) - faulty} of {len(faults)} scenes without fault", highlight=False)
+    return 1 if faulty else 0
+
+
+def _named(args: argparse.Namespace) -> list[PackFiles]:
+    return parse_scenes(args.scenes, args.scenes_dir)
