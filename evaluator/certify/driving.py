@@ -8,7 +8,7 @@ from physment_mcp.prompts import opening_prompt
 from physment_mcp.session import Session
 from scenes.protocol import ANSWER, Call, Protocol, Reading
 
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 20
 
 
 @dataclass(slots=True)
