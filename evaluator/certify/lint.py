@@ -123,7 +123,8 @@ def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
         told = TELLING_NAMES & set(re.split(r"[\W_]+", one.name.lower()))
         if told:
             yield f"the name {one.name!r} of {key} tells something: {', '.join(sorted(told))}; use a neutral noun"
-        if pack.permissions_of(key).hidden and re.search(rf"\b{key}\b", pack.metadata.task):
+        answerable = pack.answer_spec is not None and key in pack.answer_spec.options
+        if pack.permissions_of(key).hidden and not answerable and re.search(rf"\b{key}\b", pack.metadata.task):
             yield f"the task names {key}, which is hidden"
 
 
