@@ -1,21 +1,29 @@
-"""Scene 23: push the pad with a known force and read how far it gives way."""
+"""Scene 23: find the pad, press it, and divide the force by the way it gives."""
+
+import numpy as np
 
 from scenes.protocol import answer, call
 
 FORCE_N = 20.0
-REST_S = 15.0
+REST_S = 12.0
+
+
+def _height(pad):
+    """The potential energy of one newton of weight is its height."""
+    return call("get_potential_energy", object_id=pad, mass=1.0, gravity=1.0)
 
 
 def solve(task):
-    """Reveal, push, wait, read."""
+    """Two heights of the pad: at rest, and at rest again under a known force."""
     found = yield [call("find_objects")]
     pad = found[0]["revealed"][0]["object_id"]
     readings = yield [
+        _height(pad),
         call("apply_force", object_id=pad, force_vector=[0, 0, -FORCE_N]),
         call("step", duration=REST_S),
-        call("get_displacement", object_id=pad),
+        _height(pad),
     ]
-    yield [answer(FORCE_N / readings[-1]["displacement"])]
+    yield [answer(FORCE_N / (readings[0]["potential_energy"] - readings[-1]["potential_energy"]))]
 
 
 def theory(knobs):
@@ -24,8 +32,8 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """The engine's rest under twice the force, waited for longer."""
+    """Pulled up instead, with half the force."""
     start = engine.pose("object_2").position[2]
-    engine.push("object_2", force=[0.0, 0.0, 2 * FORCE_N])
-    engine.step(engine.whole_steps(2 * REST_S))
-    return float(2 * FORCE_N / (engine.pose("object_2").position[2] - start))
+    engine.push("object_2", force=np.array([0.0, 0.0, FORCE_N / 2]))
+    engine.step(engine.whole_steps(REST_S))
+    return float(FORCE_N / 2 / (engine.pose("object_2").position[2] - start))
