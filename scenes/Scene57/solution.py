@@ -1,0 +1,37 @@
+"""Scene 57: push the long block for half a second and compare how far both have come."""
+
+from scenes.protocol import answer, call
+
+FORCE_N = 20.0
+PUSH_S = 0.5
+STILL_M = 0.005
+TOGETHER = 0.05
+
+
+def _verdict(lower, upper):
+    if lower < STILL_M:
+        return "0"
+    return "1" if lower - upper < TOGETHER * lower else "2"
+
+
+def solve(task):
+    """One push, two displacements."""
+    readings = yield [
+        call("apply_force", object_id="object_1", force_vector=[FORCE_N, 0, 0]),
+        call("step", duration=PUSH_S),
+        call("get_displacement", object_id="object_1"),
+        call("get_displacement", object_id="object_2"),
+    ]
+    yield [answer(_verdict(readings[2]["displacement"], readings[3]["displacement"]))]
+
+
+def theory(knobs):
+    """The outcome that was drawn."""
+    return str(knobs["outcome"])
+
+
+def measure(engine, knobs):
+    """From the engine's speeds, counted as ways at constant acceleration."""
+    engine.push("object_1", force=[FORCE_N, 0.0, 0.0])
+    engine.step(engine.whole_steps(PUSH_S))
+    return _verdict(*(float(engine.twist(body).linear[0]) * PUSH_S / 2 for body in ("object_1", "object_2")))
