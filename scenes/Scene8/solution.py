@@ -1,24 +1,35 @@
-"""Scene 8: let both balls roll for a second; the thin-walled one is behind."""
+"""Scene 8: let both balls roll; the share of energy in the spin tells what each of them is."""
+
+from math import sqrt
+
+import numpy as np
 
 from scenes.protocol import answer, call
 
 BALLS = ("object_1", "object_2")
 ROLL_S = 1.0
-ALIKE = 0.05
-"""The two kinds differ by a sixth in acceleration."""
+SOLID, THIN = 2 / 5, 2 / 3
+"""I / m r² of either kind; without slipping, also rotational over translational energy."""
 
 
 def _verdict(first, second):
-    """The one that comes less far, or 0."""
-    if abs(first - second) < ALIKE * max(first, second):
+    """From I / m r² of both balls: the only thin-walled one, or 0."""
+    thin = [share > sqrt(SOLID * THIN) for share in (first, second)]
+    if thin[0] == thin[1]:
         return "0"
-    return BALLS[0] if first < second else BALLS[1]
+    return BALLS[0] if thin[0] else BALLS[1]
 
 
 def solve(task):
-    """One second, two displacements."""
-    readings = yield [call("step", duration=ROLL_S), *(call("get_displacement", object_id=ball) for ball in BALLS)]
-    yield [answer(_verdict(readings[1]["displacement"], readings[2]["displacement"]))]
+    """One second; then I / m r² = rotational / translational energy, for which any mass serves."""
+    readings = yield [
+        call("step", duration=ROLL_S),
+        *(call("get_rotational_energy", object_id=ball, mass=1.0) for ball in BALLS),
+        *(call("get_kinetic_energy", object_id=ball, mass=1.0) for ball in BALLS),
+    ]
+    spin = [reading["rotational_energy"] for reading in readings[1:3]]
+    motion = [reading["kinetic_energy"] for reading in readings[3:5]]
+    yield [answer(_verdict(spin[0] / motion[0], spin[1] / motion[1]))]
 
 
 def theory(knobs):
@@ -27,6 +38,9 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """Speeds after half a second in the engine."""
-    engine.step(engine.whole_steps(ROLL_S / 2))
-    return _verdict(*(float((engine.twist(ball).linear ** 2).sum() ** 0.5) for ball in BALLS))
+    """From the distances s in the engine: s = g sin θ t² / 2 (1 + I / m r²)."""
+    start = [engine.pose(ball).position for ball in BALLS]
+    engine.step(engine.whole_steps(ROLL_S))
+    free = 9.81 * np.sin(np.radians(20)) * ROLL_S**2 / 2
+    runs = (np.linalg.norm(engine.pose(ball).position - place) for ball, place in zip(BALLS, start, strict=True))
+    return _verdict(*(float(free / run - 1) for run in runs))
