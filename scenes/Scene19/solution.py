@@ -1,4 +1,4 @@
-"""Scene 19: put exactly two kilograms into the empty pan and see where the ball comes to lie."""
+"""Scene 19: put exactly two kilograms into the empty pan and see whether they go up or down."""
 
 from math import pi
 
@@ -7,7 +7,9 @@ import numpy as np
 from scenes.protocol import answer, call
 
 RADIUS = 0.1
-DENSITY = 2.0 / (4 / 3 * pi * RADIUS**3)
+BALL_KG = 2.0
+GRAVITY = 9.81
+DENSITY = BALL_KG / (4 / 3 * pi * RADIUS**3)
 PAN = [-0.5, 0.0, 1.0 + RADIUS]
 LEVEL = 0.02
 """A ball this near to its place is in a level pan."""
@@ -20,13 +22,18 @@ def _verdict(lift):
 
 
 def solve(task):
-    """The ball's height tells where its pan is."""
+    """As long as it lies in the pan, the ball's gain in potential energy tells how far its pan has gone up."""
+    height = call("get_potential_energy", object_id="weight", mass=BALL_KG, gravity=GRAVITY)
     readings = yield [
         call("create_objects", name="weight", pos=PAN, density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
+        height,
         call("step", duration=REST_S),
-        call("get_position", object_id="weight"),
+        call("detect_collision", obj1_id="weight", obj2_id="object_1", elastic_response=False),
+        height,
     ]
-    yield [answer(_verdict(readings[-1]["position"][2] - PAN[2]))]
+    lies_in_the_pan = readings[3]["collision_detected"]
+    lift = (readings[4]["potential_energy"] - readings[1]["potential_energy"]) / (BALL_KG * GRAVITY)
+    yield [answer(_verdict(lift) if lies_in_the_pan else "the ball is not in the pan")]
 
 
 def theory(knobs):
