@@ -1,29 +1,21 @@
-"""Scene 23: find the pad, press it, and divide the force by the way it gives."""
-
-import numpy as np
+"""Scene 23: push the pad with a known force and read how far it gives way."""
 
 from scenes.protocol import answer, call
 
 FORCE_N = 20.0
-REST_S = 12.0
-
-
-def _height(pad):
-    """The potential energy of one newton of weight is its height."""
-    return call("get_potential_energy", object_id=pad, mass=1.0, gravity=1.0)
+REST_S = 15.0
 
 
 def solve(task):
-    """Two heights of the pad: at rest, and at rest again under a known force."""
+    """Reveal, push, wait, read."""
     found = yield [call("find_objects")]
     pad = found[0]["revealed"][0]["object_id"]
     readings = yield [
-        _height(pad),
         call("apply_force", object_id=pad, force_vector=[0, 0, -FORCE_N]),
         call("step", duration=REST_S),
-        _height(pad),
+        call("get_displacement", object_id=pad),
     ]
-    yield [answer(FORCE_N / (readings[0]["potential_energy"] - readings[-1]["potential_energy"]))]
+    yield [answer(FORCE_N / readings[-1]["displacement"])]
 
 
 def theory(knobs):
@@ -32,8 +24,8 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """Pulled up instead, with half the force."""
+    """The engine's rest under twice the force, waited for longer."""
     start = engine.pose("object_2").position[2]
-    engine.push("object_2", force=np.array([0.0, 0.0, FORCE_N / 2]))
-    engine.step(engine.whole_steps(REST_S))
-    return float(FORCE_N / 2 / (engine.pose("object_2").position[2] - start))
+    engine.push("object_2", force=[0.0, 0.0, 2 * FORCE_N])
+    engine.step(engine.whole_steps(2 * REST_S))
+    return float(2 * FORCE_N / (engine.pose("object_2").position[2] - start))

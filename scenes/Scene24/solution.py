@@ -1,21 +1,26 @@
-"""Scene 24: find the ball; its speed over its spin is the radius."""
+"""Scene 24: compare how fast the ball is with how fast its velocity turns."""
 
-from math import hypot
+from math import atan2, hypot
 
 from scenes.protocol import answer, call
 
+LOOK_S = 0.1
+
 
 def solve(task):
-    """Held by a rigid arm, the ball turns about itself as fast as about the axis: ω = 2 E / L, whatever its mass."""
+    """Radius r = v Δt / Δφ, with the angle Δφ by which the velocity turns in Δt."""
     found = yield [call("find_objects")]
     ball = found[0]["revealed"][0]["object_id"]
-    energy, spin, momentum = yield [
-        call("get_rotational_energy", object_id=ball, mass=1.0),
-        call("get_angular_momentum", object_id=ball, mass=1.0),
+    readings = yield [
+        call("get_momentum", object_id=ball, mass=1.0),
+        call("step", duration=LOOK_S),
         call("get_momentum", object_id=ball, mass=1.0),
     ]
-    rate = 2 * energy["rotational_energy"] / abs(spin["angular_momentum"]["z"])
-    yield [answer(hypot(momentum["momentum"]["x"], momentum["momentum"]["y"]) / rate)]
+    before, after = readings[0]["momentum"], readings[2]["momentum"]
+    turned = atan2(
+        before["x"] * after["y"] - before["y"] * after["x"], before["x"] * after["x"] + before["y"] * after["y"]
+    )
+    yield [answer(hypot(after["x"], after["y"]) * LOOK_S / abs(turned))]
 
 
 def theory(knobs):
@@ -24,7 +29,7 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """From the centripetal acceleration: r = v² / a."""
-    engine.step(20)
-    speed, acceleration = engine.twist("object_2").linear, engine.acceleration("object_2")
-    return float((speed @ speed) / (acceleration @ acceleration) ** 0.5)
+    """From the engine's acceleration: r = v² / a."""
+    engine.step(1)
+    speed = hypot(*engine.twist("object_2").linear[:2])
+    return float(speed**2 / hypot(*engine.acceleration("object_2")[:2]))

@@ -1,47 +1,48 @@
-"""Scene 53: the momentum of a slider that started from rest points down its slope and tells its acceleration."""
+"""Scene 53: from the direction and the length of each slide to the friction."""
 
 from math import hypot
 
 from scenes.protocol import answer, call
 
-SLIDERS = ("object_1", "object_2")
+BLOCKS = ("object_1", "object_2")
 GRAVITY = 9.81
-RUN_S = 1.0
-ALIKE = 1.1
-"""The coefficients are equal, or a quarter apart."""
+SLIDE_S = 0.8
+ALIKE = 0.1
 
 
-def _friction(along, down, acceleration):
-    """μ = tan θ - a / (g cos θ), from the direction of motion and the acceleration."""
-    slant = hypot(along, down)
-    return down / along - acceleration / (GRAVITY * along / slant)
+def _friction(run, drop):
+    """Coefficient tan θ - a / (g cos θ), with the acceleration a = 2 s / t²."""
+    way = hypot(run, drop)
+    return drop / run - 2 * way / SLIDE_S**2 / (GRAVITY * run / way)
 
 
-def _rougher(first, second):
-    """The slider with the larger coefficient, or 0."""
-    if max(first, second) < ALIKE * min(first, second):
+def _verdict(first, second):
+    if abs(first - second) < ALIKE * max(first, second):
         return "0"
-    return SLIDERS[0] if first > second else SLIDERS[1]
+    return BLOCKS[0] if first > second else BLOCKS[1]
 
 
 def solve(task):
-    """The momentum of one kilogram is the velocity; from rest it is a t."""
-    readings = yield [
-        call("step", duration=RUN_S),
-        *(call("get_momentum", object_id=slider, mass=1.0) for slider in SLIDERS),
-    ]
-    speeds = [(reading["momentum"]["x"], -reading["momentum"]["z"]) for reading in readings[1:]]
-    yield [answer(_rougher(*(_friction(x, z, hypot(x, z) / RUN_S) for x, z in speeds)))]
+    """Where each block starts and where it is after the slide."""
+    places = [call("get_position", object_id=block) for block in BLOCKS]
+    readings = yield [*places, call("step", duration=SLIDE_S), *places]
+    found = []
+    for start, end in zip(readings[:2], readings[3:], strict=True):
+        (x0, _, z0), (x1, _, z1) = start["position"], end["position"]
+        found.append(_friction(x1 - x0, z0 - z1))
+    yield [answer(_verdict(*found))]
 
 
 def theory(knobs):
-    """The slider that was drawn."""
-    return f"object_{knobs['rougher']}" if knobs["rougher"] else "0"
+    """The block that was drawn."""
+    return f"object_{knobs['larger']}" if knobs["larger"] else "0"
 
 
 def measure(engine, knobs):
-    """From distances over half the time, a = 2 s / t²."""
-    starts = [engine.pose(slider).position for slider in SLIDERS]
-    engine.step(engine.whole_steps(RUN_S / 2))
-    moved = [engine.pose(slider).position - start for slider, start in zip(SLIDERS, starts, strict=True)]
-    return _rougher(*(_friction(way[0], -way[2], 2 * hypot(way[0], way[2]) / (RUN_S / 2) ** 2) for way in moved))
+    """From the engine's accelerations."""
+    engine.step(engine.whole_steps(SLIDE_S))
+    found = []
+    for block in BLOCKS:
+        ax, _, az = engine.acceleration(block)
+        found.append(-az / ax - hypot(ax, az) / (GRAVITY * ax / hypot(ax, az)))
+    return _verdict(*found)

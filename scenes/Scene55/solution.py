@@ -1,53 +1,50 @@
-"""Scene 55: compare the speed of each ball with its spin times its radius."""
+"""Scene 55: a ball rolls if its speed is its spin times its radius."""
 
 from math import hypot
+
+import numpy as np
 
 from scenes.protocol import answer, call
 
 BALLS = ("object_1", "object_2")
 RADIUS = 0.1
 RUN_S = 0.8
-ROLLS = 0.95
-"""Share of the speed that spin times radius makes at least, if the ball rolls."""
+ROLLING = 0.8
+"""Least share of the speed that a rolling ball's surface makes up for."""
 
 
-def _verdict(first, second):
-    """From the shares of both balls: the one that rolls, or 0 for both."""
-    if min(first, second) > ROLLS:
-        return "0"
-    return BALLS[0] if first > second else BALLS[1]
-
-
-def _share(energy, spin, momentum):
-    """ω R / v, with ω = 2 E / L, which holds for any mass."""
-    rate = 2 * energy["rotational_energy"] / abs(spin["angular_momentum"]["y"])
-    return rate * RADIUS / hypot(momentum["momentum"]["x"], momentum["momentum"]["z"])
+def _verdict(rolls):
+    return "0" if all(rolls) else BALLS[rolls.index(True)] if any(rolls) else "neither"
 
 
 def solve(task):
-    """Spin and speed of both balls, once they have run for a while."""
-    instruments = ("get_rotational_energy", "get_angular_momentum", "get_momentum")
+    """Spin from energy and angular momentum with one mass: ω = 2 E / L."""
     readings = yield [
         call("step", duration=RUN_S),
-        *(call(instrument, object_id=ball, mass=1.0) for ball in BALLS for instrument in instruments),
+        *(
+            call(tool, object_id=ball, **mass)
+            for ball in BALLS
+            for tool, mass in (
+                ("get_velocity", {}),
+                ("get_rotational_energy", {"mass": 1.0}),
+                ("get_angular_momentum", {"mass": 1.0}),
+            )
+        ),
     ]
-    yield [answer(_verdict(_share(*readings[1:4]), _share(*readings[4:7])))]
+    rolls = []
+    for velocity, energy, spin in zip(*(readings[i::3] for i in (1, 2, 3)), strict=True):
+        rate = 2 * energy["rotational_energy"] / hypot(*spin["angular_momentum"].values())
+        rolls.append(rate * RADIUS > ROLLING * hypot(*velocity["velocity"]))
+    yield [answer(_verdict(rolls))]
 
 
 def theory(knobs):
-    """The ball that was drawn to roll alone."""
+    """The ball that was drawn."""
     return f"object_{knobs['rolls']}" if knobs["rolls"] else "0"
 
 
 def measure(engine, knobs):
-    """From the way each ball has come and turned in half the time: a slipping ball turns by less than the way / R."""
-    starts = [engine.pose(ball).position for ball in BALLS]
-    turned = [0.0, 0.0]
-    for _ in range(engine.whole_steps(RUN_S / 2)):
-        engine.step(1)
-        turned = [
-            angle + engine.timestep * float(engine.twist(ball).angular[1])
-            for angle, ball in zip(turned, BALLS, strict=True)
-        ]
-    ways = [engine.pose(ball).position - start for ball, start in zip(BALLS, starts, strict=True)]
-    return _verdict(*(RADIUS * angle / hypot(way[0], way[2]) for angle, way in zip(turned, ways, strict=True)))
+    """The engine's own spins, earlier."""
+    engine.step(engine.whole_steps(RUN_S / 2))
+    twists = [engine.twist(ball) for ball in BALLS]
+    return _verdict([bool(np.linalg.norm(t.angular) * RADIUS > ROLLING * np.linalg.norm(t.linear)) for t in twists])
