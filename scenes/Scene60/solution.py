@@ -1,11 +1,11 @@
-"""Scene 60: how slowly the weights start tells the wheel's inertia."""
+"""Scene 60: what the sinking weights lose and do not have, the wheel has."""
 
 from scenes.protocol import answer, call
 
 LIGHT_KG, HEAVY_KG = 1.0, 2.0
 GRAVITY = 9.81
 RADIUS = 0.2
-RUN_S = 0.5
+RUN_S = 1.0
 
 
 def _inertia(acceleration):
@@ -14,9 +14,16 @@ def _inertia(acceleration):
 
 
 def solve(task):
-    """From the displacement: a = 2 s / t²."""
-    readings = yield [call("step", duration=RUN_S), call("get_displacement", object_id="object_1")]
-    yield [answer(_inertia(2 * readings[-1]["displacement"] / RUN_S**2))]
+    """The way that both weights' centre of mass sinks gives the work of gravity: (m1 + m2 + I / R²) v² / 2."""
+    readings = yield [
+        call("get_center_of_mass"),
+        call("step", duration=RUN_S),
+        call("get_center_of_mass"),
+        call("get_momentum", object_id="object_1", mass=1.0),
+    ]
+    sunk = readings[0]["center_of_mass"]["z"] - readings[2]["center_of_mass"]["z"]
+    way = sunk * (LIGHT_KG + HEAVY_KG) / (HEAVY_KG - LIGHT_KG)
+    yield [answer(_inertia(readings[3]["momentum"]["z"] ** 2 / (2 * way)))]
 
 
 def theory(knobs):
