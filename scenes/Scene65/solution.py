@@ -1,4 +1,4 @@
-"""Scene 65: let the bar come to rest and read the angle of its first arm."""
+"""Scene 65: let the bar come to rest and read how it is turned."""
 
 from scenes.protocol import answer, call
 
@@ -9,8 +9,10 @@ REST_S = 40.0
 def solve(task):
     """The first arm dips by the angle whose tangent is the ratio of the masses."""
     readings = yield [call("step", duration=REST_S), call("get_position", object_id="object_1")]
-    x, _, z = readings[-1]["position"]
-    yield [answer((AXIS_Z - z) / x)]
+    turned = yield [call("quat_to_rot_matrix", q=readings[-1]["orientation"])]
+    # The first column is the direction of the first arm.
+    first_arm = [row[0] for row in turned[0]["rotation_matrix"]]
+    yield [answer(-first_arm[2] / first_arm[0])]
 
 
 def theory(knobs):
