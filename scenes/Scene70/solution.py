@@ -7,7 +7,7 @@ from scenes.protocol import answer, call
 RADIUS = 0.1
 PLACE = [0.3, 0.0, 1.03 + RADIUS]
 START_Z = 1.0
-STILL_M = 3e-3
+STILL_M = 5e-4
 REST_S = 3.0
 
 
@@ -19,7 +19,7 @@ def _verdict(risen):
 def solve(task):
     """One ball, one look at the left end."""
     readings = yield [
-        call("create_objects", name="weight", pos=PLACE, density=300, rgba=[1, 0, 0, 1], radius=RADIUS),
+        call("create_objects", name="weight", pos=PLACE, density=1000, rgba=[1, 0, 0, 1], radius=RADIUS),
         call("step", duration=REST_S),
         call("get_position", object_id="object_1"),
     ]
@@ -33,6 +33,6 @@ def theory(knobs):
 
 def measure(engine, knobs):
     """The same with a lighter ball, by the bar's own end."""
-    engine.add_ball("weight", np.array(PLACE), 150.0, RADIUS, np.ones(4), {})
+    engine.add_ball("weight", np.array(PLACE), 500.0, RADIUS, np.ones(4), {})
     engine.step(engine.whole_steps(REST_S))
     return _verdict(engine.pose("object_1").position[2] - START_Z)
