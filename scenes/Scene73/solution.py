@@ -7,28 +7,28 @@ SPEED = 3.0
 RUN_S = 3.0
 
 
-def _stored(mass):
+def _stored(mass, glider):
     """Energy of the motion relative to each other: m M / (m + M) v² / 2."""
-    return mass * GLIDER_KG / (mass + GLIDER_KG) * SPEED**2 / 2
+    return mass * glider / (mass + glider) * SPEED**2 / 2
 
 
 def solve(task):
     """Find it, send it, read both momenta."""
-    found = yield [call("find_objects")]
-    ram = found[0]["revealed"][0]["object_id"]
+    found = yield [call("find_objects"), call("get_parameters", object_id="object_1")]
+    ram, glider = found[0]["revealed"][0]["object_id"], found[1]["mass"]
     readings = yield [
         call("set_velocity", object_id=ram, velocity_vector=[SPEED, 0, 0]),
         call("step", duration=RUN_S),
-        call("get_momentum", object_id="object_1", mass=GLIDER_KG),
+        call("get_momentum", object_id="object_1", mass=glider),
         call("get_momentum", object_id=ram, mass=1.0),
     ]
     mass = readings[-2]["momentum"]["x"] / (SPEED - readings[-1]["momentum"]["x"])
-    yield [answer([mass, _stored(mass)])]
+    yield [answer([mass, _stored(mass, glider)])]
 
 
 def theory(knobs):
     """The mass that was drawn, and the energy that belongs to it."""
-    return [knobs["m"], _stored(knobs["m"])]
+    return [knobs["m"], _stored(knobs["m"], GLIDER_KG)]
 
 
 def measure(engine, knobs):
