@@ -10,9 +10,11 @@ MASS_KG = 3.0
 
 
 def solve(task):
-    """The mass is told when the slider is found."""
+    """The mass can be read once the slider is found."""
     found = yield [call("find_objects")]
-    slider, mass = found[0]["revealed"][0]["object_id"], found[0]["revealed"][0]["mass"]
+    slider = found[0]["revealed"][0]["object_id"]
+    looked = yield [call("get_parameters", object_id=slider)]
+    mass = looked[0]["mass"]
     readings = yield [
         call("get_potential_energy", object_id=slider, mass=mass),
         call("step", duration=SLIDE_S),
