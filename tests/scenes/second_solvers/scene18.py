@@ -1,0 +1,36 @@
+"""A ball of known mass is pressed against the glider by a known force: what the ball lacks of the impulse, it has.
+
+Between two instants, the force times the time is the gain of momentum of ball and glider together, no matter how the
+ball bounced meanwhile.
+"""
+
+from math import pi
+
+from scenes.protocol import Protocol, answer, call
+
+RADIUS = 0.1
+DENSITY = 500.0
+BALL_MASS = DENSITY * 4 / 3 * pi * RADIUS**3
+FORCE = 4.0
+TIME = 3.0
+HALF_EDGE = 0.1
+
+
+def solve(task: str) -> Protocol:
+    """Push the ball from rest, touching the glider, and balance the momenta."""
+    readings = yield [
+        call(
+            "create_objects",
+            name="ball",
+            pos=[-HALF_EDGE - RADIUS, 0, 1],
+            density=DENSITY,
+            rgba=[1, 0, 0, 1],
+            radius=RADIUS,
+        ),
+        call("apply_force", object_id="ball", force_vector=[FORCE, 0, 0]),
+        call("step", duration=TIME),
+        call("get_velocity", object_id="ball"),
+        call("get_velocity", object_id="object_1"),
+    ]
+    ball, glider = readings[3]["velocity"][0], readings[4]["velocity"][0]
+    yield [answer((FORCE * TIME - BALL_MASS * ball) / glider)]
