@@ -12,6 +12,7 @@ from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
 from evaluator.connect import Laboratory
 from evaluator.episode import play_episode
+from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.runner import pack_hash
 from scenes import PackError, PackFiles
@@ -41,7 +42,7 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
     assert category is not None
     checks: list[Check] = []
     try:
-        episodes = [await _reference(subject, seed, laboratory) for seed in range(seeds)]
+        episodes = [await play_reference(subject, seed, laboratory) for seed in range(seeds)]
         checks = [
             check_key(subject, episodes),
             await check_twins(subject, episodes),
@@ -50,8 +51,9 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
             await check_difficulty(subject, episodes),
             check_sane(subject, seeds, faults),
         ]
-    except (PackError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        # The pack's own code ran: whatever it raised is a reason, not a crash of ours.
+    except InfrastructureError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the pack's own code ran: whatever it raised is a reason
         checks = [check(name, [f"solution.py failed: {error!r}"]) for name in CERTIFICATES]
     return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
 
@@ -69,7 +71,8 @@ def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
     return check("sane", reasons, deepest_contact_m=depth)
 
 
-async def _reference(subject: Subject, seed: int, laboratory: Laboratory) -> Episode:
+async def play_reference(subject: Subject, seed: int, laboratory: Laboratory) -> Episode:
+    """The reference agent's episode in a scene at a seed."""
     key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
     agent = ReferenceAgent(subject.files.folder.parent)
     async with laboratory.open(subject.files.scene_id, seed) as client:

@@ -91,8 +91,11 @@ def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
 
     Source: MuJoCo's contact parameters: higher priority decides; otherwise the greater friction, and a mix of solref.
     """
-    model, _ = started(mjcf)
-    written = {geom.get("name", ""): geom for geom in ET.fromstring(mjcf).iter("geom")}  # noqa: S314 - the user's pack
+    root = ET.fromstring(mjcf)  # noqa: S314 - the user's pack
+    written = {geom.get("name", f"geom {number}"): geom for number, geom in enumerate(root.iter("geom"), 1)}
+    for name, geom in written.items():
+        geom.set("name", name)
+    model, _ = started(ET.tostring(root, encoding="unicode"))
     for first, second in combinations(range(model.ngeom), 2):
         fixed = [model.body_weldid[model.geom_bodyid[geom]] == 0 for geom in (first, second)]
         if not any(fixed) or not _may_touch(model, first, second):
@@ -103,7 +106,7 @@ def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
         for attribute, field in (("friction", "geom_friction"), ("solref", "geom_solref")):
             values = getattr(model, field)[[first, second]]
             width = 1 if attribute == "friction" else 2
-            stated = [name for name in names if name in written and written[name].get(attribute) is not None]
+            stated = [name for name in names if written[name].get(attribute) is not None]
             if stated and not np.allclose(values[0][:width], values[1][:width]):
                 yield (
                     f"the {attribute} of {stated[0]} is not what acts between {names[0]} and {names[1]}:"
@@ -113,7 +116,7 @@ def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
         name = model.geom(geom).name
         friction = model.geom_friction[geom][0]
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        stated = name in written and written[name].get("friction") is not None
+        stated = written[name].get("friction") is not None
         if collides and stated and model.geom_priority[geom] < 1 and friction < _CREATED_FRICTION:
             yield f'a created ball has friction 1, which would act instead of that of {name}: give {name} priority="1"'
 
@@ -144,11 +147,10 @@ def jointless_parts(mjcf: str) -> Iterator[str]:
             yield f"body {model.body(body).name!r} has no joint: make it geoms of {parent!r}, or give it a joint"
 
 
-def names(mjcf: str) -> tuple[set[str], set[str]]:
-    """Names of all bodies, and of those that can move."""
+def movable(mjcf: str) -> set[str]:
+    """Names of the bodies that can move."""
     model, _ = started(mjcf)
-    bodies = range(1, model.nbody)
-    return {model.body(one).name for one in bodies}, {model.body(one).name for one in bodies if model.body_dofnum[one]}
+    return {model.body(one).name for one in range(1, model.nbody) if model.body_dofnum[one]}
 
 
 def timestep(mjcf: str) -> float:
