@@ -1,0 +1,37 @@
+"""The push is never made: both frictions are measured by sending the blocks off against each other, and the push is
+reckoned from them.
+"""
+
+from scenes.protocol import Protocol, answer, call
+
+GRAVITY = 9.81
+LONG, SMALL = 3.0, 1.0
+"""Masses [kg]."""
+PUSH = 20.0
+"""Of the task [N]."""
+SPEED = 2.0
+"""Of each block, one forward, one back [m/s]."""
+WINDOW = 0.1
+"""Time in which neither block stops or comes to an end [s]."""
+
+
+def solve(task: str) -> Protocol:
+    """Friction is coefficient times normal force, of the impulses too, so that a block's hopping does no harm.
+
+    The small block is held back by the upper friction alone, the long one by both.
+    """
+    readings = yield [
+        call("set_velocity", object_id="object_1", velocity_vector=[SPEED, 0, 0]),
+        call("set_velocity", object_id="object_2", velocity_vector=[-SPEED, 0, 0]),
+        call("step", duration=WINDOW),
+        call("get_velocity", object_id="object_1"),
+        call("get_velocity", object_id="object_2"),
+    ]
+    (long_x, _, long_z), (small_x, _, small_z) = (reading["velocity"] for reading in readings[3:])
+    upper_impulse = SMALL * (small_x + SPEED)
+    lower_impulse = LONG * (SPEED - long_x) - upper_impulse
+    upper_normal = SMALL * (GRAVITY * WINDOW + small_z)
+    lower_normal = upper_normal + LONG * (GRAVITY * WINDOW + long_z)
+    upper, lower = upper_impulse / upper_normal, lower_impulse / lower_normal
+    together = PUSH / (LONG + SMALL) - lower * GRAVITY
+    yield [answer("0" if together <= 0 else "1" if together <= upper * GRAVITY else "2")]
