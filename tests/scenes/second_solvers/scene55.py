@@ -1,0 +1,24 @@
+"""The way each ball makes in a known time: rolling without slipping it falls behind, at 5/7 of g sin(slope)."""
+
+from math import radians, sin
+
+from scenes.protocol import Protocol, answer, call
+
+BALLS = ("object_1", "object_2")
+TIME = 0.5
+"""[s]."""
+WAY = 0.5 * 5 / 7 * 9.81 * sin(radians(35)) * TIME**2
+"""Of a solid ball that rolls without slipping [m]."""
+MARGIN = 0.02
+"""By which part the way may be longer."""
+
+
+def solve(task: str) -> Protocol:
+    """Who comes farther than a rolling ball can, slips."""
+    readings = yield [
+        call("step", duration=TIME),
+        *(call("get_displacement", object_id=ball) for ball in BALLS),
+    ]
+    ways = {ball: reading["displacement"] for ball, reading in zip(BALLS, readings[1:], strict=True)}
+    rolling = [ball for ball, way in ways.items() if way < WAY * (1 + MARGIN)]
+    yield [answer(rolling[0] if len(rolling) == 1 else 0)]
