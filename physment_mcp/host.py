@@ -2,6 +2,10 @@
 
 `POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL; whoever has the URL has the episode, whether
 the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
+
+With `"max_calls": N` the host keeps a log of the calls, for an episode that somebody else is to play. The reply then
+holds an `owner_token`; only with it can the log be read (`GET /episodes/ID/calls`) or the episode be closed, so whoever
+was given the URL alone can do neither.
 """
 
 import contextlib
@@ -18,7 +22,7 @@ from pathlib import Path
 import anyio
 from anyio.abc import TaskGroup, TaskStatus
 from mcp.server.streamable_http_manager import RequestBodyLimitMiddleware, StreamableHTTPSessionManager
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -27,6 +31,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
+from physment_mcp.call_log import CallLog
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
@@ -48,6 +53,8 @@ class EpisodeRequest(BaseModel):
 
     scene: int
     seed: int = 0
+    max_calls: int | None = Field(default=None, ge=1, le=10_000)
+    """Most tool calls, of which the host then keeps a log; None for no limit and no log."""
 
 
 @dataclass(slots=True)
@@ -55,9 +62,17 @@ class _Open:
     """An open episode."""
 
     manager: StreamableHTTPSessionManager
+    laboratory: Laboratory
     close: Callable[[], None]
     last_used: float
     in_flight: int = 0
+    owner_token: str | None = None
+    """What closes the episode and opens its log; None if the URL is enough to close it and there is no log."""
+
+    def owned_by(self, request: Request) -> bool:
+        """Tell whether a request comes from who opened the episode."""
+        shown = request.headers.get("authorization", "").removeprefix("Bearer ")
+        return self.owner_token is None or secrets.compare_digest(shown.encode(), self.owner_token.encode())
 
 
 @dataclass(slots=True)
@@ -78,6 +93,7 @@ class Host:
             Route("/healthz", self._health),
             Route("/episodes", self._create, methods=["POST"]),
             Route("/episodes/{episode_id}", self._delete, methods=["DELETE"]),
+            Route("/episodes/{episode_id}/calls", self._calls, methods=["GET"]),
             Route("/episodes/{episode_id}/mcp", _Endpoint(self.serve)),
         ]
         return Starlette(
@@ -97,17 +113,21 @@ class Host:
             yield
             tasks.cancel_scope.cancel()
 
-    async def open_episode(self, scene: int, seed: int) -> str:
+    async def open_episode(self, scene: int, seed: int, max_calls: int | None = None) -> str:
         """Open an episode and return its unguessable id.
+
+        Args:
+            scene: Which scene.
+            seed: Which variant of it.
+            max_calls: Most tool calls, of which a log is kept; None for no limit and no log.
 
         Raises:
             SceneError: The scene cannot be loaded.
         """
         assert self._tasks is not None
-        session = Session(load_scene(scene, seed, self.scenes_dir))
-        manager = StreamableHTTPSessionManager(
-            build_server(Laboratory(session)), json_response=False, session_idle_timeout=None
-        )
+        session = Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls)
+        laboratory = Laboratory(session, log=None if max_calls is None else CallLog())
+        manager = StreamableHTTPSessionManager(build_server(laboratory), json_response=False, session_idle_timeout=None)
         episode_id = secrets.token_urlsafe(18)
 
         async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
@@ -117,7 +137,8 @@ class Host:
                     await anyio.sleep_forever()
 
         close = await self._tasks.start(live)
-        self._episodes[episode_id] = _Open(manager, close, time.monotonic())
+        owner_token = None if max_calls is None else secrets.token_urlsafe(24)
+        self._episodes[episode_id] = _Open(manager, laboratory, close, time.monotonic(), owner_token=owner_token)
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -147,7 +168,7 @@ class Host:
             return _refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
         self._opening += 1
         try:
-            episode_id = await self.open_episode(wanted.scene, wanted.seed)
+            episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
         except SceneError as error:
             return _refuse(404, str(error))
         finally:
@@ -155,14 +176,39 @@ class Host:
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
         url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
         body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
+        owner_token = self._episodes[episode_id].owner_token
+        if owner_token is not None:
+            body["owner_token"] = owner_token
         return JSONResponse(body, status_code=201)
 
     async def _delete(self, request: Request) -> Response:
-        episode = self._episodes.pop(request.path_params["episode_id"], None)
+        episode_id = request.path_params["episode_id"]
+        episode = self._episodes.get(episode_id)
         if episode is None:
             return _refuse(404, "no such episode, or it has expired")
+        if not episode.owned_by(request):
+            return _refuse(401, "only who opened this episode can close it: send its owner_token as a bearer token")
+        del self._episodes[episode_id]
         episode.close()
         return Response(status_code=204)
+
+    async def _calls(self, request: Request) -> Response:
+        episode = self._episodes.get(request.path_params["episode_id"])
+        if episode is None:
+            return _refuse(404, "no such episode, or it has expired")
+        if not episode.owned_by(request):
+            return _refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
+        laboratory = episode.laboratory
+        if laboratory.log is None:
+            return _refuse(404, "no log is kept of this episode; open one with max_calls")
+        start = request.query_params.get("start", "0")
+        if not (start.isdecimal() and len(start) < 10):
+            return _refuse(400, "start must be a whole number: the first call to tell, counted from 0")
+        episode.last_used = time.monotonic()
+        # A call that is running belongs to the log, so wait for its end.
+        async with laboratory.lock:
+            calls = [one.as_json() for one in laboratory.log.calls[int(start) :]]
+            return JSONResponse({"ended": laboratory.open_session().ended, "calls": calls})
 
     async def _sweep(self) -> None:
         while True:

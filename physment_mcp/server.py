@@ -6,6 +6,7 @@ Knows MCP; leaves physics to the session and files to `scene`.
 import functools
 import json
 import logging
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
 from physment_mcp import __version__
+from physment_mcp.call_log import CallLog
 from physment_mcp.calls import call
 from physment_mcp.errors import EpisodeOver, RefusedCall, SceneError
 from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
@@ -38,11 +40,13 @@ class Laboratory:
         *,
         reopen: Callable[[int], Session] | None = None,
         scene_ids: Sequence[int] = (),
+        log: CallLog | None = None,
     ) -> None:
-        """Args: the open episode; for an idle start, how to open one by scene id, and which ids there are."""
+        """Args: the open episode; for an idle start, how to open one by scene id, and which ids there are; the log."""
         self.session = session
         self.reopen = reopen
         self.scene_ids = scene_ids
+        self.log = log
         self.lock = anyio.Lock()
 
     def open_session(self) -> Session:
@@ -116,20 +120,33 @@ class _Service:
     async def call_tool(
         self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams
     ) -> types.CallToolResult:
+        async with self._laboratory.lock:
+            log, session = self._laboratory.log, self._laboratory.session
+            if log is None or session is None or session.ended:
+                return await self._call(ctx, params)
+            started_at = time.monotonic()
+            try:
+                result = await self._call(ctx, params)
+            except BaseException:
+                log.add(params, None, started_at)
+                raise
+            log.add(params, result, started_at)
+            return result
+
+    async def _call(self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams) -> types.CallToolResult:
         async def report(done: float, total: float) -> None:
             await ctx.session.report_progress(done, total)
 
-        async with self._laboratory.lock:
-            try:
-                session = self._laboratory.open_session()
-                result = await call(session, params.name, params.arguments or {}, report)
-            except RefusedCall as refusal:
-                return _error(str(refusal))
-            except Exception as crash:  # a fault of ours must not end the episode
-                # The traceback may name hidden things, so it is not for the default log level.
-                logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
-                logger.debug("traceback", exc_info=True)
-                return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+        try:
+            session = self._laboratory.open_session()
+            result = await call(session, params.name, params.arguments or {}, report)
+        except RefusedCall as refusal:
+            return _error(str(refusal))
+        except Exception as crash:  # a fault of ours must not end the episode
+            # The traceback may name hidden things, so it is not for the default log level.
+            logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
+            logger.debug("traceback", exc_info=True)
+            return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
         return types.CallToolResult(
             content=[types.TextContent(type="text", text=result.model_dump_json())],
             structured_content=result.model_dump(mode="json"),
@@ -234,9 +251,10 @@ def _scene_view(session: Session) -> dict[str, object]:
 
 def _episode_view(session: Session) -> dict[str, object]:
     return {
-        "phase": "answered" if session.over else "running",
+        "phase": "answered" if session.over else "ended" if session.ended else "running",
         "sim_time": session.world.time,
         "calls": session.calls,
+        **({} if session.max_calls is None else {"max_calls": session.max_calls}),
         "objects": [one.object_id for one in session.known()],
     }
 

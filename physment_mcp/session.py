@@ -60,6 +60,8 @@ class Session:
     created_count: int = 0
     calls: int = 0
     """Tool calls so far, refused ones included."""
+    max_calls: int | None = None
+    """Calls the episode may use, refused ones included; None for no limit."""
     answer: object = None
     over: bool = False
 
@@ -84,10 +86,17 @@ class Session:
 
     # Gates
 
+    @property
+    def ended(self) -> bool:
+        """True after the answer, and when the calls are used up."""
+        return self.over or (self.max_calls is not None and self.calls >= self.max_calls)
+
     def check_open(self) -> None:
-        """Refuse everything after the answer."""
+        """Refuse everything after the end."""
         if self.over:
             raise EpisodeOver("the episode is over: the answer has been given and no further call is possible")
+        if self.ended:
+            raise EpisodeOver(f"the episode is over: its {self.max_calls} calls are used up and no further is possible")
 
     def find(self, object_id: str) -> LabObject:
         """The object of this id, `1` meaning `object_1`.
