@@ -1,0 +1,76 @@
+"""Where the camera stands: from corners of what is drawn to a point to look at and a distance. Knows no engine."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+AZIMUTH_DEG, ELEVATION_DEG = 106.0, -15.0
+"""From the side of -y, a little from the right and from above: x runs to the right, z up."""
+FIELD_DEG = 30.0
+"""Vertical field of view."""
+_ROUND_ALL, _ROUND_ONE = 1.2, 2.5
+"""How much of a larger fixture is shown round the things: so much of their extent, or of the size of one of them."""
+_FILLED, _ALONE = 0.86, 0.5
+"""Share of the picture that may be filled, and by a thing that has nothing round it."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Where the camera looks, from how far, and how large what it shows is."""
+
+    centre: Array
+    distance: float
+    extent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is to be shown."""
+
+    things: Array
+    """Corners of what the scene is about (n, 3) [m]."""
+    fixtures: list[Array]
+    """Corners of each larger part (8, 3) [m]."""
+    size: float
+    """Size of the largest single thing [m]."""
+
+
+def view_of(subject: Subject, aspect: float) -> View:
+    """The view that shows all things whole, and of the fixtures round them what is near.
+
+    Args:
+        subject: What is to be shown.
+        aspect: Width of the picture over its height.
+    """
+    things, fixtures = subject.things, subject.fixtures
+    low, high = things.min(axis=0), things.max(axis=0)
+    reach = min(_ROUND_ALL * float((high - low).max()), _ROUND_ONE * subject.size)
+    near = [np.clip(corners, low - reach, high + reach) for corners in fixtures]
+    # What lies wholly elsewhere would be clipped to a flat patch: it is not looked at.
+    near = [one for one in near if np.all(np.ptp(one, axis=0) > 0)]
+    points = np.concatenate([things, *near])
+    axes = _camera_axes()
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    tall = np.tan(np.radians(FIELD_DEG) / 2) * (_FILLED if len(points) > 8 else _ALONE)
+    limits = np.array([tall * aspect, tall])
+    distance = 0.0
+    for _ in range(8):
+        across, along = (points - centre) @ axes[:2].T, (points - centre) @ axes[2]
+        distance = float((np.abs(across) / limits - along[:, None]).max())
+        seen = across / (distance + along)[:, None]
+        # Perspective puts the middle of the box off the middle of the picture: move it there.
+        middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+        centre = centre + distance * (middle @ axes[:2])
+    return View(centre, distance, float(np.linalg.norm(np.ptp(points, axis=0))))
+
+
+def _camera_axes() -> Array:
+    """Rows: to the right, up, and forward (3, 3)."""
+    azimuth, elevation = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
+    level, rise = np.cos(elevation), np.sin(elevation)
+    forward = np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, rise])
+    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    return np.array([right, np.cross(right, forward), forward])

@@ -1,0 +1,114 @@
+"""What a picture of a scene may show: parts that are the same for every seed, and nothing hidden or invisible.
+
+The key changes with the seed, as the certificates prove; a picture that does not change with it tells nothing of the
+key. Objects whose place or size is withheld are therefore drawn exactly where no seed changes them: withholding keeps
+instruments from following what happens to them later, and where they start is told by the task or without consequence.
+"""
+
+# MuJoCo ships no type stubs.
+# pyright: reportAttributeAccessIssue=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator.certify.models import started
+from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
+
+_SEEDS = 24
+"""A choice of two survives so many draws unseen once in 16 million."""
+_SHAPES = frozenset(
+    {
+        mujoco.mjtGeom.mjGEOM_PLANE,
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        mujoco.mjtGeom.mjGEOM_BOX,
+    }
+)
+"""Shapes that pose and size describe whole. Others are not drawn: their vertices are not compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Visible:
+    """Indices of what may be drawn, in any seed's model."""
+
+    geoms: tuple[int, ...]
+    tendons: tuple[int, ...]
+
+
+def visible_parts(files: PackFiles, pack: Pack) -> Visible:
+    """What may be drawn of a pack.
+
+    Raises:
+        PackError: The pack cannot be drawn from.
+        ValueError: Its model does not compile.
+    """
+    texts = [drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0) for seed in range(_SEEDS)]
+    (model, data), *others = [started(text) for text in dict.fromkeys(texts)]
+    unseen = _unseen_bodies(model, pack)
+    geoms = [
+        geom
+        for geom in range(model.ngeom)
+        if mujoco.mjtGeom(model.geom_type[geom]) in _SHAPES
+        and int(model.geom_bodyid[geom]) not in unseen
+        and _colour(model, geom)[3] > 0
+        and all(np.array_equal(_geom(model, data, geom), _geom(*other, geom)) for other in others)
+    ]
+    tendons = [
+        tendon
+        for tendon in range(model.ntendon)
+        if model.tendon_rgba[tendon][3] > 0
+        and _may_show(model, tendon, unseen)
+        and all(np.array_equal(_tendon(model, data, tendon), _tendon(*other, tendon)) for other in others)
+    ]
+    return Visible(tuple(geoms), tuple(tendons))
+
+
+def _unseen_bodies(model: mujoco.MjModel, pack: Pack) -> set[int]:
+    """Hidden bodies and everything that hangs on them."""
+    names = {f"object_{listed.object_id}" for key, listed in pack.objects.items() if pack.permissions_of(key).hidden}
+    unseen: set[int] = set()
+    for body in range(1, model.nbody):
+        if model.body(body).name in names or int(model.body_parentid[body]) in unseen:
+            unseen.add(body)
+    return unseen
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
+    material = int(model.geom_matid[geom])
+    return model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+
+
+def _geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> NDArray[np.float64]:
+    """Everything that decides how a geom looks, to nanometres: the last bits are arithmetic."""
+    parts = (data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom], _colour(model, geom))
+    return np.round(np.concatenate(parts), 9)
+
+
+def _may_show(model: mujoco.MjModel, tendon: int, unseen: set[int]) -> bool:
+    """Whether a tendon runs in space, along points of bodies that are not hidden."""
+    first = int(model.tendon_adr[tendon])
+    for wrap in range(first, first + int(model.tendon_num[tendon])):
+        kind, index = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+        if kind == mujoco.mjtWrap.mjWRAP_SITE:
+            body = int(model.site_bodyid[index])
+        elif kind in {mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER}:
+            body = int(model.geom_bodyid[index])
+        else:
+            return False
+        if body in unseen:
+            return False
+    return True
+
+
+def _tendon(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> NDArray[np.float64]:
+    """Everything that decides how a tendon looks: its path, and its range, to which a slack one sags."""
+    first, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
+    path = data.wrap_xpos.reshape(-1, 3)[first : first + count].ravel()
+    sag = (model.tendon_range[tendon], model.tendon_width[tendon : tendon + 1], model.tendon_rgba[tendon])
+    return np.round(np.concatenate((path, *sag), dtype=np.float64), 9)
