@@ -7,7 +7,7 @@ CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,phys
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench lock wheel clean setup
+.PHONY: help demo test check bench pages lock wheel clean setup
 
 help: ## list the commands
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|'
@@ -40,6 +40,9 @@ check: $(STAMP) ## format, lint, types
 
 bench: $(STAMP) ## speed, as ratios measured in one run
 	@$(BIN)/python tests/bench/bench.py
+
+pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws them)
+	@$(BIN)/physment-eval scenes pages --out docs
 
 wheel: $(STAMP) ## build the wheel into dist/
 	@$(BIN)/python -m build --wheel --no-isolation

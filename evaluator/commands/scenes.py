@@ -1,6 +1,7 @@
-"""`physment-eval scenes list|show|new`: what scenes there are, what one is, and the start of a new one."""
+"""`physment-eval scenes list|show|new|pages`: what scenes there are, what one is, a new one, pages about all."""
 
 import argparse
+import os
 from pathlib import Path
 
 from rich.console import Console
@@ -16,14 +17,22 @@ from evaluator.selection import parse_scenes
 from scenes import Category, Pack, PackError, PackFiles, default_folder, draw_knobs, drawn_mjcf, find_pack, read_pack
 
 _DESCRIPTION = """\
-List the scenes, show one, or start a new one.
+List the scenes, show one, start a new one, or write the pages about them.
+"""
+_PAGES = """\
+Write what the documentation says of the scenes: reference/scenes.md with a picture of each scene, and
+explanation/worked-examples.md with a run of one scene of each category. The first tells no answers, hidden values or
+methods; the second tells the methods of its scenes.
+
+This runs the solution.py of each scene: name only folders you trust. Pictures need a library that draws off-screen,
+such as libosmesa6; without one the pages say so. Exit code: 0 written; 1 written, but something is wrong with a scene.
 """
 
 
 def add(commands: Commands) -> None:
-    """Declare `scenes list`, `scenes show` and `scenes new`."""
-    family = commands.add_parser("scenes", help="list, show, or start scenes", description=_DESCRIPTION)
-    actions = family.add_subparsers(dest="action", metavar="list|show|new", required=True)
+    """Declare `scenes list`, `scenes show`, `scenes new` and `scenes pages`."""
+    family = commands.add_parser("scenes", help="list, show, start or document scenes", description=_DESCRIPTION)
+    actions = family.add_subparsers(dest="action", metavar="list|show|new|pages", required=True)
     listing = actions.add_parser("list", help="a line for each scene", description="A line for each scene.")
     listing.set_defaults(run=_list)
     listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single")
@@ -44,7 +53,19 @@ def add(commands: Commands) -> None:
     new.set_defaults(run=_new)
     new.add_argument("scene", type=whole, metavar="N", help="id of the new scene, such as 112")
     new.add_argument("--category", required=True, choices=[one.value for one in Category], help="one of the 13")
-    for command in (listing, show):
+    pages = actions.add_parser(
+        "pages",
+        help="write the documentation of the scenes, with pictures",
+        description=_PAGES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    pages.set_defaults(run=_pages)
+    pages.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR", help="where to (default docs)")
+    pages.add_argument("--no-pictures", action="store_true", help="draw nothing; the page says so")
+    pages.add_argument(
+        "--jobs", type=whole, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+    )
+    for command in (listing, show, pages):
         command.add_argument(
             "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
         )
@@ -125,6 +146,22 @@ def _new(args: argparse.Namespace) -> int:
         soft_wrap=True,
     )
     return 0
+
+
+def _pages(args: argparse.Namespace) -> int:
+    from evaluator.pages.write import write_pages  # noqa: PLC0415 - only this command needs the engine
+
+    def say(sentence: str) -> None:
+        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+    console = Console()
+    packs = parse_scenes(None, args.scenes_dir)
+    written = write_pages(packs, args.out, pictures=not args.no_pictures, jobs=args.jobs, on_done=say)
+    for sentence in (*written.faults, written.unpictured):
+        if sentence:
+            say(sentence)
+    say(f"{len(written.files)} files are written in {args.out}")
+    return 1 if written.faults else 0
 
 
 def _read(files: PackFiles) -> Pack:
