@@ -1,0 +1,114 @@
+"""From a choice to the client that asks it. The only place that knows how each provider's client is built and set."""
+
+from typing import Any, cast
+
+import httpx2
+from openai import AsyncOpenAI
+from pydantic_ai.models import Model
+from pydantic_ai.models.anthropic import AnthropicModel
+from pydantic_ai.models.google import GoogleModel
+from pydantic_ai.models.openai import OpenAIChatModel
+from pydantic_ai.models.openrouter import OpenRouterModel
+from pydantic_ai.profiles.openai import OpenAIModelProfile
+from pydantic_ai.providers.anthropic import AnthropicProvider
+from pydantic_ai.providers.google import GoogleProvider
+from pydantic_ai.providers.openai import OpenAIProvider
+from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
+from pydantic_ai.providers.openrouter import OpenRouterProvider
+from pydantic_ai.settings import ModelSettings
+
+from evaluator.models.choice import ModelChoice
+from evaluator.models.presets import Dialect
+
+_NO_KEY = "no-key"
+"""Sent where a provider needs none: clients insist on something."""
+_CONNECT_S = 15.0
+
+
+def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = None) -> httpx2.AsyncClient:
+    """An HTTP client for one model, to be closed by the caller.
+
+    Args:
+        timeout_s: Longest silence of a server [s].
+        transport: Where requests go instead of to the network.
+    """
+    return httpx2.AsyncClient(
+        timeout=httpx2.Timeout(timeout_s, connect=_CONNECT_S),
+        # The pool must never be what limits concurrency: that is the lane's part.
+        limits=httpx2.Limits(max_connections=None, max_keepalive_connections=100),
+        transport=transport,
+        follow_redirects=True,
+    )
+
+
+def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
+    """The client of a model, over an HTTP client of ours, without retries of its own."""
+    key, name, url = choice.key() or _NO_KEY, choice.model, choice.base_url
+    match choice.provider.dialect:
+        case Dialect.ANTHROPIC:
+            return AnthropicModel(name, provider=AnthropicProvider(api_key=key, base_url=url, http_client=http))
+        case Dialect.GOOGLE:
+            return GoogleModel(name, provider=GoogleProvider(api_key=key, base_url=url, http_client=http))
+        case Dialect.OPENROUTER:
+            # Its provider knows one address only; the client underneath takes any.
+            client = AsyncOpenAI(api_key=key, base_url=url, http_client=http)
+            return OpenRouterModel(name, provider=OpenRouterProvider(openai_client=client))
+        case Dialect.OPENAI if choice.provider.name == "openai":
+            return OpenAIChatModel(name, provider=OpenAIProvider(api_key=key, base_url=url, http_client=http))
+        case Dialect.OPENAI:
+            return OpenAIChatModel(
+                name,
+                provider=OpenAICompatibleProvider(
+                    choice.provider.name,
+                    base_url=url,
+                    api_key=key,
+                    http_client=http,
+                    # Only OpenAI itself insists on `max_completion_tokens`; all others know `max_tokens`.
+                    profile=OpenAIModelProfile(openai_chat_supports_max_completion_tokens=False),
+                ),
+            )
+
+
+def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> ModelSettings:
+    """The settings that go with each request.
+
+    Args:
+        model: The client that sends them, which knows what the model can do.
+        choice: Whose wire format decides how they are written.
+        timeout_s: Longest duration of a request, to the last byte of its reply [s].
+    """
+    options, dialect = choice.options, choice.provider.dialect
+    settings: dict[str, Any] = {"timeout": timeout_s, "request_timeout": timeout_s, "max_retries": 0}
+    if options.temperature is not None:
+        settings["temperature"] = options.temperature
+    if options.max_tokens is not None:
+        settings["max_tokens"] = options.max_tokens
+    if options.effort is not None:
+        settings |= _effort(dialect, options.effort)
+    if dialect is Dialect.ANTHROPIC:
+        # Others cache a growing conversation by themselves; here it must be asked for. Price only, not content.
+        settings["cache"] = True
+    return cast(ModelSettings, settings | _thoughts_shown(model, dialect, options.effort))
+
+
+def _effort(dialect: Dialect, effort: str) -> dict[str, Any]:
+    match dialect:
+        case Dialect.OPENAI:
+            # Written as it is: the unified setting is dropped for models the client does not know to think.
+            return {"openai_reasoning_effort": effort}
+        case Dialect.OPENROUTER:
+            return {"openrouter_reasoning": {"effort": effort}}
+        case Dialect.ANTHROPIC | Dialect.GOOGLE:
+            return {"thinking": False if effort == "none" else effort}
+
+
+def _thoughts_shown(model: Model, dialect: Dialect, effort: str | None) -> dict[str, Any]:
+    """What makes the model's thoughts visible where it thinks anyway: reasoning is part of the record."""
+    profile = cast(dict[str, Any], model.profile)
+    if dialect is Dialect.GOOGLE and effort is None:
+        return {"thinking": True}
+    thinks = effort or profile.get("thinking_enabled_by_default") or profile.get("thinking_always_enabled")
+    adaptive = dialect is Dialect.ANTHROPIC and profile.get("anthropic_supports_adaptive_thinking")
+    if adaptive and thinks and effort != "none":
+        return {"anthropic_thinking": {"type": "adaptive", "display": "summarized"}}
+    return {}

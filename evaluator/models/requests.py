@@ -1,0 +1,104 @@
+"""Asking a model until it replies: lanes, time-outs, back-off. Retries are counted here and nowhere below."""
+
+import random
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+
+import anyio
+from pydantic_ai.direct import model_request
+from pydantic_ai.messages import ModelMessage, ModelResponse
+from pydantic_ai.models import Model, ModelRequestParameters
+from pydantic_ai.settings import ModelSettings
+
+from evaluator.errors import InfrastructureError
+from evaluator.models.failures import AskAgain, judge
+from evaluator.models.lanes import Lane
+from evaluator.models.patience import Patience
+
+MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
+"""Gemini's finish reasons for a call it could not write down: the model's doing, not a failure of the service."""
+
+
+@dataclass(slots=True)
+class Requests:
+    """Asks one model at one provider."""
+
+    model: Model
+    settings: ModelSettings
+    lane: Lane
+    patience: Patience
+    label: str
+    """How sentences name the model."""
+    key: str | None = field(default=None, repr=False)
+    """Struck out of sentences."""
+    sleep: Callable[[float], Awaitable[None]] = anyio.sleep
+    clock: Callable[[], float] = time.monotonic
+    luck: Callable[[], float] = random.random
+    """Numbers from 0 to 1 for the jitter, which keeps requests that failed together from coming back together."""
+    retries: int = 0
+    """Requests that had to be made again, over all."""
+
+    async def ask(self, messages: Sequence[ModelMessage], parameters: ModelRequestParameters) -> ModelResponse:
+        """Ask until there is a reply.
+
+        Raises:
+            AgentError: The model refuses, or the conversation does not fit it.
+            InfrastructureError: No reply within `patience`, or none is to be had.
+        """
+        waited_s = 0.0
+        for attempt in range(1, self.patience.attempts + 1):
+            waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
+            try:
+                async with self.lane.limiter:
+                    return await self._attempt(messages, parameters)
+            except AskAgain as failure:
+                pause_s = self._pause(attempt, failure.wait_s)
+                if attempt == self.patience.attempts or waited_s + pause_s > self.patience.total_wait_s:
+                    asked = (
+                        "" if failure.wait_s is None else f", which asked to be left alone for {failure.wait_s:.0f} s"
+                    )
+                    raise InfrastructureError(
+                        f"{self.label} gave no reply in {attempt} attempts{asked}: {failure}"
+                    ) from failure
+                if failure.wait_s is not None:
+                    self.lane.shut_until = max(self.lane.shut_until, self.clock() + failure.wait_s)
+            self.retries += 1
+            waited_s += pause_s
+            await self.sleep(pause_s)
+        raise AssertionError("the last attempt returns or raises")
+
+    async def _attempt(self, messages: Sequence[ModelMessage], parameters: ModelRequestParameters) -> ModelResponse:
+        try:
+            response = await model_request(
+                self.model, messages, model_settings=self.settings, model_request_parameters=parameters
+            )
+        except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; judged at once
+            # Nothing is chained: a client's error carries the request, and with it the key.
+            raise judge(error, self.key) from None
+        reason = raw_finish_reason(response)
+        if response.finish_reason == "error" and reason not in MALFORMED_CALL:
+            raise AskAgain(f"the provider broke its reply off ({reason or 'no reason given'})")
+        return response
+
+    async def _wait_for_lane(self, patience_s: float) -> float:
+        """Wait while the provider wants to be left alone; returns how long [s]."""
+        wait_s = self.lane.shut_until - self.clock()
+        if wait_s <= 0:
+            return 0.0
+        if wait_s > patience_s:
+            raise InfrastructureError(f"{self.label} asked to be left alone for {wait_s:.0f} s more")
+        wait_s += self.luck() * min(wait_s, self.patience.first_pause_s)
+        await self.sleep(wait_s)
+        return wait_s
+
+    def _pause(self, attempt: int, asked_s: float | None) -> float:
+        """Pause before the next attempt [s]: doubling, jittered, and never shorter than the provider asked for."""
+        ceiling = min(self.patience.longest_pause_s, self.patience.first_pause_s * 2 ** (attempt - 1))
+        jittered = ceiling * (0.5 + self.luck() / 2)
+        return jittered if asked_s is None else max(asked_s, 0.0) + jittered / 10
+
+
+def raw_finish_reason(response: ModelResponse) -> str:
+    """The provider's own word for why the reply ended; empty if it gave none."""
+    return str((response.provider_details or {}).get("finish_reason") or "")
