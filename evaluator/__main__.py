@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import run, scenes, verify
+from evaluator.commands import replay, run, scenes, verify
 from evaluator.commands.base import own_version
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 
@@ -18,6 +18,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval run --out runs/mine --resume       go on with a run that was interrupted
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine                   write its report.html again
+  physment-eval replay runs/mine                   play its transcripts again and compare every return
 
   physment-eval scenes list                        the scenes, with their certificates
   physment-eval scenes show 21                     what an agent is told of a scene
@@ -42,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     run.add(commands, _DESCRIPTION)
     verify.add(commands)
     scenes.add(commands)
+    replay.add(commands)
     # `run` is the default command: put it in where the first word is an option.
     if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")
