@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import replay, run, scenes, verify
+from evaluator.commands import models, replay, run, scenes, verify
 from evaluator.commands.base import own_version
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 
@@ -43,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     run.add(commands, _DESCRIPTION)
     verify.add(commands)
     scenes.add(commands)
+    models.add(commands)
     replay.add(commands)
     # `run` is the default command: put it in where the first word is an option.
     if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):

@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -12,6 +12,7 @@ from pydantic_ai.messages import (
     ModelRequest,
     ModelRequestPart,
     ModelResponse,
+    ModelResponsePart,
     TextPart,
     ThinkingPart,
     ToolCallPart,
@@ -115,7 +116,7 @@ class _ModelPlayer:
         self.history.append(ModelRequest(parts=self._shown(feedback)))
         response = await self.requests.ask(self.history, self._parameters())
         _refuse(response)
-        self.history.append(response)
+        self.history.append(_encodable(response))
         usage, thought = _usage(response), _joined(response, ThinkingPart)
         problem = _cut_off(response) or _unwritten(response)
         said = _joined(response, TextPart)
@@ -204,6 +205,26 @@ def _refuse(response: ModelResponse) -> None:
         )
     if raw_finish_reason(response) == _CONTEXT_FULL:
         raise AgentError("the conversation no longer fits the model's context window")
+
+
+def _encodable(response: ModelResponse) -> ModelResponse:
+    """The reply, as it can be sent again: half surrogate pairs, which models do write, cannot go into UTF-8."""
+    parts = [_sendable(part) for part in response.parts]
+    return replace(response, parts=parts)
+
+
+def _sendable(part: ModelResponsePart) -> ModelResponsePart:
+    match part:
+        case TextPart() | ThinkingPart():
+            return replace(part, content=_as_utf8(part.content))
+        case ToolCallPart(args=str(args)):
+            return replace(part, args=_as_utf8(args))
+        case _:
+            return part
+
+
+def _as_utf8(text: str) -> str:
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _cut_off(response: ModelResponse) -> str:

@@ -6,6 +6,7 @@ Light on purpose: the command line reads it without loading a provider's client.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from urllib.parse import urlsplit, urlunsplit
 
 
 class Dialect(StrEnum):
@@ -46,6 +47,10 @@ class Provider:
     def url(self, environ: Mapping[str, str]) -> str:
         """The base URL: the environment's, or the provider's own; empty if neither is known."""
         return environ.get(self.url_variable) or self.base_url
+
+    def shown_url(self, environ: Mapping[str, str]) -> str:
+        """The base URL as it may be shown."""
+        return without_secrets(self.url(environ))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +111,15 @@ PRESETS = (
 )
 """The seven models that the paper reports. The four with open weights are asked through one key at OpenRouter, where
 the model that the paper names can still be had; any other provider that has one is `model:PROVIDER:NAME`."""
+
+
+def without_secrets(url: str) -> str:
+    """A URL without user, password, query and fragment, for records and sentences; empty if it is none."""
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        return ""
+    return urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", ""))
 
 
 def find_provider(name: str) -> Provider | None:
