@@ -6,7 +6,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,7 +72,7 @@ class HostLaboratory:
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
         async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S) as http:
-            opened = await self._post(http, scene, seed)
+            opened = await self.request_episode(http, {"scene": scene, "seed": seed})
             try:
                 async with Client(opened["mcp_url"], read_timeout_seconds=_CALL_TIMEOUT_S) as client:
                     yield client
@@ -84,10 +84,21 @@ class HostLaboratory:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
                     await http.delete(f"/episodes/{opened['episode_id']}")
 
-    async def _post(self, http: httpx.AsyncClient, scene: int, seed: int) -> dict[str, str]:
-        """Ask for an episode; returns its id and address."""
+    async def request_episode(self, http: httpx.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
+        """Ask for an episode.
+
+        Args:
+            http: A client whose base is the address of this host.
+            wanted: Body of the request.
+
+        Returns:
+            What the host says of the episode: at least its id and its MCP address.
+
+        Raises:
+            InfrastructureError: The host cannot be reached, or opened none.
+        """
         try:
-            reply = await http.post("/episodes", json={"scene": scene, "seed": seed})
+            reply = await http.post("/episodes", json=wanted)
         except httpx.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
         said: Any = {}

@@ -71,7 +71,7 @@ async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: 
                 break
             feedback = Feedback(batch.exchanges, batch.note, remaining)
     except AgentError as failure:
-        outcome, error = Outcome.AGENT_ERROR, _as_text(str(failure))
+        outcome, error = Outcome.AGENT_ERROR, as_text(str(failure))
     return Episode(
         key=key,
         outcome=outcome,
@@ -109,12 +109,12 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 
 def _recordable(reply: Reply) -> Reply:
     """The reply, or a malformed one in its place where a record could not hold it and be read again."""
-    problems = [reply.malformed, *(_unrecordable(call) for call in reply.calls)]
+    problems = [reply.malformed, *(unrecordable(call) for call in reply.calls)]
     problem = next((one for one in problems if one), "")
-    return Reply(_as_text(reply.reasoning), () if problem else reply.calls, _as_text(problem), reply.usage)
+    return Reply(as_text(reply.reasoning), () if problem else reply.calls, as_text(problem), reply.usage)
 
 
-def _unrecordable(call: ToolCall) -> str:
+def unrecordable(call: ToolCall) -> str:
     """Why a record could not hold a call; empty if it can."""
     if _nests_deeper(call.arguments, _MAX_NESTING):
         return f"a call nests more than {_MAX_NESTING} levels"
@@ -122,10 +122,10 @@ def _unrecordable(call: ToolCall) -> str:
         written = json.dumps([call.tool, call.arguments], ensure_ascii=False)
     except (TypeError, ValueError) as error:
         return f"a call is not JSON: {error}"
-    return "" if _as_text(written) == written else "a call holds half a surrogate pair, which is no text"
+    return "" if as_text(written) == written else "a call holds half a surrogate pair, which is no text"
 
 
-def _as_text(text: str) -> str:
+def as_text(text: str) -> str:
     """Text that UTF-8 can hold: half surrogate pairs become question marks."""
     return text.encode("utf-8", "replace").decode("utf-8")
 

@@ -1,6 +1,7 @@
 """What the commands share: whole numbers, our own errors out of exception groups, the installed version."""
 
 import argparse
+import math
 from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from typing import Any, Protocol
@@ -35,6 +36,17 @@ def whole(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
     return int(text)
+
+
+def seconds(text: str) -> float:
+    """A time above 0 [s], as an argument type."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a time above 0, in seconds")
+    return value
 
 
 def unwrapped(play: Callable[[], Awaitable[object]]) -> None:

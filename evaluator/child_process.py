@@ -1,0 +1,144 @@
+"""A command run as a child of ours: in a process group of its own, with bounds on time and on what it says.
+
+Knows nothing of MCP, agents or episodes.
+"""
+
+import contextlib
+import os
+import signal
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from subprocess import DEVNULL, PIPE
+
+import anyio
+from anyio.abc import ByteReceiveStream, ByteSendStream, Process
+
+_KEPT = 64 * 1024
+"""Last bytes of each of its streams that are kept."""
+_TERM_S = 2.0
+"""Wall time between asking a process to end and ending it [s]."""
+_FLUSH_S = 2.0
+"""Wall time for the last of its output to arrive [s]."""
+
+
+@dataclass(slots=True)
+class _Tail:
+    """The last bytes of a stream."""
+
+    content: bytearray = field(default_factory=bytearray)
+    ended: anyio.Event = field(default_factory=anyio.Event)
+
+    async def drain(self, stream: ByteReceiveStream) -> None:
+        """Read a stream to its end, so that its writer never waits."""
+        try:
+            async for chunk in stream:
+                self.content += chunk
+                del self.content[:-_KEPT]
+        except anyio.BrokenResourceError:
+            pass
+        finally:
+            self.ended.set()
+
+    def text(self) -> str:
+        return self.content.decode("utf-8", "replace")
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a command ended."""
+
+    code: int | None
+    """Its exit code, negative for a signal; None if it was stopped."""
+    out_of_time: bool
+    """True if it was stopped for its wall time."""
+    stdout: str
+    """The last of what it wrote."""
+    stderr: str
+
+
+async def run_child(
+    command: Sequence[str],
+    *,
+    cwd: Path,
+    env: Mapping[str, str],
+    stdin: str | None,
+    max_wall_s: float,
+    until: Callable[[], Awaitable[None]],
+) -> Ended:
+    """Run a command to its end, or stop it; whichever way this returns, nothing of its process group is left.
+
+    Args:
+        command: Program and arguments.
+        cwd: Its working directory.
+        env: Its whole environment.
+        stdin: What it reads; nothing if None.
+        max_wall_s: Wall time it may take [s].
+        until: Returns when the command is of no more use.
+
+    Raises:
+        OSError: It cannot be started.
+    """
+    process = await anyio.open_process(
+        list(command), stdin=DEVNULL if stdin is None else PIPE, cwd=cwd, env=env, start_new_session=True
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    out, err, limit = _Tail(), _Tail(), anyio.CancelScope(deadline=anyio.current_time() + max_wall_s)
+    code, stopped = None, False
+    try:
+        async with anyio.create_task_group() as streams:
+            streams.start_soon(out.drain, process.stdout)
+            streams.start_soon(err.drain, process.stderr)
+            if stdin is not None and process.stdin is not None:
+                streams.start_soon(_feed, process.stdin, stdin)
+            with limit:
+                await _wait(process, until)
+            code = process.returncode
+            await _stop_group(process)
+            stopped = True
+            with anyio.move_on_after(_FLUSH_S):
+                await out.ended.wait()
+                await err.ended.wait()
+            streams.cancel_scope.cancel()
+    finally:
+        with anyio.CancelScope(shield=True):
+            if not stopped:
+                await _stop_group(process)
+            await process.aclose()
+    return Ended(code, out_of_time=limit.cancelled_caught, stdout=out.text(), stderr=err.text())
+
+
+async def _wait(process: Process, until: Callable[[], Awaitable[None]]) -> None:
+    """Wait for the process, or for `until`."""
+    async with anyio.create_task_group() as either:
+
+        async def useless() -> None:
+            await until()
+            either.cancel_scope.cancel()
+
+        either.start_soon(useless)
+        await process.wait()
+        either.cancel_scope.cancel()
+
+
+async def _feed(stream: ByteSendStream, text: str) -> None:
+    with contextlib.suppress(anyio.BrokenResourceError, anyio.ClosedResourceError):
+        await stream.send(text.encode("utf-8", "replace"))
+        await stream.aclose()
+
+
+async def _stop_group(process: Process) -> None:
+    """End the process and what it started, first by asking."""
+    if process.returncode is None:
+        _signal_group(process.pid, signal.SIGTERM)
+        with anyio.move_on_after(_TERM_S):
+            await process.wait()
+    # Also where the leader has ended: what it started may live on and hold its streams.
+    _signal_group(process.pid, signal.SIGKILL)
+    await process.wait()
+
+
+def _signal_group(pid: int, sign: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, sign)

@@ -1,0 +1,52 @@
+"""What `run` says of agents that are programs: `--agent external -- COMMAND`, and its options."""
+
+import argparse
+
+from evaluator.agents.external import CALLS_PER_ITERATION, ExternalAgent, parse_external
+from evaluator.commands.base import seconds, whole
+
+EXTERNAL = "external"
+"""What `--agent` says for a program."""
+
+
+def add_options(run: argparse.ArgumentParser) -> None:
+    """Declare the command after `--`, and its bounds."""
+    group = run.add_argument_group(
+        "external agents",
+        "--agent external --server host -- COMMAND plays with a program that speaks MCP, such as a command-line coding"
+        " agent. In COMMAND, {mcp_config} stands for the path of a client configuration, {mcp_url} for the address of"
+        " the episode, {prompt} for the opening prompt, which otherwise comes on its stdin. It runs in an empty folder"
+        " and is judged by the host's own log of its calls.",
+    )
+    group.add_argument("command_words", nargs="*", metavar="-- COMMAND", help="the program and its arguments")
+    group.add_argument(
+        "--max-calls",
+        type=whole,
+        metavar="N",
+        help=f"most tool calls in an episode (default {CALLS_PER_ITERATION} × its budget of iterations)",
+    )
+    group.add_argument(
+        "--max-wall-time", type=seconds, default=1800.0, metavar="S", help="most wall time for an episode [s] (1800)"
+    )
+    group.add_argument(
+        "--sealed",
+        action="store_true",
+        help="you vouch that no scene pack can be read where COMMAND runs, such as in a container or as another user;"
+        " without it an agent that could read the packs is marked unsealed",
+    )
+
+
+def external_agent(args: argparse.Namespace) -> ExternalAgent:
+    """The program that the options name.
+
+    Raises:
+        UsageError: The command is missing, cannot be found or could not find the laboratory.
+    """
+    return parse_external(
+        args.command_words,
+        args.server,
+        args.scenes_dir,
+        vouched=args.sealed,
+        max_calls=args.max_calls,
+        max_wall_s=args.max_wall_time,
+    )

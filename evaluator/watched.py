@@ -1,0 +1,129 @@
+"""An episode that somebody else plays: opened on a host, watched, and read back from the host's own log of calls."""
+
+import contextlib
+import json
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from typing import Any
+
+import anyio
+import httpx
+import mcp_types as types
+from mcp import Client
+
+from evaluator.connect import HostLaboratory
+from evaluator.episode import unrecordable
+from evaluator.errors import InfrastructureError
+from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
+
+_TIMEOUT_S = 300.0
+"""A look at the log waits for the call that runs, which may take long."""
+_LOOK_S = 0.5
+"""Wall time between looks at whether the episode has ended [s]."""
+_NO_CALLS = 999_999_999
+"""A place in the log where there are none: asks for the state alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class WatchedEpisode:
+    """An open episode whose calls its host keeps a log of."""
+
+    mcp_url: str
+    """All that its player is given."""
+    _http: httpx.AsyncClient
+    _path: str
+    _owner_token: str
+
+    async def prompt(self, key: EpisodeKey) -> str:
+        """The opening prompt without a word on the budget, which here is one of calls.
+
+        Raises:
+            InfrastructureError: The host failed.
+        """
+        arguments = {"prompting": key.prompting, "protocol": key.protocol}
+        try:
+            async with Client(self.mcp_url, read_timeout_seconds=_TIMEOUT_S) as client:
+                said = await client.get_prompt("scene", arguments)
+        except Exception as error:
+            raise InfrastructureError(f"the opening prompt could not be read: {error!r}") from error
+        return "\n\n".join(one.content.text for one in said.messages if isinstance(one.content, types.TextContent))
+
+    async def until_end(self) -> bool:
+        """Wait until nothing more can be called in the episode.
+
+        Returns:
+            True once it is answered or out of calls; False if the host is gone.
+        """
+        while True:
+            try:
+                if (await self._log(_NO_CALLS))["ended"]:
+                    return True
+            except InfrastructureError:
+                return False
+            await anyio.sleep(_LOOK_S)
+
+    async def turns(self) -> tuple[Turn, ...]:
+        """What was called so far, a turn for each call.
+
+        Raises:
+            InfrastructureError: The host failed.
+        """
+        turns: list[Turn] = []
+        before = 0.0
+        for one in (await self._log(0))["calls"]:
+            exchange = _exchange(one)
+            thought = max(0.0, one["started_s"] - before)
+            turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=thought, server_s=exchange.duration_s))
+            before = one["started_s"] + one["duration_s"]
+        return tuple(turns)
+
+    async def _log(self, start: int) -> dict[str, Any]:
+        headers = {"Authorization": f"Bearer {self._owner_token}"}
+        try:
+            reply = await self._http.get(f"{self._path}/calls", params={"start": start}, headers=headers)
+        except httpx.HTTPError as error:
+            raise InfrastructureError(f"the log of calls could not be read: {error!r}") from error
+        if not reply.is_success:
+            raise InfrastructureError(f"the log of calls could not be read: {reply.status_code} {reply.text[:200]}")
+        return json.loads(reply.text)
+
+
+@contextlib.asynccontextmanager
+async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: int) -> AsyncGenerator[WatchedEpisode]:
+    """Open an episode for somebody else, and close it afterwards.
+
+    Args:
+        host: Where.
+        scene: Which scene.
+        seed: Which variant of it.
+        max_calls: Most tool calls; the laboratory refuses those beyond.
+
+    Raises:
+        InfrastructureError: The host cannot be reached, or keeps no logs.
+    """
+    async with httpx.AsyncClient(base_url=host.base_url, timeout=_TIMEOUT_S) as http:
+        opened = await host.request_episode(http, {"scene": scene, "seed": seed, "max_calls": max_calls})
+        if "owner_token" not in opened:
+            raise InfrastructureError(f"the host {host.base_url} keeps no logs of calls; it is too old for this")
+        path, token = f"/episodes/{opened['episode_id']}", opened["owner_token"]
+        try:
+            yield WatchedEpisode(opened["mcp_url"], http, path, token)
+        finally:
+            with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
+                await http.delete(path, headers={"Authorization": f"Bearer {token}"})
+
+
+def _exchange(said: dict[str, Any]) -> Exchange:
+    call = ToolCall(tool=said["tool"], arguments=said["arguments"])
+    problem = unrecordable(call)
+    if problem:
+        # Only a refused call can be so; what an answer may hold, a record can hold.
+        call = ToolCall(tool=call.tool.encode("utf-8", "replace").decode(), arguments={})
+    return Exchange(
+        call=call,
+        returned=said["returned"],
+        is_error=said["is_error"],
+        content=said["content"],
+        text=f"{said['text']} ({problem}, and was left out here)" if problem else said["text"],
+        duration_s=said["duration_s"],
+    )
