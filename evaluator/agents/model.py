@@ -28,6 +28,7 @@ from evaluator.models.choice import ModelChoice
 from evaluator.models.clients import build_model, open_http, request_settings
 from evaluator.models.lanes import Lane
 from evaluator.models.patience import Patience
+from evaluator.models.presets import Dialect, Provider
 from evaluator.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
 from evaluator.models.wire import settings_sent
 from evaluator.records import EpisodeKey, Exchange, ToolCall, Usage
@@ -57,7 +58,7 @@ class ModelAgent:
         """A conversation of its own; native calls or text, as the episode's key says."""
         if self._requests is None:
             self._requests = self._open()
-        return _ModelPlayer(self._requests, briefing, text=key.protocol == "text")
+        return _ModelPlayer(self._requests, self.choice.provider, briefing, text=key.protocol == "text")
 
     def settings(self) -> dict[str, Any]:
         """What decides the model's replies, for the record of a run; holds no key.
@@ -108,6 +109,7 @@ class ModelAgent:
 @dataclass(slots=True)
 class _ModelPlayer:
     requests: Requests
+    provider: Provider
     briefing: Briefing
     text: bool
     history: list[ModelMessage] = field(default_factory=list[ModelMessage])
@@ -117,7 +119,7 @@ class _ModelPlayer:
         response = await self.requests.ask(self.history, self._parameters())
         _refuse(response)
         self.history.append(_encodable(response))
-        usage, thought = _usage(response), _joined(response, ThinkingPart)
+        usage, thought = _usage(response, priced=self.provider.needs_key), _joined(response, ThinkingPart)
         problem = _cut_off(response) or _unwritten(response)
         said = _joined(response, TextPart)
         if problem:
@@ -151,17 +153,19 @@ class _ModelPlayer:
             return [UserPromptPart(feedback_text(feedback))]
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
-        returns = [_return(call, index, feedback) for index, call in enumerate(calls)]
+        returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
         # Returns go into their own messages; the rest is worded as in the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
         return [*returns, UserPromptPart(rest)]
 
-
-def _return(call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
-    """What one call is answered: each gets its own return, also where it was not run."""
-    exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
-    content, failed = _content(exchange)
-    return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if failed else "success")
+    def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
+        """What one call is answered: each gets its own return, also where it was not run."""
+        exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
+        content, failed = _content(exchange)
+        # Chat completions have no mark for errors; the client would wrap the text, and the record would not be what
+        # the model read.
+        marked = failed and self.provider.dialect in {Dialect.ANTHROPIC, Dialect.GOOGLE}
+        return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
 
 
 def _content(exchange: Exchange | None) -> tuple[str, bool]:
@@ -245,21 +249,28 @@ def _paragraphs(*texts: str) -> str:
     return "\n\n".join(text for text in texts if text)
 
 
-def _usage(response: ModelResponse) -> Usage:
+def _usage(response: ModelResponse, *, priced: bool) -> Usage:
     used = response.usage
     return Usage(
         input_tokens=used.input_tokens,
         output_tokens=used.output_tokens,
         cached_tokens=used.cache_read_tokens,
-        cost_usd=_cost(response),
+        cost_usd=_cost(response, priced=priced),
     )
 
 
-def _cost(response: ModelResponse) -> float | None:
-    """What the reply cost [USD]: what the provider billed if it says so, else by the price table, else unknown."""
+def _cost(response: ModelResponse, *, priced: bool) -> float | None:
+    """What the reply cost [USD]: what the provider billed if it says so, else by the price table, else unknown.
+
+    Args:
+        response: The reply.
+        priced: Whether the table speaks of this provider; it also finds models by name alone, wherever they run.
+    """
     billed = (response.provider_details or {}).get("cost")
     if isinstance(billed, int | float):
         return float(billed)
+    if not priced:
+        return None
     with contextlib.suppress(LookupError, ValueError, AssertionError):
         return float(response.cost().total_price)
     return None
