@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import models, replay, run, scenes, verify
+from evaluator.commands import models, play, replay, replay_original, run, scenes, verify
 from evaluator.commands.base import own_version
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 
@@ -41,10 +41,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=f"physment-eval {own_version()}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     run.add(commands, _DESCRIPTION)
+    play.add(commands)
     verify.add(commands)
     scenes.add(commands)
     models.add(commands)
     replay.add(commands)
+    replay_original.add(commands)
     # `run` is the default command: put it in where the first word is an option.
     if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")

@@ -1,0 +1,104 @@
+"""`physment-eval replay-original`: the authors' published logs through our parser, our tools and our grader."""
+
+import argparse
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from evaluator.answer_key import KeyRing
+from evaluator.commands.base import Commands, unwrapped, whole
+from evaluator.connect import connect
+from evaluator.errors import UsageError
+from evaluator.original.logs import find_logs
+from evaluator.original.play import PlayedLog, play_logs
+from evaluator.original.summary import Compared, compare, markdown, rows
+from scenes import PackError, list_packs, read_pack
+
+_DESCRIPTION = """\
+Play the logs that the authors of the paper published again: each reply of a model goes through our text parser, its
+calls through our tools on the authors' packs, its answer through our grader. Tells which replies could be read, what
+came of the calls, and why verdicts differ from the logged ones and from Eq. 1 of the paper.
+
+The authors' packs are not sound: agreement with their keys says something about the grader, nothing about physics.
+Exit code: 0 all logs were played; 1 the laboratory failed on some.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `replay-original`."""
+    command = commands.add_parser(
+        "replay-original",
+        help="play the authors' published logs again",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_replay)
+    command.add_argument(
+        "logs", type=Path, metavar="LOGS", help="folder with MODEL/scene_NNN/summary_TIME.txt below it"
+    )
+    command.add_argument("--scenes-dir", type=Path, required=True, metavar="SCENES", help="the authors' packs")
+    command.add_argument("--limit", type=whole, metavar="N", help="play only the first N logs")
+    command.add_argument(
+        "--jobs", type=whole, default=min(4, os.cpu_count() or 1), metavar="N", help="played at a time (%(default)s)"
+    )
+    command.add_argument("--server", default="host", metavar="S", help="as for run (default host)")
+    command.add_argument("--json", action="store_true", help="print figures and every disagreement as JSON")
+    command.add_argument("--out", type=Path, metavar="FILE", help="write the tables to FILE as Markdown")
+
+
+def _replay(args: argparse.Namespace) -> int:
+    try:
+        names = {files.scene_id: read_pack(files).metadata.scene_name for files in list_packs(args.scenes_dir)}
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    logs = find_logs(args.logs)[: args.limit]
+    keys = KeyRing(args.scenes_dir)
+    played: list[PlayedLog] = []
+
+    async def play() -> None:
+        async with connect(args.server, args.scenes_dir) as laboratory:
+            played.extend(await play_logs(logs, laboratory, keys, names, jobs=args.jobs))
+
+    unwrapped(play)
+    if not played:
+        raise UsageError(f"{args.logs}: none of its logs holds a reply in a scene of {args.scenes_dir}")
+    compared = [compare(one) for one in played]
+    tables = markdown(rows(compared))
+    if args.out is not None:
+        try:
+            args.out.write_text(tables, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--out {args.out} cannot be written: {error.strerror}") from error
+    silent = sum(not log.replies for log in logs)
+    left_out = {"no reply": silent, "no pack": len(logs) - len(played) - silent}
+    if args.json:
+        print(_as_json(compared, left_out))
+    else:
+        print(tables)
+        print("logs left out: " + ", ".join(f"{count} with {why}" for why, count in left_out.items()))
+    return 1 if any(one.failure for one in played) else 0
+
+
+def _as_json(compared: Sequence[Compared], left_out: Mapping[str, int]) -> str:
+    told = [
+        {
+            "log": str(one.played.log.path),
+            "model": one.played.log.model,
+            "budget": one.played.log.budget,
+            "scene": one.played.scene,
+            "answer": one.answer,
+            "key": one.played.key,
+            "logged": one.played.log.verdict and one.played.log.verdict.right,
+            "logged_answer": one.played.log.verdict and one.played.log.verdict.answer,
+            "strict": one.strict,
+            "normalised": one.normalised,
+            "eq1": one.by_eq1,
+            "why": one.disagreement,
+            "why_not_eq1": one.eq1_disagreement,
+        }
+        for one in compared
+        if one.disagreement or one.eq1_disagreement
+    ]
+    table = [row.model_dump(mode="json") for row in rows(compared)]
+    return json.dumps({"left_out": left_out, "rows": table, "disagreements": told}, ensure_ascii=False)

@@ -1,0 +1,1 @@
+"""The published logs of the paper's runs: played again in our laboratory, their verdicts held against ours."""

@@ -1,0 +1,130 @@
+"""Playing the published logs again: their replies through our text parser, our tools and our grader."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import anyio
+
+from evaluator.agents.base import Briefing, Feedback, Reply
+from evaluator.answer_key import KeyRing
+from evaluator.connect import Laboratory
+from evaluator.episode import play_episode
+from evaluator.errors import AgentError, InfrastructureError
+from evaluator.grading import grade_episode
+from evaluator.original.logs import LoggedEpisode
+from evaluator.records import Episode, EpisodeKey, Grade, Versions
+from evaluator.text_protocol import parse_reply
+from scenes import AnswerKind
+
+
+@dataclass(frozen=True, slots=True)
+class LogAgent:
+    """Says what a model said in a log, turn by turn, whatever comes back."""
+
+    log: LoggedEpisode
+
+    @property
+    def name(self) -> str:
+        """The model's folder."""
+        return self.log.model
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_LogPlayer":
+        """The player of the log."""
+        del key, briefing
+        return _LogPlayer(self.log.replies)
+
+
+@dataclass(slots=True)
+class _LogPlayer:
+    replies: tuple[str, ...]
+    said: int = 0
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        del feedback
+        if self.said == len(self.replies):
+            raise AgentError("the log ends here")
+        self.said += 1
+        return parse_reply(self.replies[self.said - 1])
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedLog:
+    """A log, and what came of its replies in our laboratory."""
+
+    log: LoggedEpisode
+    scene: int
+    episode: Episode | None
+    """None where the laboratory failed."""
+    grade: Grade | None
+    key: str | float | tuple[str | float, ...]
+    is_choice: bool
+    """Whether the key is compared exactly: the number of an object or of a case, say."""
+    failure: str = ""
+
+
+def scene_of(log: LoggedEpisode, names: Mapping[int, str]) -> int | None:
+    """The scene that a log is of, by the title in its prompt and else by its number; None if there is no such pack.
+
+    Some published folders carry the number of another scene.
+    """
+    if names.get(log.scene) == log.scene_name:
+        return log.scene
+    titled = [scene for scene, name in names.items() if name == log.scene_name]
+    if len(titled) == 1:
+        return titled[0]
+    return log.scene if log.scene in names else None
+
+
+async def play_logs(
+    logs: Sequence[LoggedEpisode],
+    laboratory: Laboratory,
+    keys: KeyRing,
+    names: Mapping[int, str],
+    *,
+    jobs: int = 1,
+    on_end: Callable[[PlayedLog], None] = lambda _: None,
+) -> list[PlayedLog]:
+    """Play logs, at most `jobs` at a time; those of scenes that have no pack are left out.
+
+    Args:
+        logs: The logs; one without a reply is left out too.
+        laboratory: Serves the authors' packs.
+        keys: The keys of the same packs.
+        names: Scene → title, of the same packs.
+        jobs: How many are played at a time.
+        on_end: Told of each when it is through.
+    """
+    played: dict[int, PlayedLog] = {}
+    waiting = iter(list(enumerate(logs)))
+
+    async def worker() -> None:
+        for index, log in waiting:
+            scene = scene_of(log, names)
+            if scene is not None and log.replies:
+                played[index] = await _play(log, scene, laboratory, keys)
+                on_end(played[index])
+
+    async with anyio.create_task_group() as tasks:
+        for _ in range(jobs):
+            tasks.start_soon(worker)
+    return [played[index] for index in sorted(played)]
+
+
+async def _play(log: LoggedEpisode, scene: int, laboratory: Laboratory, keys: KeyRing) -> PlayedLog:
+    answer_key = keys.key(scene, 0)
+    is_choice = answer_key.spec.kind not in {AnswerKind.NUMBER, AnswerKind.NUMBERS}
+    key = EpisodeKey(
+        scene=scene,
+        seed=0,
+        agent=log.model,
+        # A log may hold one reply more than its budget, said to a loop that no longer listened.
+        budget=max(log.budget, len(log.replies)),
+        protocol="text",
+        epoch=log.epoch,
+    )
+    try:
+        async with laboratory.open(scene, 0) as client:
+            episode = await play_episode(LogAgent(log), client, key, Versions(physment="", protocol="", pack=""))
+    except InfrastructureError as error:
+        return PlayedLog(log, scene, None, None, answer_key.value, is_choice, str(error))
+    return PlayedLog(log, scene, episode, grade_episode(episode, answer_key), answer_key.value, is_choice)
