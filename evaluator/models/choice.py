@@ -84,7 +84,7 @@ def parse_model(
         url = httpx.URL(where)
     except httpx.InvalidURL as error:
         raise UsageError(f"{text}: the base URL is not a URL: {error}") from error
-    if where and (url.scheme not in {"http", "https"} or not url.host):
+    if where and (url.scheme not in {"http", "https"} or not url.host or (url.port or 0) > 65535):
         raise UsageError(f"{text}: the base URL must look like https://host/v1")
     return ModelChoice(text, provider, model, where, checked(options), environ)
 

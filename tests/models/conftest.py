@@ -285,9 +285,11 @@ class Service:
         """A reply made from the request."""
         self.steps.append(Computed(step))
 
-    def fail(self, status: int, message: str = "no luck", code: str = "", **headers: str) -> None:
+    def fail(self, status: int, message: str = "no luck", code: str = "", details: Any = None, **headers: str) -> None:
         named = {name.replace("_", "-"): value for name, value in headers.items()}
-        self.steps.append(Bare(JSONResponse(self.dialect.error(status, message, code), status, named)))
+        body = self.dialect.error(status, message, code)
+        body["error"] |= {"details": details} if details else {}
+        self.steps.append(Bare(JSONResponse(body, status, named)))
 
     def raw(self, content: str) -> None:
         """Send this with status 200."""
