@@ -1,4 +1,7 @@
-"""Worked examples for the opening prompt: short runs in other scenes, true to the tools."""
+"""Worked examples for the opening prompt: short runs in other scenes, true to the tools.
+
+A test runs them in the engine: every return is what the tool returned, to the digits shown.
+"""
 
 EXAMPLES = (
     """## A dropped ball
@@ -31,8 +34,9 @@ Task: does object_1 roll down the ramp without slipping (1) or does it slip (2)?
 Reasoning: rolling means that speed and spin agree: v = ω R. With E and L computed for the same mass, ω = 2 E / L.
 Calls: step(duration=0.5); get_velocity(object_id="object_1"); get_rotational_energy(object_id="object_1", mass=1); \
 get_angular_momentum(object_id="object_1", mass=1)
-Returns: {"sim_time":0.5,"steps":100,"results":null}; {"sim_time":0.5,"velocity":[0.8,0.0,-0.6]}; \
-{"sim_time":0.5,"rotational_energy":0.2}; {"sim_time":0.5,"angular_momentum":{"x":0.0,"y":0.04,"z":0.0}}
-Reasoning: ω = 2 · 0.2 / 0.04 = 10 rad/s and ω R = 1.0 m/s. The speed is √(0.8² + 0.6²) = 1.0 m/s. They agree.
+Returns: {"sim_time":0.5,"steps":100,"results":null}; {"sim_time":0.5,"velocity":[1.681,0.0,-1.261]}; \
+{"sim_time":0.5,"rotational_energy":0.8844}; {"sim_time":0.5,"angular_momentum":{"x":0.0,"y":0.08412,"z":0.0}}
+Reasoning: ω = 2 · 0.8844 / 0.08412 = 21.03 rad/s and ω R = 2.103 m/s. The speed is √(1.681² + 1.261²) = 2.101 m/s. \
+They agree.
 Calls: answer(answer=1)""",
 )
