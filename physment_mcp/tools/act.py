@@ -145,7 +145,8 @@ def _detect_collision(session: Session, args: CollisionArguments) -> Collision:
         or (session.may_read(one, "type") and session.world.shape(one.body).type == "sphere")
         for one in pair
     )
-    shows_speed = seen and all(session.may_read(one, "velocity") for one in pair)
+    # The closing speed is the velocity along the normal: with the velocities it gives the normal away.
+    shows_speed = shows_normal and all(session.may_read(one, "velocity") for one in pair)
     # The impulse gives the effective mass away, and with known masses the approach speed.
     shows_impulse = (shows_speed or not seen) and all(
         session.may_read(one, "mass") or not session.world.is_movable(one.body) for one in pair

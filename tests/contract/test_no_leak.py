@@ -311,10 +311,10 @@ TOUCHING = """
         ([], "sphere", set()),
         (["body_mass", "geom_density"], "sphere", {"impulse"}),
         (["velocity"], "sphere", {"approach_speed", "impulse"}),
-        (["body_pos"], "sphere", {"contact_point", "normal"}),
-        (["body_quat"], "box", {"normal"}),
+        (["body_pos"], "sphere", {"contact_point", "normal", "approach_speed", "impulse"}),
+        (["body_quat"], "box", {"normal", "approach_speed", "impulse"}),
         (["body_quat"], "sphere", set()),
-        (["body_quat", "geom_type"], "sphere", {"normal"}),
+        (["body_quat", "geom_type"], "sphere", {"normal", "approach_speed", "impulse"}),
     ],
 )
 async def test_a_collision_shows_only_what_both_objects_show(
