@@ -18,6 +18,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval run --out runs/mine --resume       go on with a run that was interrupted
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine                   write its report.html again
+  physment-eval play 7                             solve a scene yourself
   physment-eval replay runs/mine                   play its transcripts again and compare every return
 
   physment-eval scenes list                        the scenes, with their certificates
