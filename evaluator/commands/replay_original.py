@@ -3,17 +3,26 @@
 import argparse
 import json
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rich.console import Console
+
 from evaluator.answer_key import KeyRing
-from evaluator.commands.base import Commands, unwrapped, whole
+from evaluator.commands.base import Commands, own_version, unwrapped, whole
 from evaluator.connect import connect
+from evaluator.display import ProgressDisplay
 from evaluator.errors import UsageError
-from evaluator.original.logs import find_logs
+from evaluator.original.logs import LoggedEpisode, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
-from scenes import PackError, list_packs, read_pack
+from evaluator.provenance import run_facts, server_facts
+from evaluator.records import Versions
+from evaluator.runner import Plan, pack_hash
+from evaluator.selection import parse_scenes
+from evaluator.store import RunFolder
+from scenes import read_pack
 
 _DESCRIPTION = """\
 Play the logs that the authors of the paper published again: each reply of a model goes through our text parser, its
@@ -44,25 +53,53 @@ def add(commands: Commands) -> None:
     )
     command.add_argument("--server", default="host", metavar="S", help="as for run (default host)")
     command.add_argument("--json", action="store_true", help="print figures and every disagreement as JSON")
+    command.add_argument(
+        "--keep", type=Path, metavar="DIR", help="keep the episodes as a run folder, for grade, report and replay"
+    )
     command.add_argument("--out", type=Path, metavar="FILE", help="write the tables to FILE as Markdown")
 
 
 def _replay(args: argparse.Namespace) -> int:
-    try:
-        names = {files.scene_id: read_pack(files).metadata.scene_name for files in list_packs(args.scenes_dir)}
-    except PackError as error:
-        raise UsageError(str(error)) from error
+    packs = parse_scenes(None, args.scenes_dir)
+    names = {files.scene_id: read_pack(files).metadata.scene_name for files in packs}
+    hashes = {files.scene_id: pack_hash(files) for files in packs}
     logs = find_logs(args.logs)[: args.limit]
     keys = KeyRing(args.scenes_dir)
+    folder = RunFolder(args.keep) if args.keep else None
+    if folder is not None:
+        folder.create(resume=False)
     played: list[PlayedLog] = []
 
     async def play() -> None:
         async with connect(args.server, args.scenes_dir) as laboratory:
-            played.extend(await play_logs(logs, laboratory, keys, names, jobs=args.jobs))
+            async with laboratory.open(packs[0].scene_id, 0) as client:
+                said = await server_facts(client)
+            if folder is not None:
+                plan = Plan(scenes=tuple(names), agent="original-logs", budgets=(), seeds=(0,), protocol="text")
+                folder.write_run(run_facts(plan, packs, args.server, said))
+            with ProgressDisplay(Console(stderr=True), len(logs)) as display:
+
+                def ended(one: PlayedLog) -> None:
+                    if one.episode is not None and folder is not None:
+                        folder.append_episode(one.episode)
+                    if one.episode is not None and sys.stderr.isatty():
+                        display.ended(one.episode)
+
+                def versions(scene: int) -> Versions:
+                    return Versions(physment=own_version(), protocol=said["protocol"], pack=hashes[scene])
+
+                played.extend(
+                    await play_logs(logs, laboratory, keys, names, versions=versions, jobs=args.jobs, on_end=ended)
+                )
 
     unwrapped(play)
     if not played:
         raise UsageError(f"{args.logs}: none of its logs holds a reply in a scene of {args.scenes_dir}")
+    return _report(args, logs, played)
+
+
+def _report(args: argparse.Namespace, logs: Sequence[LoggedEpisode], played: Sequence[PlayedLog]) -> int:
+    """Compare, write, print; returns the exit code."""
     compared = [compare(one) for one in played]
     tables = markdown(rows(compared))
     if args.out is not None:

@@ -41,12 +41,11 @@ class LoggedEpisode:
     path: Path
     model: str
     budget: int
+    """Iterations it was given; 0 where nothing tells."""
     scene: int
     """The scene that the log names."""
     scene_name: str
     """Its title in the opening prompt."""
-    epoch: int
-    """Which log of this model, budget and scene it is, from 1."""
     replies: tuple[str, ...]
     read: int
     """How many replies their loop could read."""
@@ -66,44 +65,56 @@ def find_logs(folder: Path) -> list[LoggedEpisode]:
     Raises:
         UsageError: There are none, or one cannot be read.
     """
-    by_place: dict[Path, list[Path]] = {}
-    for path in sorted(folder.rglob("summary_*.txt")):
-        by_place.setdefault(path.parent, []).append(path)
-    if not by_place:
+    paths = sorted(folder.rglob("summary_*.txt"))
+    if not paths:
         raise UsageError(f"{folder} holds no logs of the published form: …/MODEL/scene_NNN/summary_TIME.txt")
-    episodes = [_read(path, epoch) for paths in by_place.values() for epoch, path in enumerate(paths, start=1)]
-    return sorted(episodes, key=lambda one: (one.model, one.budget, one.scene, one.epoch))
+    return sorted(map(_read, paths), key=lambda one: (one.model, one.budget, one.scene, one.path.name))
 
 
-def _read(path: Path, epoch: int) -> LoggedEpisode:
+def _read(path: Path) -> LoggedEpisode:
     try:
         head, sign, tail = path.read_bytes().partition(_END)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     text = head.decode("utf-8", "replace")
     title = _TITLE.search(text)
-    named = re.search(r"(\d+)$", path.parent.name)
-    number = title or named
+    number = title or re.search(r"(\d+)$", path.parent.name)
     if number is None:
         raise UsageError(f"{path}: neither the log nor its folder names a scene")
     parts = [_REPLY.split(part, maxsplit=1) for part in _TURN.split(text)[1:]]
     prompts = [part[0] for part in parts]
     replies = tuple(part[1].strip() for part in parts if len(part) == 2)
-    given = re.search(r"iterations_(\d+)", path.as_posix())
     name = _NAME.search(text)
     final = _decoded(tail)
     return LoggedEpisode(
         path=path,
         model=path.parent.parent.name,
-        budget=int(given[1]) if given else len(replies),
+        budget=_budget(path, prompts),
         scene=int(number[1]),
         scene_name=name[1] if name else "",
-        epoch=epoch,
         replies=replies,
         read=_read_by_them(prompts, replies, final, finished=bool(sign)),
         finished=bool(sign),
         verdict=_verdict(final),
     )
+
+
+def _budget(path: Path, prompts: list[str]) -> int:
+    """Iterations an episode was given: told by its folder, by the summary beside it, or by its second prompt."""
+    folder = re.search(r"iterations_(\d+)", path.parent.as_posix())
+    if folder is not None:
+        return int(folder[1])
+    beside = path.with_name(f"log_{path.stem.removeprefix('summary_')}.json")
+    if beside.is_file():
+        given = re.search(r'"Iterations Given":\s*(\d+)', beside.read_text(encoding="utf-8", errors="replace"))
+        if given is not None:
+            return int(given[1])
+    for number, prompt in enumerate(prompts, start=1):
+        left = re.search(r"You have (\d+) iterations remaining", prompt)
+        if left is not None:
+            # Their prompts understate what is left by one: 8 at the second of 10.
+            return int(left[1]) + number
+    return 0
 
 
 def _decoded(tail: bytes) -> str:

@@ -1,5 +1,6 @@
 """Playing the published logs again: their replies through our text parser, our tools and our grader."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -81,6 +82,7 @@ async def play_logs(
     keys: KeyRing,
     names: Mapping[int, str],
     *,
+    versions: Callable[[int], Versions],
     jobs: int = 1,
     on_end: Callable[[PlayedLog], None] = lambda _: None,
 ) -> list[PlayedLog]:
@@ -91,18 +93,17 @@ async def play_logs(
         laboratory: Serves the authors' packs.
         keys: The keys of the same packs.
         names: Scene → title, of the same packs.
+        versions: Scene → versions to record.
         jobs: How many are played at a time.
         on_end: Told of each when it is through.
     """
     played: dict[int, PlayedLog] = {}
-    waiting = iter(list(enumerate(logs)))
+    waiting = iter(list(enumerate(_keyed(logs, names))))
 
     async def worker() -> None:
-        for index, log in waiting:
-            scene = scene_of(log, names)
-            if scene is not None and log.replies:
-                played[index] = await _play(log, scene, laboratory, keys)
-                on_end(played[index])
+        for index, (log, key) in waiting:
+            played[index] = await _play(log, key, laboratory, keys, versions(key.scene))
+            on_end(played[index])
 
     async with anyio.create_task_group() as tasks:
         for _ in range(jobs):
@@ -110,21 +111,30 @@ async def play_logs(
     return [played[index] for index in sorted(played)]
 
 
-async def _play(log: LoggedEpisode, scene: int, laboratory: Laboratory, keys: KeyRing) -> PlayedLog:
-    answer_key = keys.key(scene, 0)
-    is_choice = answer_key.spec.kind not in {AnswerKind.NUMBER, AnswerKind.NUMBERS}
-    key = EpisodeKey(
-        scene=scene,
-        seed=0,
-        agent=log.model,
+def _keyed(logs: Sequence[LoggedEpisode], names: Mapping[int, str]) -> list[tuple[LoggedEpisode, EpisodeKey]]:
+    """The logs that can be played, each under a key of its own: a scene may have been played more than once."""
+    keyed: list[tuple[LoggedEpisode, EpisodeKey]] = []
+    epochs = Counter[EpisodeKey]()
+    for log in logs:
+        scene = scene_of(log, names)
+        if scene is None or not log.replies:
+            continue
         # A log may hold one reply more than its budget, said to a loop that no longer listened.
-        budget=max(log.budget, len(log.replies)),
-        protocol="text",
-        epoch=log.epoch,
-    )
+        budget = max(log.budget, len(log.replies))
+        key = EpisodeKey(scene=scene, seed=0, agent=log.model, budget=budget, protocol="text")
+        epochs[key] += 1
+        keyed.append((log, key.model_copy(update={"epoch": epochs[key]})))
+    return keyed
+
+
+async def _play(
+    log: LoggedEpisode, key: EpisodeKey, laboratory: Laboratory, keys: KeyRing, versions: Versions
+) -> PlayedLog:
+    answer_key = keys.key(key.scene, key.seed)
+    is_choice = answer_key.spec.kind not in {AnswerKind.NUMBER, AnswerKind.NUMBERS}
     try:
-        async with laboratory.open(scene, 0) as client:
-            episode = await play_episode(LogAgent(log), client, key, Versions(physment="", protocol="", pack=""))
+        async with laboratory.open(key.scene, key.seed) as client:
+            episode = await play_episode(LogAgent(log), client, key, versions)
     except InfrastructureError as error:
-        return PlayedLog(log, scene, None, None, answer_key.value, is_choice, str(error))
-    return PlayedLog(log, scene, episode, grade_episode(episode, answer_key), answer_key.value, is_choice)
+        return PlayedLog(log, key.scene, None, None, answer_key.value, is_choice, str(error))
+    return PlayedLog(log, key.scene, episode, grade_episode(episode, answer_key), answer_key.value, is_choice)

@@ -267,7 +267,7 @@ def _verdict_cells(one: Verdicts) -> tuple[int, ...]:
 
 
 def _who(row: Row) -> tuple[str, str]:
-    return row.model, str(row.budget or "all")
+    return row.model, "all" if row.budget is None else str(row.budget or "?")
 
 
 def _share(part: int, whole: int) -> str:

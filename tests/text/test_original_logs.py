@@ -13,6 +13,7 @@ from evaluator.errors import UsageError
 from evaluator.original.logs import LoggedVerdict, find_logs
 from evaluator.original.play import scene_of
 from evaluator.original.verdicts import Disagreement, Eq1Disagreement, eq1, why_other_than_eq1, why_other_verdict
+from evaluator.store import RunFolder
 from scenes import default_folder
 
 SCENES = default_folder()
@@ -62,10 +63,21 @@ def test_a_log_is_read_turn_by_turn(tmp_path: Path) -> None:
     first, second = find_logs(tmp_path)
     assert first.replies == (reply, "", answer("±3"))
     assert (first.model, first.budget, first.scene, first.scene_name) == ("some_model", 5, 7, TITLE)
-    assert (first.epoch, second.epoch) == (1, 2)
     assert first.verdict == LoggedVerdict("±3 m", "3", right=False)
     assert (first.read, first.finished, first.crashed) == (2, True, False)
     assert (second.verdict, second.read, second.finished, second.crashed) == (None, 0, False, True)
+
+
+def test_the_budget_is_told_by_the_folder_the_summary_or_the_second_prompt(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "m" / "scene_007", [LOOK, LOOK])
+    assert find_logs(tmp_path)[0].budget == 0
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("What next?", "You have 8 iterations remaining to answer."), encoding="utf-8")
+    assert find_logs(tmp_path)[0].budget == 10
+    path.with_name("log_20260101T000000.json").write_text('[{"summary": {"Iterations Given": 15}}]', encoding="utf-8")
+    assert find_logs(tmp_path)[0].budget == 15
+    (tmp_path / "m").rename(tmp_path / "iterations_20")
+    assert find_logs(tmp_path)[0].budget == 20
 
 
 def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
@@ -156,7 +168,7 @@ def test_the_command_plays_and_compares(tmp_path: Path, capsys: pytest.CaptureFi
     write_log(model / "scene_010", ["I think.", "", "[{'tool': x}]"], verdict=("None", str(KEY), False), history=0)
     out = tmp_path / "tables.md"
     words = ["replay-original", str(tmp_path / "logs"), "--scenes-dir", str(SCENES), "--jobs", "2"]
-    assert main([*words, "--json", "--out", str(out)]) == 0
+    assert main([*words, "--json", "--out", str(out), "--keep", str(tmp_path / "kept")]) == 0
     said = json.loads(capsys.readouterr().out)
     [row] = said["rows"]
     assert said["left_out"] == {"no reply": 1, "no pack": 0}
@@ -177,5 +189,9 @@ def test_the_command_plays_and_compares(tmp_path: Path, capsys: pytest.CaptureFi
     assert row["disagreements"] == {Disagreement.SAME_TEXT: 1}
     assert [one["scene"] for one in said["disagreements"]] == [7]
     assert f"| {Disagreement.SAME_TEXT} | 1 | 7 |" in out.read_text(encoding="utf-8")
+    kept = RunFolder(tmp_path / "kept").episodes()
+    assert {(key.agent, key.scene, key.budget, key.protocol) for key in kept} == {("some_model", 7, 5, "text")}
+    # Three logs say that they are of the same scene.
+    assert sorted((key.epoch, len(one.turns)) for key, one in kept.items()) == [(1, 4), (2, 1), (3, 3)]
     assert main([*words, "--limit", "1"]) == 0
     assert "| some_model | 5 | 1 | 4 | 0 | 4 (100.0%) |" in capsys.readouterr().out
