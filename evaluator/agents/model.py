@@ -19,14 +19,13 @@ from pydantic_ai.messages import (
     ToolReturnPart,
     UserPromptPart,
 )
-from pydantic_ai.models import ModelRequestParameters
-from pydantic_ai.tools import ToolDefinition
 
 from evaluator.agents.base import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.models.choice import ModelChoice
 from evaluator.models.clients import build_model, open_http, request_settings
 from evaluator.models.lanes import Lane
+from evaluator.models.offer import NOTHING, Offer, offer
 from evaluator.models.patience import Patience
 from evaluator.models.presets import Dialect, Provider
 from evaluator.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
@@ -35,6 +34,7 @@ from evaluator.records import EpisodeKey, Exchange, ToolCall, Usage
 from evaluator.text_protocol import feedback_text, parse_reply
 
 _NOT_RUN = "Not run."
+_NATIVE_IN_TEXT = "it called tools natively, where calls are written as a JSON list"
 _CONTEXT_FULL = "model_context_window_exceeded"
 """Anthropic's finish reason where the window, not the limit of output, cut the reply."""
 
@@ -58,7 +58,9 @@ class ModelAgent:
         """A conversation of its own; native calls or text, as the episode's key says."""
         if self._requests is None:
             self._requests = self._open()
-        return _ModelPlayer(self._requests, self.choice.provider, briefing, text=key.protocol == "text")
+        provider, text = self.choice.provider, key.protocol == "text"
+        tools = NOTHING if text else offer(provider.dialect, briefing.tools)
+        return _ModelPlayer(self._requests, provider, briefing.prompt, tools, text=text)
 
     def settings(self) -> dict[str, Any]:
         """What decides the model's replies, for the record of a run; holds no key.
@@ -110,15 +112,16 @@ class ModelAgent:
 class _ModelPlayer:
     requests: Requests
     provider: Provider
-    briefing: Briefing
+    prompt: str
+    offer: Offer
     text: bool
     history: list[ModelMessage] = field(default_factory=list[ModelMessage])
 
     async def act(self, feedback: Feedback | None) -> Reply:
         self.history.append(ModelRequest(parts=self._shown(feedback)))
-        response = await self.requests.ask(self.history, self._parameters())
+        response = await self.requests.ask(self.history, self.offer)
         _refuse(response)
-        self.history.append(_encodable(response))
+        self.history.append(_encodable(response, calls=not self.text))
         usage, thought = _usage(response, priced=self.provider.needs_key), _joined(response, ThinkingPart)
         problem = _cut_off(response) or _unwritten(response)
         said = _joined(response, TextPart)
@@ -126,29 +129,16 @@ class _ModelPlayer:
             return Reply(_paragraphs(thought, said), malformed=problem, usage=usage)
         if self.text:
             reply = parse_reply(said)
+            if response.tool_calls and not reply.calls:
+                return Reply(_paragraphs(thought, said), malformed=_NATIVE_IN_TEXT, usage=usage)
             return Reply(_paragraphs(thought, reply.reasoning), reply.calls, reply.malformed, usage)
         calls, problem = _calls(response)
         return Reply(_paragraphs(thought, said), calls, problem, usage)
 
-    def _parameters(self) -> ModelRequestParameters:
-        if self.text:
-            return ModelRequestParameters()
-        tools = [
-            # `strict` would let a provider narrow the schemas; the loop checks calls against them as they are.
-            ToolDefinition(
-                name=one.name,
-                parameters_json_schema=dict(one.input_schema),
-                description=one.description,
-                strict=False,
-            )
-            for one in self.briefing.tools
-        ]
-        return ModelRequestParameters(function_tools=tools)
-
     def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
         """What the model is shown next: the prompt, or what came of its calls."""
         if feedback is None:
-            return [UserPromptPart(self.briefing.prompt)]
+            return [UserPromptPart(self.prompt)]
         if self.text:
             return [UserPromptPart(feedback_text(feedback))]
         asked = self.history[-1]
@@ -211,9 +201,12 @@ def _refuse(response: ModelResponse) -> None:
         raise AgentError("the conversation no longer fits the model's context window")
 
 
-def _encodable(response: ModelResponse) -> ModelResponse:
-    """The reply, as it can be sent again: half surrogate pairs, which models do write, cannot go into UTF-8."""
-    parts = [_sendable(part) for part in response.parts]
+def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
+    """The reply, as it can be sent again.
+
+    Half surrogate pairs, which models do write, cannot go into UTF-8; a native call in the text protocol has no return.
+    """
+    parts = [_sendable(part) for part in response.parts if calls or not isinstance(part, ToolCallPart)]
     return replace(response, parts=parts)
 
 

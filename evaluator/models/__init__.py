@@ -1,1 +1,1 @@
-"""Language models: which there are and where, how they are asked, and what goes wrong. Knows no episode and no tool."""
+"""Language models: which there are and where, how they are asked, and what goes wrong. Knows no episode."""

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 import anyio
 from pydantic_ai.direct import model_request
 from pydantic_ai.messages import ModelMessage, ModelResponse
-from pydantic_ai.models import Model, ModelRequestParameters
-from pydantic_ai.settings import ModelSettings
+from pydantic_ai.models import Model
+from pydantic_ai.settings import ModelSettings, merge_model_settings
 
 from evaluator.errors import InfrastructureError
 from evaluator.models.failures import AskAgain, judge
 from evaluator.models.lanes import Lane
+from evaluator.models.offer import NOTHING, Offer
 from evaluator.models.patience import Patience
 
 MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
@@ -39,8 +40,12 @@ class Requests:
     retries: int = 0
     """Requests that had to be made again, over all."""
 
-    async def ask(self, messages: Sequence[ModelMessage], parameters: ModelRequestParameters) -> ModelResponse:
+    async def ask(self, messages: Sequence[ModelMessage], tools: Offer = NOTHING) -> ModelResponse:
         """Ask until there is a reply.
+
+        Args:
+            messages: The conversation so far.
+            tools: What the model may call.
 
         Raises:
             AgentError: The model refuses, or the conversation does not fit it.
@@ -51,7 +56,7 @@ class Requests:
             waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
             try:
                 async with self.lane.limiter:
-                    return await self._attempt(messages, parameters)
+                    return await self._attempt(messages, tools)
             except AskAgain as failure:
                 pause_s = self._pause(attempt, failure.wait_s)
                 if attempt == self.patience.attempts or waited_s + pause_s > self.patience.total_wait_s:
@@ -68,10 +73,13 @@ class Requests:
             await self.sleep(pause_s)
         raise AssertionError("the last attempt returns or raises")
 
-    async def _attempt(self, messages: Sequence[ModelMessage], parameters: ModelRequestParameters) -> ModelResponse:
+    async def _attempt(self, messages: Sequence[ModelMessage], tools: Offer) -> ModelResponse:
         try:
             response = await model_request(
-                self.model, messages, model_settings=self.settings, model_request_parameters=parameters
+                self.model,
+                messages,
+                model_settings=merge_model_settings(self.settings, tools.settings),
+                model_request_parameters=tools.parameters,
             )
         except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; judged at once
             # Nothing is chained: a client's error carries the request, and with it the key.

@@ -143,6 +143,23 @@ class OpenAI(Dialect):
         return next(one["content"] for one in reversed(body["messages"]) if one["role"] == "user")
 
 
+class OpenRouter(OpenAI):
+    name, model = "openrouter", "deepseek/deepseek-r1"
+
+    def reply(self, say: Say) -> dict[str, Any]:
+        body = super().reply(say)
+        body["provider"] = "SomeHost"
+        body["choices"][0]["native_finish_reason"] = say.finish or "stop"
+        message = body["choices"][0]["message"]
+        if thought := message.pop("reasoning_content", None):
+            message["reasoning"] = thought
+            message["reasoning_details"] = [
+                {"type": "reasoning.text", "text": thought, "format": "unknown", "index": 0, "signature": None}
+            ]
+        body["usage"]["cost"] = 0.0125
+        return body
+
+
 class Anthropic(Dialect):
     name, model = "anthropic", "claude-opus-4-7"
 
@@ -362,7 +379,8 @@ class _Port:
 def open_service() -> Iterator[Callable[[Dialect], Service]]:
     """Opens providers on one server, in a thread of its own."""
     port = _Port()
-    listener = socket.socket()
+    # Named as TCP, since asyncio turns Nagle off for no other: half a reply would wait 40 ms for an acknowledgement.
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.bind(("127.0.0.1", 0))
     server = uvicorn.Server(uvicorn.Config(port, lifespan="off", log_level="critical", ws="none"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
@@ -396,6 +414,11 @@ def service(request: pytest.FixtureRequest, open_service: Callable[[Dialect], Se
 @pytest.fixture
 def openai(open_service: Callable[[Dialect], Service]) -> Service:
     return open_service(OpenAI())
+
+
+@pytest.fixture
+def openrouter(open_service: Callable[[Dialect], Service]) -> Service:
+    return open_service(OpenRouter())
 
 
 @pytest.fixture

@@ -72,7 +72,7 @@ async def test_the_schemas_of_the_tools_go_out_as_the_server_published_them(open
         service.say("", [("answer", {"answer": 1})])
         await play(service)
     sent = {one["function"]["name"]: one["function"]["parameters"] for one in openai.seen[0].body["tools"]}
-    assert sent == untitled(published)
+    assert sent == published
     assert {one["name"]: one["input_schema"] for one in anthropic.seen[0].body["tools"]} == untitled(published)
 
 
@@ -94,6 +94,15 @@ async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_r
     assert after == "Not run."
     assert episode.turns[0].note in service.seen[1].last
     assert "Iterations left: 4" in service.seen[1].last
+
+
+async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversation_goes_on(service: Any) -> None:
+    service.say("", [STEP])
+    service.say(written(("answer", {"answer": 1})))
+    episode = await play(service, protocol="text")
+    assert episode.turns[0].exchanges == ()
+    assert "written as a JSON list" in service.seen[1].last
+    assert episode.outcome is Outcome.ANSWERED
 
 
 async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_note(service: Any) -> None:
@@ -216,6 +225,26 @@ async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
     assert used.cost_usd > 0
     assert episode.usage is not None
     assert episode.usage.cost_usd == pytest.approx(2 * used.cost_usd)
+
+
+async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Any) -> None:
+    openrouter.say("", [STEP], thought="Let it fall.")
+    openrouter.say("", [("answer", {"answer": 1})])
+    episode = await play(openrouter, options=",effort=high")
+    assert episode.turns[0].reasoning == "Let it fall."
+    assert episode.turns[0].usage is not None
+    assert episode.turns[0].usage.cost_usd == 0.0125
+    first, second = (seen.body for seen in openrouter.seen)
+    assert first["reasoning"] == {"effort": "high"}
+    assert second["messages"][1]["reasoning_details"][0]["text"] == "Let it fall."
+
+
+async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthropic: Any) -> None:
+    anthropic.say("", [STEP], thought="Let it fall.")
+    anthropic.say("", [("answer", {"answer": 1})])
+    await play(anthropic, options=",effort=high")
+    thought = anthropic.seen[1].body["messages"][1]["content"][0]
+    assert thought == {"type": "thinking", "thinking": "Let it fall.", "signature": "c2ln"}
 
 
 async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai: Any) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 import anyio
 import pytest
 from pydantic_ai.messages import ModelRequest, ModelResponse
-from pydantic_ai.models import ModelRequestParameters
 
 from evaluator.agents.model import ModelAgent
 from evaluator.errors import AgentError, InfrastructureError
@@ -45,7 +44,7 @@ class Desk:
     clock: Clock
 
     async def ask(self) -> str | None:
-        return text_of(await self.requests.ask([ModelRequest.user_text_prompt("hello")], ModelRequestParameters()))
+        return text_of(await self.requests.ask([ModelRequest.user_text_prompt("hello")]))
 
 
 def open_desk(agent: ModelAgent) -> Desk:
