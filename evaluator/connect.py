@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import os
+import secrets
 import shlex
 import subprocess
 import sys
@@ -22,6 +24,10 @@ from evaluator.errors import InfrastructureError, UsageError
 _CALL_TIMEOUT_S = 300.0
 """A call that takes longer counts as a failure of the server."""
 _START_TIMEOUT_S = 60.0
+
+
+TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
+"""Environment variable with the token that a host wants of whoever opens episodes on it."""
 
 
 class Laboratory(Protocol):
@@ -67,6 +73,8 @@ class HostLaboratory:
     """Opens episodes on a host over HTTP."""
 
     base_url: str
+    token: str | None = field(default=None, repr=False)
+    """What opens episodes on it; None if anybody may."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
@@ -97,8 +105,9 @@ class HostLaboratory:
         Raises:
             InfrastructureError: The host cannot be reached, or opened none.
         """
+        bearing = {} if self.token is None else {"Authorization": f"Bearer {self.token}"}
         try:
-            reply = await http.post("/episodes", json=wanted)
+            reply = await http.post("/episodes", json=wanted, headers=bearing)
         except httpx.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
         said: Any = {}
@@ -120,6 +129,8 @@ class LocalHost:
 
     scenes_dir: Path | None = None
     max_episodes: int = 1000
+    token: str | None = field(default=None, repr=False)
+    """What is to open episodes on it; None if anybody on this machine may."""
     _process: subprocess.Popen[str] | None = None
     _errors: IO[str] | None = field(default=None)
 
@@ -141,13 +152,15 @@ class LocalHost:
             str(self.max_episodes),
         ]
         command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
+        command += ["--token-env", TOKEN_VARIABLE] if self.token else []
+        environment = os.environ | ({TOKEN_VARIABLE: self.token} if self.token else {})
         self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
-            command, stdout=subprocess.PIPE, stderr=self._errors, stdin=subprocess.DEVNULL, text=True
+            command, stdout=subprocess.PIPE, stderr=self._errors, stdin=subprocess.DEVNULL, text=True, env=environment
         )
         assert self._process.stdout is not None
         line = await anyio.to_thread.run_sync(self._process.stdout.readline)
         try:
-            return HostLaboratory(json.loads(line)["listening"])
+            return HostLaboratory(json.loads(line)["listening"], self.token)
         except (ValueError, KeyError, TypeError):
             await self.__aexit__()
             raise UsageError("the local host did not start; run `physment-mcp serve` to see why") from None
@@ -179,7 +192,8 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
         command = [sys.executable, "-m", "physment_mcp"]
         yield ProcessLaboratory((*command, "--scenes-dir", str(scenes_dir)) if scenes_dir else tuple(command))
     elif server == "host":
-        async with LocalHost(scenes_dir) as laboratory:
+        # An agent that has the address of an episode must not open others, to practise in them unseen.
+        async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24)) as laboratory:
             yield laboratory
     elif server.startswith(("http://", "https://")):
         try:
@@ -188,7 +202,7 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
             raise UsageError(f"--server {server}: not a URL: {error}") from error
         if not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
-        yield HostLaboratory(str(url))
+        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None)
     else:
         try:
             parts = shlex.split(server)

@@ -3,6 +3,7 @@
 import argparse
 import logging
 import math
+import os
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -82,6 +83,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="close an episode unused for S s (1800)",
     )
+    serve.add_argument(
+        "--token-env",
+        metavar="NAME",
+        help="environment variable with a token; only requests that bear it open episodes (default: all do)",
+    )
     return parser
 
 
@@ -132,8 +138,12 @@ def _serve(args: argparse.Namespace) -> int:
     if args.host not in {*LOOPBACK, "::1"}:
         print(f"physment-mcp: --host {args.host}: only loopback addresses (127.0.0.1, ::1) are served", file=sys.stderr)
         return 2
+    token = None if args.token_env is None else os.environ.get(args.token_env, "")
+    if token == "":
+        print(f"physment-mcp: --token-env {args.token_env}: this variable holds no token", file=sys.stderr)
+        return 2
     scene_ids(args.scenes_dir)
-    host = Host(scenes_dir=args.scenes_dir, max_episodes=args.max_episodes, idle_timeout_s=args.idle_timeout)
+    host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token)
     try:
         serve(host, args.host, args.port)
     except OSError as error:

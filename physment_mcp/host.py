@@ -71,8 +71,7 @@ class _Open:
 
     def owned_by(self, request: Request) -> bool:
         """Tell whether a request comes from who opened the episode."""
-        shown = request.headers.get("authorization", "").removeprefix("Bearer ")
-        return self.owner_token is None or secrets.compare_digest(shown.encode(), self.owner_token.encode())
+        return self.owner_token is None or _shows(request, self.owner_token)
 
 
 @dataclass(slots=True)
@@ -82,6 +81,8 @@ class Host:
     scenes_dir: Path | None = None
     max_episodes: int = 1000
     idle_timeout_s: float = 1800.0
+    token: str | None = field(default=None, repr=False)
+    """What opens episodes; None if anybody may. Whoever has the URL of an episode needs none to play it."""
     _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
     _opening: int = 0
     """Episodes on their way to being open; they count for the cap."""
@@ -158,6 +159,8 @@ class Host:
         return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
 
     async def _create(self, request: Request) -> Response:
+        if self.token is not None and not _shows(request, self.token):
+            return _refuse(401, "episodes are opened with the token of this host: send it as a bearer token")
         try:
             wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
         except ValidationError as error:
@@ -229,6 +232,12 @@ class _Endpoint:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await self._serve(scope, receive, send)
+
+
+def _shows(request: Request, token: str) -> bool:
+    """Tell whether a request bears a token."""
+    shown = request.headers.get("authorization", "").removeprefix("Bearer ")
+    return secrets.compare_digest(shown.encode(), token.encode())
 
 
 def _refuse(status: int, sentence: str) -> JSONResponse:

@@ -22,7 +22,7 @@ from pydantic import JsonValue
 
 from evaluator.agents.base import ANSWER
 from evaluator.child_process import Ended, run_child
-from evaluator.connect import HostLaboratory, Laboratory
+from evaluator.connect import TOKEN_VARIABLE, HostLaboratory, Laboratory
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Versions
 from evaluator.watched import WatchedEpisode, watch_episode
@@ -73,6 +73,7 @@ def parse_external(
     vouched: bool = False,
     max_calls: int | None = None,
     max_wall_s: float = 1800.0,
+    environ: Mapping[str, str] = os.environ,
 ) -> ExternalAgent:
     """The agent that `--agent external -- COMMAND` names.
 
@@ -83,6 +84,7 @@ def parse_external(
         vouched: The operator vouches that no scene pack can be read where COMMAND runs.
         max_calls: Most tool calls in an episode; None for ten for each iteration of the budget.
         max_wall_s: Most wall time for an episode [s].
+        environ: Tells whether we have a token for the host.
 
     Raises:
         UsageError: The command is missing, cannot be found or could not find the laboratory.
@@ -108,12 +110,20 @@ def parse_external(
             )
     command = (str(Path(program).absolute()), *words[1:])
     return ExternalAgent(
-        command, _why_unsealed(server, scenes_dir, vouched=vouched), max_calls, max_wall_s, scenes_dir=scenes_dir
+        command,
+        _why_unsealed(server, scenes_dir, guarded=TOKEN_VARIABLE in environ, vouched=vouched),
+        max_calls,
+        max_wall_s,
+        scenes_dir=scenes_dir,
     )
 
 
-def _why_unsealed(server: str, scenes_dir: Path | None, *, vouched: bool) -> str | None:
-    """Why a program we start could read the answers; None if it could not, or the operator vouches so."""
+def _why_unsealed(server: str, scenes_dir: Path | None, *, guarded: bool, vouched: bool) -> str | None:
+    """Why a program we start could know more than it measures; None if it could not, as far as we know or are told."""
+    if server != "host" and not guarded:  # our own host is
+        return (
+            f"anybody may open episodes on the host, to practise in them unseen; {TOKEN_VARIABLE} holds no token for it"
+        )
     if vouched:
         return None
     folder = scenes_dir or default_folder()

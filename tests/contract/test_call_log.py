@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import subprocess
 import time
 from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
@@ -180,3 +181,25 @@ async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(insid
         (call,) = told["calls"]
         assert (call["tool"], call["returned"], call["is_error"]) == ("step", False, False)
         assert (call["content"], call["text"]) == (None, "")
+
+
+async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: Callable[..., Any]) -> None:
+    async with inside(token="ours") as (host, http):
+        for headers in ({}, {"Authorization": "Bearer theirs"}, {"Authorization": "Bearer "}):
+            refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
+            assert refused.status_code == 401
+            assert "token" in refused.json()["error"]
+            assert "ours" not in refused.text
+        assert not host._episodes
+        assert "ours" not in repr(host)
+        opened = await http.post("/episodes", json={"scene": 7}, headers={"Authorization": "Bearer ours"})
+        assert opened.status_code == 201
+        async with client_of(http, opened.json()) as client:  # the URL is enough to play
+            assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+
+
+def test_a_variable_that_holds_no_token_is_misuse(command: Callable[..., list[str]]) -> None:
+    words = command("serve", "--port", 0, "--token-env", "NO_SUCH_TOKEN")
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "physment-mcp: --token-env NO_SUCH_TOKEN: this variable holds no token\n"

@@ -18,7 +18,7 @@ from evaluator.agents.external import (
     play_external,
     without_secrets,
 )
-from evaluator.connect import HostLaboratory, LocalHost, ProcessLaboratory
+from evaluator.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Versions
 
@@ -292,19 +292,50 @@ def test_a_path_that_would_not_be_found_is_misuse(tmp_path: Path) -> None:
 
 
 def test_who_could_read_the_packs_is_marked_and_kept_apart(tmp_path: Path) -> None:
-    words = [sys.executable, "{mcp_url}"]
+    words, ours = [sys.executable, "{mcp_url}"], {"PHYSMENT_HOST_TOKEN": "x"}
     here = parse_external(words, "host", None)
     assert here.unsealed is not None
     assert "who can read the scene packs" in here.unsealed
     assert here.name.startswith("external-unsealed:python")
-    assert parse_external(words, "https://lab.example", None).unsealed is not None  # the packs are here all the same
     vouched = parse_external(words, "host", None, vouched=True)
     assert (vouched.unsealed, vouched.name) == (None, here.name.replace("-unsealed", ""))
+    far = "https://lab.example"
+    same_packs = parse_external(words, far, None, environ=ours)
+    assert same_packs.unsealed == here.unsealed
     empty = tmp_path / "none"
     empty.mkdir()
-    assert parse_external(words, "https://lab.example", empty).unsealed is None
-    local = parse_external(words, "http://127.0.0.1:8000", empty)
+    assert parse_external(words, far, empty, environ=ours).unsealed is None
+    local = parse_external(words, "http://127.0.0.1:8000", empty, environ=ours)
     assert local.unsealed == "the host of the laboratory is on the machine where it runs"
+
+
+def test_a_host_on_which_anybody_may_practise_is_not_sealed(tmp_path: Path) -> None:
+    empty = tmp_path / "none"
+    empty.mkdir()
+    for vouched in (True, False):
+        open_to_all = parse_external(
+            [sys.executable, "{mcp_url}"], "https://lab.example", empty, vouched=vouched, environ={}
+        )
+        assert open_to_all.unsealed is not None
+        assert "practise" in open_to_all.unsealed
+
+
+async def test_an_agent_can_open_no_episode_of_its_own_on_the_evaluators_host(program: Words) -> None:
+    source = """
+import json, sys, urllib.error, urllib.request
+base = json.load(open(sys.argv[1]))["mcpServers"]["physment"]["url"].partition("/episodes/")[0]
+request = urllib.request.Request(base + "/episodes", b'{"scene": 7}', {"Content-Type": "application/json"})
+try:
+    print(urllib.request.urlopen(request).status)
+except urllib.error.HTTPError as error:
+    print(error.code)
+"""
+    async with connect("host", None) as laboratory:
+        assert isinstance(laboratory, HostLaboratory)
+        assert laboratory.token is not None
+        assert laboratory.token not in repr(laboratory)
+        episode = await play(laboratory, program(source))
+    assert episode.turns[0].reasoning == "401"
 
 
 def test_calls_follow_the_budget_unless_told() -> None:
