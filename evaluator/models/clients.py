@@ -3,18 +3,7 @@
 from typing import Any, cast
 
 import httpx2
-from openai import AsyncOpenAI
 from pydantic_ai.models import Model
-from pydantic_ai.models.anthropic import AnthropicModel
-from pydantic_ai.models.google import GoogleModel
-from pydantic_ai.models.openai import OpenAIChatModel
-from pydantic_ai.models.openrouter import OpenRouterModel
-from pydantic_ai.profiles.openai import OpenAIModelProfile
-from pydantic_ai.providers.anthropic import AnthropicProvider
-from pydantic_ai.providers.google import GoogleProvider
-from pydantic_ai.providers.openai import OpenAIProvider
-from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
-from pydantic_ai.providers.openrouter import OpenRouterProvider
 from pydantic_ai.settings import ModelSettings
 
 from evaluator.models.choice import ModelChoice
@@ -43,30 +32,59 @@ def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = No
 
 def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
     """The client of a model, over an HTTP client of ours, without retries of its own."""
-    key, name, url = choice.key() or _NO_KEY, choice.model, choice.base_url
-    match choice.provider.dialect:
-        case Dialect.ANTHROPIC:
-            return AnthropicModel(name, provider=AnthropicProvider(api_key=key, base_url=url, http_client=http))
-        case Dialect.GOOGLE:
-            return GoogleModel(name, provider=GoogleProvider(api_key=key, base_url=url, http_client=http))
-        case Dialect.OPENROUTER:
-            # Its provider knows one address only; the client underneath takes any.
-            client = AsyncOpenAI(api_key=key, base_url=url, http_client=http)
-            return OpenRouterModel(name, provider=OpenRouterProvider(openai_client=client))
-        case Dialect.OPENAI if choice.provider.name == "openai":
-            return OpenAIChatModel(name, provider=OpenAIProvider(api_key=key, base_url=url, http_client=http))
-        case Dialect.OPENAI:
-            return OpenAIChatModel(
-                name,
-                provider=OpenAICompatibleProvider(
-                    choice.provider.name,
-                    base_url=url,
-                    api_key=key,
-                    http_client=http,
-                    # Only OpenAI itself insists on `max_completion_tokens`; all others know `max_tokens`.
-                    profile=OpenAIModelProfile(openai_chat_supports_max_completion_tokens=False),
-                ),
-            )
+    build = {
+        Dialect.OPENAI: _chat_completions,
+        Dialect.OPENROUTER: _openrouter,
+        Dialect.ANTHROPIC: _anthropic,
+        Dialect.GOOGLE: _google,
+    }[choice.provider.dialect]
+    return build(choice, choice.key() or _NO_KEY, http)
+
+
+# Each of these loads its own package alone: together they take a second, and a lab may have installed one of them.
+
+
+def _chat_completions(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
+    from pydantic_ai.models.openai import OpenAIChatModel  # noqa: PLC0415 - see above
+    from pydantic_ai.profiles.openai import OpenAIModelProfile  # noqa: PLC0415 - see above
+    from pydantic_ai.providers.openai import OpenAIProvider  # noqa: PLC0415 - see above
+    from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider  # noqa: PLC0415 - see above
+
+    name, url = choice.model, choice.base_url
+    if choice.provider.name == "openai":
+        return OpenAIChatModel(name, provider=OpenAIProvider(api_key=key, base_url=url, http_client=http))
+    # Only OpenAI itself insists on `max_completion_tokens`; all others know `max_tokens`.
+    profile = OpenAIModelProfile(openai_chat_supports_max_completion_tokens=False)
+    provider = OpenAICompatibleProvider(
+        choice.provider.name, base_url=url, api_key=key, http_client=http, profile=profile
+    )
+    return OpenAIChatModel(name, provider=provider)
+
+
+def _openrouter(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
+    from openai import AsyncOpenAI  # noqa: PLC0415 - see above
+    from pydantic_ai.models.openrouter import OpenRouterModel  # noqa: PLC0415 - see above
+    from pydantic_ai.providers.openrouter import OpenRouterProvider  # noqa: PLC0415 - see above
+
+    # The provider knows one address only; the client underneath takes any.
+    client = AsyncOpenAI(api_key=key, base_url=choice.base_url, http_client=http)
+    return OpenRouterModel(choice.model, provider=OpenRouterProvider(openai_client=client))
+
+
+def _anthropic(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
+    from pydantic_ai.models.anthropic import AnthropicModel  # noqa: PLC0415 - see above
+    from pydantic_ai.providers.anthropic import AnthropicProvider  # noqa: PLC0415 - see above
+
+    provider = AnthropicProvider(api_key=key, base_url=choice.base_url, http_client=http)
+    return AnthropicModel(choice.model, provider=provider)
+
+
+def _google(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
+    from pydantic_ai.models.google import GoogleModel  # noqa: PLC0415 - see above
+    from pydantic_ai.providers.google import GoogleProvider  # noqa: PLC0415 - see above
+
+    provider = GoogleProvider(api_key=key, base_url=choice.base_url, http_client=http)
+    return GoogleModel(choice.model, provider=provider)
 
 
 def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> ModelSettings:
