@@ -7,7 +7,7 @@ CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,phys
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench pages lock wheel clean setup
+.PHONY: help demo test verify check bench pages lock wheel clean setup
 
 help: ## list the commands
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|'
@@ -32,6 +32,9 @@ test: $(STAMP) ## set up, then run the whole test suite
 	@$(BIN)/python -m pytest --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
+
+verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (about VERIFYTIME on 2 cores)
+	@$(BIN)/physment-eval verify
 
 check: $(STAMP) ## format, lint, types
 	@$(BIN)/ruff format --check .

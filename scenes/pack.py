@@ -44,36 +44,48 @@ class AnswerKind(StrEnum):
 
 
 class _PackModel(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, use_attribute_docstrings=True)
 
 
 class Metadata(_PackModel):
     """What the scene is and asks."""
 
     scene_name: str
+    """Name of the scene; tells nothing of the answer."""
     task: str = Field(min_length=1)
+    """All that is told of the laboratory, and the question, with its unit and sign convention."""
     problem_type: str
     """`comparison`, `calculation`, `computation` or `observation`; published packs use others too."""
     description: str = ""
+    """One line for readers of the pack. Private."""
 
 
 class SceneObject(_PackModel):
     """An object the task speaks of."""
 
     name: str
+    """Neutral name, such as block or post."""
     object_id: Annotated[str, BeforeValidator(str)]
+    """Number of the object; its body in the MJCF is `object_{number}`."""
 
 
 class Permissions(_PackModel):
     """What the agent may read of, and do to, one object. A static attribute not mentioned is withheld."""
 
     geom_type: bool = False
+    """Shape."""
     geom_density: bool = False
+    """Density; with the size it gives the mass."""
     body_mass: bool = False
+    """Mass."""
     geom_size: bool = False
+    """Edge lengths."""
     geom_radius: bool = False
+    """Radius."""
     body_pos: bool = False
+    """Position, displacement and contact points; an object can only be moved if it is read."""
     body_quat: bool = False
+    """Orientation and contact normals of flat faces."""
     velocity: bool = True
     """Gates velocity, acceleration, energies, momenta and approach speed."""
     actuate: bool = True
@@ -86,12 +98,15 @@ class AnswerSpec(_PackModel):
     """The type of the answer, and how close is close enough."""
 
     kind: AnswerKind
+    """What the answer is; decides how it is graded."""
     unit: str | tuple[str, ...] | None = None
     """Unit of a number, or one unit for each of several numbers; `1` where there is none."""
     labels: tuple[str, ...] = ()
     """What each of several numbers is, in order; shown to the agent."""
     abs_tol: float = Field(default=0.0, ge=0)
+    """Absolute tolerance, in the unit of the answer; adds to the relative one."""
     rel_tol: float = Field(default=0.05, ge=0)
+    """Relative tolerance: |answer - key| <= abs_tol + rel_tol |key|."""
     options: tuple[str, ...] = ()
     """The admissible answers of a choice or of objects, shown to the agent."""
     accept: tuple[str, ...] = ()
@@ -105,10 +120,15 @@ class Knob(_PackModel):
     """
 
     canonical: Scalar | tuple[Scalar, ...]
+    """Value at seed 0, the one written in the XML."""
     uniform: tuple[float, float] | None = None
+    """Bounds of a uniform draw."""
     log_uniform: tuple[float, float] | None = None
+    """Bounds of a draw that is uniform in the logarithm."""
     choice: tuple[Scalar, ...] | None = None
+    """Values of which one is drawn."""
     permutation: tuple[Scalar, ...] | None = None
+    """Values that are put in a random order."""
     meaning: str = ""
     """What the quantity is, with its unit, for readers of the pack."""
 
@@ -137,18 +157,28 @@ class Pack(_PackModel):
     """A whole `scene{N}.json`, public and private halves."""
 
     metadata: Metadata
+    """What the scene is and asks; the agent reads name, task and type."""
     answer: Scalar | tuple[Scalar, ...]
+    """The key at seed 0. Private."""
     expected_behavior: str = ""
+    """What a good experimenter does. Private."""
     reasoning: str = ""
+    """The physics that leads to the answer. Private."""
     number_of_objects: Annotated[
         int, BeforeValidator(lambda value: int(value) if isinstance(value, str) else value)
     ] = 0
+    """How many objects are listed; published packs write it as a string."""
     objects: dict[str, SceneObject]
+    """`object_1`, `object_2`, … → the objects, hidden ones too."""
     object_permissions: dict[str, Permissions] = {}
+    """`object_1_permissions`, … → what an agent may read and do; all is withheld from what is not listed."""
 
     category: Category | None = None
+    """One of the 13; published packs have none."""
     concepts: tuple[str, ...] = ()
+    """The physics involved: one concept in `single` scenes, two or more otherwise."""
     answer_spec: AnswerSpec | None = None
+    """Type, unit and tolerance of the answer; published packs have none."""
     disabled_tools: dict[str, str] = {}
     """Tool name → why it is not available; the reason is shown to nobody but readers of the pack."""
     requires: tuple[str, ...] = ()
@@ -156,6 +186,7 @@ class Pack(_PackModel):
     soft_objects: tuple[str, ...] = ()
     """Ids of objects with soft surfaces: sinking into them by more than 1 mm is not an overlap."""
     knobs: dict[str, Knob] = {}
+    """The hidden quantities, by name."""
     derive: dict[str, Expression] = {}
     """Quantities computed from the knobs, in order; usable in `apply`, `accept_draw`, `theory` and `measure`."""
     accept_draw: tuple[str, ...] = ()
@@ -163,8 +194,11 @@ class Pack(_PackModel):
     apply: dict[str, Expression | tuple[Expression, ...]] = {}
     """Where values go in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute."""
     version: str = "1"
+    """Version of the pack; raised when its meaning changes."""
     canary: str | None = None
+    """A fixed text by which corpora can leave packs out."""
     format: Literal[1] = 1
+    """Version of this format."""
 
     def permissions_of(self, key: str) -> Permissions:
         """Permissions of the object listed under `key` (such as `object_1`); all withheld if not written."""

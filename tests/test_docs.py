@@ -5,7 +5,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from jsonschema import Draft202012Validator
+
 from physment_mcp.server import published_tools
+from scenes import Pack, list_packs
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -72,6 +75,27 @@ def test_the_reference_of_the_tools_is_current(update_goldens: bool) -> None:
     if update_goldens:
         page.write_text(tools_page(), encoding="utf-8")
     assert page.read_text(encoding="utf-8") == tools_page()
+
+
+def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
+    """Editors check a pack against it while it is written; `physment-eval lint` says more."""
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": "Made from scenes/pack.py by `pytest tests/test_docs.py --update-goldens`; do not edit.",
+        **Pack.model_json_schema(),
+    }
+    text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    file = DOCS / "reference" / "scene-pack.schema.json"
+    if update_goldens:
+        file.write_text(text, encoding="utf-8")
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_every_pack_fits_the_published_schema() -> None:
+    schema = json.loads((DOCS / "reference" / "scene-pack.schema.json").read_text(encoding="utf-8"))
+    validator = Draft202012Validator(schema)
+    for files in list_packs():
+        validator.validate(json.loads(files.json.read_text(encoding="utf-8")))  # pyright: ignore[reportUnknownMemberType] - partly typed
 
 
 def test_links_between_documents_lead_somewhere() -> None:

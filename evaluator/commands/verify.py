@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -84,12 +85,22 @@ def _verify(args: argparse.Namespace) -> int:
         async with LocalHost(args.scenes_dir) as host:
             await verify(packs, args.seeds, args.jobs, host.base_url, done)
 
-    with bar:
-        task = bar.add_task("proving", total=len(packs))
-        unwrapped(play)
+    folder = args.scenes_dir or default_folder()
+    try:
+        with bar:
+            task = bar.add_task("proving", total=len(packs))
+            unwrapped(play)
+    except KeyboardInterrupt:
+        file = write_certificates(folder, proven)
+        print(
+            f"physment-eval: interrupted; the certificates of {len(proven)} scenes are in {file};"
+            " go on with --scene and the others",
+            file=sys.stderr,
+        )
+        return 130
     certificates = sorted(proven, key=lambda one: one.scene)
     _print_certificates(console, certificates)
-    file = write_certificates(args.scenes_dir or default_folder(), certificates)
+    file = write_certificates(folder, certificates)
     sound = sum(one.passed for one in certificates)
     console.print(
         f"{sound} of {len(certificates)} scenes are sound   certificates: {file}", soft_wrap=True, highlight=False

@@ -1,0 +1,107 @@
+"""`verify`, `lint` and `scenes` as an author uses them, each in a process of its own."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenes import default_folder
+
+COMMAND = [sys.executable, "-m", "evaluator"]
+
+
+def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *map(str, words)], capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.fixture
+def packs(tmp_path: Path) -> Path:
+    """A folder with two scenes of the suite."""
+    for scene in (7, 21):
+        shutil.copytree(default_folder() / f"Scene{scene}", tmp_path / f"Scene{scene}")
+    return tmp_path
+
+
+def edit(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def stored(packs: Path) -> dict[int, dict[str, Any]]:
+    certificates = json.loads((packs / "certificates.json").read_text(encoding="utf-8"))
+    return {one["scene"]: one for one in certificates["scenes"]}
+
+
+def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Path) -> None:
+    done = run("verify", "--scenes-dir", packs, "--seeds", "3", "--jobs", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 of 2 scenes are sound" in done.stdout
+    assert {scene: len(one["checks"]) for scene, one in stored(packs).items()} == {7: 6, 21: 6}
+    before = stored(packs)[21]
+    edit(packs / "Scene7" / "solution.py", '["velocity"][2]', '["velocity"][2] * 1.2')
+    done = run("verify", "--scenes-dir", packs, "--scene", "7", "--seeds", "3", "--jobs", "1")
+    assert done.returncode == 1
+    assert "scene 7, key: seed 0: the reference" in done.stdout
+    assert "0 of 1 scenes are sound" in done.stdout
+    assert stored(packs)[21] == before
+    assert not {check["name"]: check for check in stored(packs)[7]["checks"]}["key"]["passed"]
+
+
+def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
+    words = ("verify", "--scenes-dir", str(packs), "--seeds", "400", "--jobs", "2")
+    edit(packs / "Scene7" / "solution.py", "yield [answer", "raise ValueError\n    yield [answer")
+    with subprocess.Popen(
+        [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("[1/2] scene 7: NOT SOUND")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted; the certificates of 1 scenes are in" in said
+    assert "Traceback" not in said
+    assert list(stored(packs)) == [7]
+
+
+def test_lint_names_each_fault_and_verify_refuses_what_is_not_there(packs: Path) -> None:
+    assert run("lint", "--scenes-dir", packs).returncode == 0
+    edit(packs / "Scene21" / "scene21.json", '"reasoning"', '"reasonning"')
+    done = run("lint", "--scenes-dir", packs)
+    assert done.returncode == 1
+    assert "scene 21: unknown field reasonning; did you mean reasoning?" in done.stdout
+    assert "1 of 2 scenes without fault" in done.stdout
+    done = run("verify", "--scenes-dir", packs, "--scene", "8")
+    assert (done.returncode, "there is no such scene" in done.stderr) == (2, True)
+
+
+def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> None:
+    assert "none" in run("scenes", "list", "--scenes-dir", packs).stdout
+    run("verify", "--scenes-dir", packs, "--seeds", "2", "--jobs", "1")
+    assert run("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 2 seeds") == 2
+    edit(packs / "Scene7" / "solution.py", '"""', '""" ')
+    lines = run("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
+    assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
+
+
+def test_scenes_show_tells_the_private_half_only_when_asked() -> None:
+    public = run("scenes", "show", "9", "--seed", "3").stdout
+    private = run("scenes", "show", "9", "--seed", "3", "--private").stdout
+    assert "# Scene:" in public
+    assert "key at seed" not in public
+    assert private.startswith(public)
+    assert "key at seed 3:" in private
+    assert "no scene 6; the scenes here are 7, 8" in run("scenes", "show", "6").stderr
+
+
+def test_a_new_scene_never_overwrites_one(tmp_path: Path) -> None:
+    made = run("scenes", "new", "112", "--category", "hard-single-hidden", "--scenes-dir", tmp_path)
+    assert made.returncode == 0
+    assert "physment-eval verify --scenes-dir" in made.stdout
+    again = run("scenes", "new", "112", "--category", "easy-single", "--scenes-dir", tmp_path)
+    assert (again.returncode, "exists already; choose another id" in again.stderr) == (2, True)
