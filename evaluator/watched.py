@@ -1,7 +1,6 @@
 """An episode that somebody else plays: opened on a host, watched, and read back from the host's own log of calls."""
 
 import contextlib
-import json
 from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,7 @@ import anyio
 import httpx
 import mcp_types as types
 from mcp import Client
+from pydantic import BaseModel, ValidationError
 
 from evaluator.connect import HostLaboratory
 from evaluator.episode import unrecordable
@@ -22,6 +22,26 @@ _LOOK_S = 0.5
 """Wall time between looks at whether the episode has ended [s]."""
 _NO_CALLS = 999_999_999
 """A place in the log where there are none: asks for the state alone."""
+
+
+class _SeenCall(BaseModel):
+    """A call, as a host tells of it."""
+
+    tool: str
+    arguments: dict[str, Any]
+    returned: bool
+    is_error: bool
+    content: dict[str, Any] | None
+    text: str
+    started_s: float
+    duration_s: float
+
+
+class _Log(BaseModel):
+    """The log of an episode, as a host publishes it."""
+
+    ended: bool
+    calls: list[_SeenCall]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +76,7 @@ class WatchedEpisode:
         """
         while True:
             try:
-                if (await self._log(_NO_CALLS))["ended"]:
+                if (await self._log(_NO_CALLS)).ended:
                     return True
             except InfrastructureError:
                 return False
@@ -70,22 +90,24 @@ class WatchedEpisode:
         """
         turns: list[Turn] = []
         before = 0.0
-        for one in (await self._log(0))["calls"]:
+        for one in (await self._log(0)).calls:
             exchange = _exchange(one)
-            thought = max(0.0, one["started_s"] - before)
+            thought = max(0.0, one.started_s - before)
             turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=thought, server_s=exchange.duration_s))
-            before = one["started_s"] + one["duration_s"]
+            before = one.started_s + one.duration_s
         return tuple(turns)
 
-    async def _log(self, start: int) -> dict[str, Any]:
+    async def _log(self, start: int) -> "_Log":
         headers = {"Authorization": f"Bearer {self._owner_token}"}
         try:
             reply = await self._http.get(f"{self._path}/calls", params={"start": start}, headers=headers)
-        except httpx.HTTPError as error:
-            raise InfrastructureError(f"the log of calls could not be read: {error!r}") from error
-        if not reply.is_success:
-            raise InfrastructureError(f"the log of calls could not be read: {reply.status_code} {reply.text[:200]}")
-        return json.loads(reply.text)
+            reply.raise_for_status()
+            return _Log.model_validate_json(reply.content)
+        except httpx.HTTPStatusError as error:
+            said = f"{error.response.status_code} {error.response.text[:200]}"
+            raise InfrastructureError(f"the log of calls could not be read: {said}") from error
+        except (httpx.HTTPError, ValidationError) as error:
+            raise InfrastructureError(f"the log of calls could not be read: {str(error)[:200]!r}") from error
 
 
 @contextlib.asynccontextmanager
@@ -113,17 +135,17 @@ async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: 
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})
 
 
-def _exchange(said: dict[str, Any]) -> Exchange:
-    call = ToolCall(tool=said["tool"], arguments=said["arguments"])
-    problem = unrecordable(call)
+def _exchange(said: _SeenCall) -> Exchange:
+    call = ToolCall(tool=said.tool, arguments=said.arguments)
+    text, problem = said.text, unrecordable(call)
     if problem:
         # Only a refused call can be so; what an answer may hold, a record can hold.
-        call = ToolCall(tool=call.tool.encode("utf-8", "replace").decode(), arguments={})
+        call, text = ToolCall(tool=said.tool, arguments={}), f"{text} ({problem}, and is left out here)"
     return Exchange(
         call=call,
-        returned=said["returned"],
-        is_error=said["is_error"],
-        content=said["content"],
-        text=f"{said['text']} ({problem}, and was left out here)" if problem else said["text"],
-        duration_s=said["duration_s"],
+        returned=said.returned,
+        is_error=said.is_error,
+        content=said.content,
+        text=text,
+        duration_s=said.duration_s,
     )

@@ -13,10 +13,11 @@ def add_options(run: argparse.ArgumentParser) -> None:
     """Declare the command after `--`, and its bounds."""
     group = run.add_argument_group(
         "external agents",
-        "--agent external --server host -- COMMAND plays with a program that speaks MCP, such as a command-line coding"
-        " agent. In COMMAND, {mcp_config} stands for the path of a client configuration, {mcp_url} for the address of"
-        " the episode, {prompt} for the opening prompt, which otherwise comes on its stdin. It runs in an empty folder"
-        " and is judged by the host's own log of its calls.",
+        "Play with a program that speaks MCP, such as a command-line coding agent:\n"
+        "  physment-eval run --agent external --server host -- COMMAND …\n"
+        "In COMMAND, {mcp_config} stands for the path of a client configuration, {mcp_url} for\n"
+        "the address of the episode, and {prompt} for the opening prompt, which otherwise comes\n"
+        "on its stdin. It runs in an empty folder and is judged by the host's log of its calls.",
     )
     group.add_argument("command_words", nargs="*", metavar="-- COMMAND", help="the program and its arguments")
     group.add_argument(

@@ -5,10 +5,12 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
 import anyio
+import httpx
 import pytest
 
 from evaluator.agents.external import (
@@ -21,6 +23,7 @@ from evaluator.agents.external import (
 from evaluator.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.watched import WatchedEpisode
 
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
 CHECKOUT = Path(__file__).parents[2]
@@ -342,3 +345,48 @@ def test_calls_follow_the_budget_unless_told() -> None:
     words = [sys.executable, "{mcp_url}"]
     assert parse_external(words, "host", None).calls_for(5) == 50
     assert parse_external(words, "host", None, max_calls=7).calls_for(5) == 7
+
+
+async def test_arguments_that_a_record_cannot_hold_are_left_out_and_said_to_be(
+    host: HostLaboratory, client: Words
+) -> None:
+    body = """
+deep = []
+for _ in range(90):
+    deep = [deep]
+await client.call_tool("step", {"duration": deep})
+await client.call_tool("answer", {"answer": 1})
+"""
+    episode = await play(host, client(body))
+    (first,), (last,) = (turn.exchanges for turn in episode.turns)
+    assert (first.call.arguments, first.is_error) == ({}, True)
+    assert "nests more than" in first.text
+    assert (last.call.arguments, episode.answer) == ({"answer": 1}, 1)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "said"),
+    [
+        (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp"}', "keeps no logs of calls"),
+        (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp", "owner_token": "x"}', "opening prompt"),
+        (401, b'{"error": "episodes are opened with the token of this host"}', "opened no episode: episodes are"),
+    ],
+)
+async def test_a_host_that_is_none_for_this_is_infrastructure(
+    program: Words, web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
+) -> None:
+    with web_server(status, body) as address, pytest.raises(InfrastructureError, match=said):
+        await play(HostLaboratory(address), program("pass"))
+
+
+async def test_a_log_that_is_none_is_infrastructure(
+    web_server: Callable[[int, bytes], AbstractContextManager[str]],
+) -> None:
+    for status, body in ((200, b"<html>"), (200, b'{"calls": 1}'), (500, b"oh")):
+        with web_server(status, body) as address:
+            async with httpx.AsyncClient(base_url=address) as http:
+                episode = WatchedEpisode("", http, "/episodes/a", "x")
+                assert not await episode.until_end()
+                with pytest.raises(InfrastructureError, match="log of calls could not be read") as failed:
+                    await episode.turns()
+        assert len(str(failed.value).splitlines()) == 1
