@@ -21,6 +21,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w
 _WORD = re.compile(r"\w+")
 _PLAIN = {'"': re.compile(r'[^"\\\n]*'), "'": re.compile(r"[^'\\\n]*")}
 _RECOVERY = re.compile(r"""[\[\]{}"']|```|\n[ \t\r]*\n""")
+_MORE = re.compile(r"[ \t\r]*+(?:\n[ \t\r]*+)?[,:\]}]")
 _WORDS = {"true": True, "false": False, "null": None, "True": True, "False": False, "None": None}
 _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 
@@ -196,17 +197,20 @@ def _number(written: str, at: int) -> int | float:
 
 def _end_of_broken(text: str, at: int, depth: int) -> int:
     """Where a value that broke at `at`, `depth` levels deep, ends: at its bracket, a blank line or a fence."""
-    while depth > 0 and (match := _RECOVERY.search(text, at)) is not None:
+    while (match := _RECOVERY.search(text, at)) is not None:
         sign, at = match.group(), match.end()
         if sign in {"[", "{"}:
             depth += 1
         elif sign in {"]", "}"}:
             depth -= 1
+            # A bracket forgotten or too many ends the count early, but not the list: a comma or bracket tells.
+            if depth <= 0 and not _MORE.match(text, at):
+                return at
         elif sign in _PLAIN:
             at = _end_of_string(text, match.start())
         else:
             return match.start()
-    return at if depth <= 0 else len(text)
+    return len(text)
 
 
 def _end_of_string(text: str, at: int) -> int:

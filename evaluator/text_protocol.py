@@ -16,7 +16,7 @@ import json
 import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pydantic import JsonValue
 
@@ -33,6 +33,8 @@ _NATIVE = re.compile(
     r"((?:(?!<\|).)*+)<\|tool_call_end\|>",
     re.DOTALL,
 )
+_CLOSING = re.compile(r"\s*+[\]}]")
+_UNMATCHED = "the brackets of the list of calls do not match"
 _MARKUP = re.compile(r"<\|tool_call|</?tool_call>|<tool>|<function=")
 _NATIVE_SIGNS = re.compile(r"<\|tool_calls_section_(?:begin|end)\|>")
 
@@ -139,23 +141,31 @@ def _fenced_spans(text: str, start: int) -> list[tuple[int, int]]:
 def _attempts(text: str, start: int) -> list[_Attempt]:
     """All places with calls; single call objects that follow each other are one place."""
     places: list[list[_Attempt]] = []
-    follows = False
     for found in find_json(text, start):
         attempt = _attempt(text, found)
         if attempt is None:
             continue
-        is_object = text[found.start] == "{"
-        if follows and is_object and not text[places[-1][-1].end : attempt.start].strip(" \t\r\n,;"):
-            places[-1].append(attempt)
-        else:
+        gap = text[places[-1][-1].end : attempt.start] if places else "-"
+        are_lists = bool(places) and text[places[-1][0].start] == "[" == text[attempt.start]
+        if gap.strip(" \t\r\n,;]}") or (are_lists and not gap.strip()):
             places.append([attempt])
-        follows = is_object
-    return [_joined(place) for place in places]
+            continue
+        # A bracket too few or too many leaves parts of a list side by side: none of them is the whole.
+        are_objects = text[places[-1][0].start] == "{" == text[attempt.start]
+        if not are_objects or gap.strip(" \t\r\n,;"):
+            attempt = replace(attempt, problem=attempt.problem or _UNMATCHED, problem_at=attempt.start)
+        places[-1].append(attempt)
+    return [_joined(text, place) for place in places]
 
 
-def _joined(place: Sequence[_Attempt]) -> _Attempt:
+def _joined(text: str, place: Sequence[_Attempt]) -> _Attempt:
+    start, end = place[0].start, place[-1].end
     broken = next((one for one in place if one.problem), None)
-    return broken or _Attempt(place[0].start, place[-1].end, tuple(call for one in place for call in one.calls))
+    if broken is not None:
+        return replace(broken, start=start, end=end, calls=())
+    if text[start] == "{" and _CLOSING.match(text, end):
+        return _Attempt(start, end, (), _UNMATCHED, end)
+    return _Attempt(start, end, tuple(call for one in place for call in one.calls))
 
 
 def _attempt(text: str, found: Found) -> _Attempt | None:
@@ -236,7 +246,10 @@ def _arguments(value: JsonValue, number: int) -> dict[str, JsonValue]:
 def _native(text: str, start: int) -> _Attempt | None:
     """Calls in a model's own markup: it names tool and JSON arguments, so its meaning is certain."""
     matches = list(_NATIVE.finditer(text, start))
-    if not matches or text.count("<|tool_call_begin|>", start) != len(matches):
+    # Any sign left over means that some of the markup is damaged, and perhaps a call with it.
+    rest = _NATIVE.sub("", text[start:])
+    sections = len(_NATIVE_SIGNS.findall(rest))
+    if not matches or sections % 2 or "<|" in _NATIVE_SIGNS.sub("", rest):
         return None
     calls: list[ToolCall] = []
     for number, match in enumerate(matches, start=1):

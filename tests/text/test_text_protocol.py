@@ -63,6 +63,20 @@ def test_a_list_cut_off_runs_nothing_or_is_whole(calls: list[ToolCall], data: st
     assert parse_reply(text[:cut]).calls == ()
 
 
+@given(CALLS, st.data())
+def test_a_list_with_one_bracket_too_few_or_too_many_never_runs_a_part_of_it(
+    calls: list[ToolCall], data: st.DataObject
+) -> None:
+    text = written(
+        [ToolCall(tool=f"{one.tool}{number}", arguments={"x": [number]}) for number, one in enumerate(calls)]
+    )
+    at = data.draw(st.sampled_from([index for index, sign in enumerate(text) if sign in "[]{}"]))
+    changed = text[:at] + text[at + 1 :] if data.draw(st.booleans()) else text[:at] + text[at] + text[at:]
+    run = parse_reply(f"I look.\n{changed}\nAnd see.").calls
+    # Only the outer brackets of the list can be missed without harm.
+    assert run == () or len(run) == len(calls)
+
+
 @pytest.mark.parametrize(
     "unit",
     [
@@ -142,9 +156,28 @@ def test_a_certain_meaning_is_read(text: str) -> None:
         ('[{"tool": "step", "parameters": {}, "args": {}}]', 'both "parameters" and "args"'),
         ('[{"tool": {"name": "step"}, "parameters": {}}]', "does not name its tool"),
         (f"[{STEP_TEXT}]\n```json\n[{{'tool': x}}]\n```", "this is no JSON value"),
+        (
+            '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1} <|tool_call_end|> <|too',
+            "markup",
+        ),
+        (
+            "<|tool_calls_section_begin|><|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> "
+            '{"duration": 1} <|tool_call_end|>',
+            "markup",
+        ),
+        (
+            '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1/3} <|tool_call_end|>',
+            "call 1 are a text that is no JSON: a comma or }",
+        ),
         ("<tool>get_position</tool><parameter>object_1</parameter>", "markup"),
         (f"<think>I could write [{STEP_TEXT}]", "inside <think>"),
-        # What is left of a broken list is not a shorter list.
+        # What is left of a broken list is not a shorter list, wherever its brackets seem to close.
+        (f'[{STEP_TEXT}, "tool": "step", "parameters": {{}}}}, {LOOK_TEXT}, {ANSWER_TEXT}]', "a comma or ]"),
+        (f"[{STEP_TEXT}}}, {LOOK_TEXT},\n {ANSWER_TEXT}]", "a comma or ]"),
+        (f"[{STEP_TEXT}], {LOOK_TEXT}, {ANSWER_TEXT}]", "do not match"),
+        (f"[{STEP_TEXT},] {LOOK_TEXT}]", "do not match"),
+        (f'["tool": "step", "parameters": {{}}}}, {LOOK_TEXT}]', "do not match"),
+        (f'[{{"tool": "step", ]"parameters": {{}}}}\n, {ANSWER_TEXT}]', "a name in quotes"),
         (f'[{{"tool": "step", "parameters": {{"duration": 2*3}}}}, {ANSWER_TEXT}]', "a comma or }"),
     ],
 )
