@@ -82,6 +82,15 @@ print(late.is_error)
     assert "its 3 calls are used up" in said[3]
 
 
+async def test_an_answer_the_laboratory_refuses_is_none(host: HostLaboratory, client: Words) -> None:
+    tries = """
+await client.call_tool("answer", {"answer": "x" * 20_000})
+await client.call_tool("answer", {"answer": "short"})
+"""
+    episode = await play(host, client(tries))
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, "short", 2)
+
+
 async def test_a_program_that_ends_without_an_answer_is_told_apart(host: HostLaboratory, client: Words) -> None:
     episode = await play(host, client('await client.call_tool("step", {"duration": 0.1})'))
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.AGENT_ERROR, None, 1)
