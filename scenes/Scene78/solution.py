@@ -10,9 +10,9 @@ GRAVITY = 9.81
 MASS, RADIUS = 2.0, 0.1
 MARK = 6.0
 SLOW, FAST = 2.0, 25.0
-ROUNDS = 12
+ROUNDS = 10
 REST_S = 60.0
-LOOK_S, LOOKS = 0.08, 50
+LOOK_S, LOOKS = 0.125, 32
 NEARLY_ROLLS = 0.15
 """The end of the skid is extrapolated from looks with more slip of the lowest point than this, in m/s."""
 

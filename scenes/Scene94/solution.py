@@ -15,7 +15,7 @@ SHARES = (0.3, 1.0, 3.0)
 ROUNDS = 3
 RUN_S = 0.65
 """The ball is hit after 0.65 s."""
-LOOK_S, LOOKS = 0.03, 170
+LOOK_S, LOOKS = 0.05, 102
 THROWN_S = 0.24
 """A hit lasts about 0.1 s; within this time after the first stir no second hit can come."""
 CALM_S = 50.0
