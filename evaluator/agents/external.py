@@ -60,6 +60,15 @@ class ExternalAgent:
         """`external:` or `external-unsealed:`, and its program: the two are never the same cell of a matrix."""
         return f"external{'-unsealed' if self.unsealed else ''}:{Path(self.command[0]).name}"
 
+    def facts(self) -> dict[str, JsonValue]:
+        """What of it decides a result, for `run.json`: the command, without secrets, and its bounds."""
+        return {
+            "command": [without_secrets(word, os.environ) for word in self.command],
+            "max_calls": self.max_calls,
+            "max_wall_s": self.max_wall_s,
+            "unsealed": self.unsealed,
+        }
+
     def calls_for(self, budget: int) -> int:
         """Calls it may make under a budget of iterations."""
         return self.max_calls or CALLS_PER_ITERATION * budget

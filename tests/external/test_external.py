@@ -350,6 +350,16 @@ except urllib.error.HTTPError as error:
     assert episode.turns[0].reasoning == "401"
 
 
+def test_what_decides_a_result_can_be_written_down() -> None:
+    agent = parse_external([sys.executable, "{mcp_url}", "--fast"], "host", None, max_calls=7)
+    assert json.loads(json.dumps(agent.facts())) == {
+        "command": [sys.executable, "{mcp_url}", "--fast"],
+        "max_calls": 7,
+        "max_wall_s": 1800.0,
+        "unsealed": agent.unsealed,
+    }
+
+
 def test_calls_follow_the_budget_unless_told() -> None:
     words = [sys.executable, "{mcp_url}"]
     assert parse_external(words, "host", None).calls_for(5) == 50
