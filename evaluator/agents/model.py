@@ -173,7 +173,7 @@ def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
     for part in response.tool_calls:
         try:
             calls.append(ToolCall(tool=part.tool_name, arguments=_arguments(part)))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             return (), f"the arguments of {part.tool_name} are not a JSON object: {error}"
     return tuple(calls), ""
 
@@ -204,9 +204,14 @@ def _refuse(response: ModelResponse) -> None:
 def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
     """The reply, as it can be sent again.
 
-    Half surrogate pairs, which models do write, cannot go into UTF-8; a native call in the text protocol has no return.
+    Half surrogate pairs, which models do write, cannot go into UTF-8; text that is nothing but space is refused by
+    Anthropic; a native call in the text protocol has no return.
     """
-    parts = [_sendable(part) for part in response.parts if calls or not isinstance(part, ToolCallPart)]
+    parts = [
+        _sendable(part)
+        for part in response.parts
+        if (calls or not isinstance(part, ToolCallPart)) and (not isinstance(part, TextPart) or part.content.strip())
+    ]
     return replace(response, parts=parts)
 
 

@@ -188,6 +188,8 @@ class Anthropic(Dialect):
             blocks = message["content"] if isinstance(message["content"], list) else []
             if open_calls != {one["tool_use_id"] for one in blocks if one["type"] == "tool_result"}:
                 return f"calls without a return: {open_calls}"
+            if any(one["type"] == "text" and not one["text"].strip() for one in blocks):
+                return "text content blocks must contain non-whitespace text"
             open_calls = {one["id"] for one in blocks if one["type"] == "tool_use"}
         return ""
 
@@ -286,6 +288,7 @@ class Service:
     steps: list[Step] = field(default_factory=list)
     seen: list[Seen] = field(default_factory=list)
     latency_s: float = 0.0
+    closed: bool = False
     under_way: int = 0
     most_under_way: int = 0
 
@@ -320,6 +323,20 @@ class Service:
                 pass
 
         self.steps.append(Bare(silent))
+
+    def drip(self) -> None:
+        """Send a byte now and then, for ever."""
+
+        async def dripping(scope: Scope, receive: Receive, send: Send) -> None:
+            await send(
+                {"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"application/json")]}
+            )
+            with anyio.move_on_after(10):
+                while not self.closed:
+                    await send({"type": "http.response.body", "body": b" ", "more_body": True})
+                    await anyio.sleep(0.05)
+
+        self.steps.append(Bare(dripping))
 
     def cut(self, text: str = "half a rep") -> None:
         """Hang up in the midst of the reply."""

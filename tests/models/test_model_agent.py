@@ -94,6 +94,16 @@ async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_r
     assert after == "Not run."
     assert episode.turns[0].note in service.seen[1].last
     assert "Iterations left: 4" in service.seen[1].last
+    assert errors_marked(service.seen[1].body) in ([], [False, True, True, True])
+
+
+def errors_marked(body: dict[str, Any]) -> list[bool]:
+    """Which returns are marked as errors, where the format has a mark."""
+    if "contents" in body:
+        parts = [part for content in body["contents"] for part in content["parts"]]
+        return ["error" in part["functionResponse"]["response"] for part in parts if "functionResponse" in part]
+    blocks = [block for message in body["messages"] for block in message["content"] or [] if isinstance(block, dict)]
+    return [block.get("is_error", False) for block in blocks if block.get("type") == "tool_result"]
 
 
 async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversation_goes_on(service: Any) -> None:
@@ -114,7 +124,10 @@ async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_n
     assert service.seen[1].returns == []
 
 
-@pytest.mark.parametrize("written", ['{"duration": 0.8', "[0.8]", "0.8", '"0.8"', '{"duration": 0.8,}'])
+@pytest.mark.parametrize(
+    "written",
+    ['{"duration": 0.8', "[0.8]", "0.8", '"0.8"', '{"duration": 0.8,}', pytest.param("[" * 100_000, id="deep")],
+)
 async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai: Any, written: str) -> None:
     openai.say("", [LOOK, ("step", written)])
     openai.say("", [STEP, LOOK])
@@ -215,9 +228,10 @@ async def test_a_conversation_refused_for_its_content_is_the_agent_s_error(opena
 
 
 async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
-    service.say("", [STEP])
+    service.say("\n", [STEP])
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
+    assert episode.turns[0].reasoning == ""
     used = episode.turns[0].usage
     assert used is not None
     assert (used.input_tokens, used.output_tokens, used.cached_tokens) == (1000, 100, 600)
@@ -261,7 +275,7 @@ async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai:
 
 
 async def test_half_a_surrogate_pair_in_a_reply_does_not_end_the_conversation(openai: Any) -> None:
-    openai.say("a \ud800 b", [("step", '{"duration": "\\ud800"}')])
+    openai.say("a \ud800 b", [("step", '{"duration": "\ud800"}')])
     openai.say("", [("answer", {"answer": 1})])
     episode = await play(openai)
     assert (episode.outcome, len(openai.seen)) == (Outcome.ANSWERED, 2)

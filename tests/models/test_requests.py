@@ -98,6 +98,7 @@ async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: 
     service.say("at last")
     assert await desk.ask() == "at last"
     assert 17 <= sum(desk.clock.pauses) <= 19
+    assert desk.requests.lane.shut_until == 1017
 
 
 async def test_a_wait_may_be_a_fraction_or_a_date(openai: Any) -> None:
@@ -166,6 +167,15 @@ async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(se
         with anyio.fail_after(10):
             assert await open_desk(agent).ask() == "at last"
     assert len(service.seen) == 2
+
+
+async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: Any) -> None:
+    service.drip()
+    service.say("at last")
+    async with agent_of(service, timeout_s=0.5) as agent:
+        with anyio.fail_after(5):
+            assert await open_desk(agent).ask() == "at last"
+    service.closed = True
 
 
 async def test_a_reply_that_breaks_off_is_asked_for_again(service: Any, desk: Desk) -> None:
