@@ -10,6 +10,7 @@ from evaluator.agents.baselines import OracleOnceAgent
 from evaluator.agents.model import ModelAgent
 from evaluator.episode import play_episode
 from evaluator.models.choice import parse_model
+from evaluator.models.failures import PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Versions
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
@@ -239,6 +240,19 @@ async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
     assert used.cost_usd > 0
     assert episode.usage is not None
     assert episode.usage.cost_usd == pytest.approx(2 * used.cost_usd)
+
+
+async def test_what_a_failed_episode_used_up_is_counted(openai: Any) -> None:
+    openai.say("", [STEP])
+    openai.fail(401, "gone")
+    async with (
+        ModelAgent(parse_model("model:gpt-5.5", environ=openai.environ)) as agent,
+        Client(build_server(Laboratory(Session(load_scene(7))))) as client,
+    ):
+        with pytest.raises(PermanentFailure):
+            await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="m", budget=5), VERSIONS)
+    assert (agent.spent.tokens, agent.spent.unpriced) == (1100, 0)
+    assert agent.spent.cost_usd > 0
 
 
 async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Any) -> None:
