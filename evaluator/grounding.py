@@ -2,7 +2,8 @@
 
 An assertion is a number that the reasoning states: not one inside a word or an exponent, not a count of steps or the
 number of an object, not one that the prompt gave, and not one that the agent itself put into a call. It is grounded if
-a call of an *earlier* turn returned it, to the precision written, with the same sign, in a unit of the same kind.
+a call of an *earlier* turn returned it, to the precision written, with the same sign unless it is told to be a
+magnitude, in a unit of the same kind.
 """
 
 import bisect
@@ -190,8 +191,11 @@ class _Band(NamedTuple):
     low: float
     high: float
     """Bounds a little too wide, to pass over the many values that are far off."""
+    is_magnitude: bool
+    """Whether the number is told to be a size, so that the sign of the value does not matter."""
 
     def holds(self, value: float) -> bool:
+        value = abs(value) if self.is_magnitude else value
         if not self.low <= value <= self.high:
             return False
         exact = _exact(value)
@@ -211,7 +215,7 @@ def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
             return None
         factor = converted
     said, half_unit = spoken.value * factor, spoken.half_unit * factor
-    return _Band(said, half_unit, float(said - 2 * half_unit), float(said + 2 * half_unit))
+    return _Band(said, half_unit, float(said - 2 * half_unit), float(said + 2 * half_unit), spoken.is_magnitude)
 
 
 def _returned(exchange: Exchange, turn: int, position: int) -> Iterator[_Returned]:

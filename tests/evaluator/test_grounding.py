@@ -148,6 +148,61 @@ def test_what_only_looks_like_a_measurement_is_no_assertion(said: str) -> None:
     assert result.share is None
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        *("I = 2/5 m r^2", "I = (2/5)mr²", "V = (4/3)πr³", r"\(I = \frac{1}{12} m L^2\)", r"\frac{5}{7} g \sin\theta"),
+        *(r"T = 2\pi\sqrt{L/g}", r"c = 2 \sqrt{m k}", "T = 2π√(L/g)", "repeat steps 1-4", "iterations 3 to 5", "½mv²"),
+        *("objects 1 and 2", "steps 1–4"),
+    ],
+)
+def test_coefficients_of_formulas_and_ranges_of_steps_are_no_assertions(said: str) -> None:
+    assert after(said, VELOCITY).assertions == ()
+
+
+@pytest.mark.parametrize(
+    ("said", "numbers"),
+    [
+        ("a = 9.81/7 and 20/0.5", ["9.81", "7", "20", "0.5"]),
+        ("64/24 is a ratio of two sizes", ["64", "24"]),
+        (r"\frac{2.2}{4.4}", ["2.2", "4.4"]),
+        (r"1.5\theta, 3\,\text{m}", ["1.5", r"3\,\text{m}"]),
+    ],
+)
+def test_quotients_of_measured_numbers_stay_assertions(said: str, numbers: list[str]) -> None:
+    assert [one.text for one in after(said, VELOCITY).assertions] == numbers
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *("a speed of 7.85 m/s", "the magnitude is 7.85", "|7.85| m/s", "7.85 m/s downward", "7.85 (magnitude)"),
+        *("the speed is about 7.8 m/s", r"\(7.85\) downwards", "7.85 m/s in magnitude", "a speed of 0.25 m/s"),
+    ],
+)
+def test_a_number_told_to_be_a_size_is_supported_by_a_value_of_either_sign(said: str) -> None:
+    assert after(said, VELOCITY).share == 1
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *("it moves at 7.85 m/s", "a speed of -0.25 m/s", "the speed drops. Then 7.85 m/s", "a velocity of 7.85 m/s"),
+        *("the speed is 3 m/s, not 7.86", "the magnitude of 0.25 is 7.85 too little"),
+    ],
+)
+def test_without_such_a_word_the_sign_counts(said: str) -> None:
+    grounding = after(said, VELOCITY)
+    assert grounding.assertions[-1].support is None
+
+
+def test_a_product_is_an_assertion_of_its_own() -> None:
+    mass = returned("get_parameters", {"sim_time": 0.0, "mass": 2.5})
+    result = after("The weight is 2.5 kg × 9.81 = 24.525 N.", mass, prompt="Gravity is 9.81 m/s^2.")
+    assert texts(result, supported=True) == ["2.5 kg"]
+    assert texts(result, supported=False) == ["24.525 N"]
+
+
 def test_numbers_of_the_prompt_are_no_assertions() -> None:
     prompt = "Gravity is 9.81 m/s². The ramp stands at 20 degrees and is 0.5 m long."
     result = after("With g = 9.81, or 9.8, on 50 cm at 20° (0.3491 rad): 10 m/s.", VELOCITY, prompt=prompt)
