@@ -5,9 +5,11 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import models, play, replay, replay_original, run, scenes, verify
+from evaluator.commands import models, play, replay, replay_original, results, run, scenes, verify
 from evaluator.commands.base import own_version
+from evaluator.commands.run_options import options_of
 from evaluator.errors import InfrastructureError, StoreError, UsageError
+from evaluator.study.config import with_config
 
 _DESCRIPTION = """\
 Let agents experiment in the PhysMent laboratory over MCP, grade their answers, and report.
@@ -15,7 +17,10 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval --server stdio                     the reference agent in every scene
   physment-eval --server host --agent blind --seeds 1-20 --concurrency 8
   physment-eval --agent scripted:turns.json --scenes 7,21 --budgets 5,10
+  physment-eval --agent model:gpt-5.5 --budgets 5,10,15,20 --server host --concurrency 50 --max-cost 100
+  physment-eval --config study.toml --dry-run      what a study would be, without playing it
   physment-eval run --out runs/mine --resume       go on with a run that was interrupted
+  physment-eval merge runs/mine --out runs/whole   put its shards together
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine                   write its report.html again
   physment-eval play 7                             solve a scene yourself
@@ -42,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=f"physment-eval {own_version()}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     run.add(commands, _DESCRIPTION)
+    results.add(commands)
     play.add(commands)
     verify.add(commands)
     scenes.add(commands)
@@ -51,8 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # `run` is the default command: put it in where the first word is an option.
     if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")
-    args = parser.parse_args(words)
     try:
+        if words[0] == "run":
+            words = ["run", *with_config(words[1:], options_of(commands.choices["run"]))]
+        args = parser.parse_args(words)
         return args.run(args)
     except (UsageError, StoreError) as error:
         return _fail(str(error), 2)

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from evaluator.metrics import RunSummary
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Verdict
+from evaluator.study.tally import Tally
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
 
@@ -18,9 +19,10 @@ _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Ve
 class ProgressDisplay:
     """A bar on a terminal, a line for each finished episode otherwise."""
 
-    def __init__(self, console: Console, total: int) -> None:
+    def __init__(self, console: Console, total: int, tally: Tally) -> None:
         self._console = console
         self._total = total
+        self._tally = tally
         self._done = 0
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -28,11 +30,12 @@ class ProgressDisplay:
             MofNCompleteColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
+            TextColumn("{task.fields[state]}"),
             console=console,
             disable=not console.is_terminal,
             transient=True,
         )
-        self._task = self._bar.add_task("playing", total=total)
+        self._task = self._bar.add_task("playing", total=total, state="")
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -48,10 +51,11 @@ class ProgressDisplay:
         self._bar.update(self._task, description=f"scene {key.scene} seed {key.seed}")
 
     def ended(self, episode: Episode) -> None:
-        """Count a finished episode."""
+        """Count a finished episode, and show how the run stands."""
         self._done += 1
-        self._bar.advance(self._task)
-        line = f"[{self._done}/{self._total}] {_describe(episode)}"
+        verdict = self._tally.add(episode)
+        self._bar.update(self._task, advance=1, state=self._tally.line())
+        line = f"[{self._done}/{self._total}] {_describe(episode)}: {verdict.value} ({self._tally.line()})"
         if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
             self._console.print(f"{line}: {_harmless(episode.error or '')}", markup=False, highlight=False)
         elif not self._console.is_terminal:
@@ -62,8 +66,8 @@ def _describe(episode: Episode) -> str:
     key = episode.key
     what = episode.outcome.value.replace("_", " ")
     return (
-        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} iterations"
-        f" ({episode.duration_s:.1f} s)"
+        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} iterations,"
+        f" {episode.duration_s:.1f} s"
     )
 
 

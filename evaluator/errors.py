@@ -5,6 +5,7 @@ EvaluatorError
 ├─ StoreError             a run folder cannot be read or written           → one sentence, exit code 2
 ├─ AgentError             the agent cannot go on                           → recorded as the episode's outcome
 └─ InfrastructureError    server or connection failed                      → the episode is retried, never scored wrong
+   └─ PermanentFailure    … and asking again cannot help                   → the agent's other episodes are left out
 """
 
 
@@ -26,3 +27,7 @@ class AgentError(EvaluatorError):
 
 class InfrastructureError(EvaluatorError):
     """The server or the connection to it failed; one sentence."""
+
+
+class PermanentFailure(InfrastructureError):
+    """Asking again cannot help: the key is refused, there is no such model, credit is used up, a setting is refused."""

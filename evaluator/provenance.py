@@ -14,7 +14,8 @@ from typing import Any
 from mcp import Client
 
 from evaluator.records import FORMAT
-from evaluator.runner import Plan, pack_hash
+from evaluator.runner import pack_hash
+from evaluator.study.plan import Plan
 from scenes import PackFiles
 
 
@@ -31,13 +32,31 @@ async def server_facts(client: Client) -> dict[str, Any]:
     }
 
 
-def run_facts(plan: Plan, packs: Sequence[PackFiles], server: str, server_said: dict[str, Any]) -> dict[str, Any]:
-    """The contents of `run.json`."""
+def run_facts(
+    plan: Plan,
+    packs: Sequence[PackFiles],
+    server: str,
+    server_said: dict[str, Any],
+    agents: dict[str, Any] | None = None,
+    shard: str | None = None,
+) -> dict[str, Any]:
+    """The contents of `run.json`.
+
+    Args:
+        plan: The matrix.
+        packs: The scenes.
+        server: What `--server` says.
+        server_said: What the server tells of itself.
+        agents: Agent → what of it decides results, beyond its name.
+        shard: Which part of the run this is, `i/n`; None if it is the whole.
+    """
     return {
         "format": FORMAT,
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
         # Through JSON, so that it compares equal to what a stored run.json says.
         "plan": json.loads(json.dumps(asdict(plan))),
+        "agents": json.loads(json.dumps(agents or {})),
+        **({"shard": shard} if shard else {}),
         "server": {"option": server, **server_said},
         "packs": {str(files.scene_id): pack_hash(files) for files in packs},
         "versions": {

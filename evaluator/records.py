@@ -97,6 +97,8 @@ class Episode(Record):
     turns: tuple[Turn, ...]
     error: str | None = None
     """Why the episode ended early, for the two error outcomes."""
+    unsealed: str | None = None
+    """Why the agent could have known more than it measured, such as the answers; null if it could not."""
     attempts: int = 1
     """How many times the episode was opened, this one included."""
     usage: Usage | None = None

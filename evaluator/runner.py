@@ -1,108 +1,69 @@
-"""The matrix of a run: which episodes are missing, played a few at a time, each on disk before the next counts."""
+"""Plays episodes a few at a time in this process; each is on disk before the next counts."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from pathlib import Path
 
 import anyio
 
-from evaluator.agents.base import Agent
 from evaluator.connect import Laboratory
-from evaluator.episode import play_episode
-from evaluator.errors import InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.errors import PermanentFailure
+from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.store import RunFolder
+from evaluator.study.attempts import Contender, play_key
+from evaluator.study.limits import Meter
 from scenes import PackFiles
-
-MAX_ATTEMPTS = 3
-"""How often an episode is opened before its infrastructure error is recorded."""
-_PAUSE_S = 0.5
-"""Pause before the second attempt [s]; doubled for each further one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What a run consists of."""
-
-    scenes: tuple[int, ...]
-    agent: str
-    budgets: tuple[int, ...] = (20,)
-    seeds: tuple[int, ...] = (0,)
-    epochs: int = 1
-    prompting: str = "zero-shot"
-    protocol: str = "native"
-
-    def keys(self) -> list[EpisodeKey]:
-        """All episodes of the run, in playing order."""
-        return [
-            EpisodeKey(
-                scene=scene,
-                seed=seed,
-                agent=self.agent,
-                budget=budget,
-                prompting=self.prompting,
-                protocol=self.protocol,
-                epoch=epoch,
-            )
-            for epoch in range(1, self.epochs + 1)
-            for budget in self.budgets
-            for seed in self.seeds
-            for scene in self.scenes
-        ]
 
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """Plays the episodes of a plan that a folder does not hold yet."""
+    """Plays episodes that a folder does not hold yet."""
 
     laboratory: Laboratory
-    agent: Agent
+    contenders: Mapping[str, Contender]
+    """By name, as the keys have it."""
     folder: RunFolder
     versions: Callable[[int], Versions]
     """Scene → versions to record."""
     concurrency: int = 1
+    meter: Meter = field(default_factory=Meter)
+    timeout_s: float | None = None
+    """Wall time of one attempt at an episode [s]."""
     on_start: Callable[[EpisodeKey], None] = field(default=lambda _key: None)
     on_end: Callable[[Episode], None] = field(default=lambda _episode: None)
 
-    async def run(self, keys: Sequence[EpisodeKey]) -> None:
+    async def run(self, keys: Sequence[EpisodeKey]) -> str:
         """Play `keys`, at most `concurrency` at a time; each is on disk when `on_end` is told.
+
+        Returns:
+            Why episodes were left out: the limit that was reached, the agents that cannot be asked; empty if none were.
 
         Raises:
             StoreError: A record could not be written; what was written before stays.
         """
-        waiting = iter(keys)
+        waiting, given_up = list(reversed(keys)), dict[str, str]()
 
         async def worker() -> None:
-            for key in waiting:
+            while waiting and not self.meter.reached():
+                key = waiting.pop()
+                if key.agent in given_up:
+                    continue
                 self.on_start(key)
-                episode = await self._play(key)
+                try:
+                    episode = await play_key(
+                        self.contenders[key.agent], self.laboratory, key, self.versions(key.scene), self.timeout_s
+                    )
+                except PermanentFailure as failure:
+                    given_up[key.agent] = str(failure)
+                    continue
                 self.folder.append_episode(episode)
+                self.meter.add(episode.usage)
                 self.on_end(episode)
 
         async with anyio.create_task_group() as tasks:
             for _ in range(min(self.concurrency, len(keys))):
                 tasks.start_soon(worker)
-
-    async def _play(self, key: EpisodeKey) -> Episode:
-        """Play an episode, anew if the infrastructure fails."""
-        failure, versions = "", self.versions(key.scene)
-        for attempt in range(1, MAX_ATTEMPTS + 1):
-            if attempt > 1:
-                await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
-            try:
-                async with self.laboratory.open(key.scene, key.seed) as client:
-                    episode = await play_episode(self.agent, client, key, versions)
-                return episode.model_copy(update={"attempts": attempt})
-            except InfrastructureError as error:
-                failure = str(error)
-        return _unplayed(key, failure, versions)
-
-
-def missing(keys: Iterable[EpisodeKey], done: dict[EpisodeKey, Episode]) -> list[EpisodeKey]:
-    """Episodes still to be played: those without a record, and those that only infrastructure errors ended."""
-    return [key for key in keys if key not in done or done[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
+        return "; ".join([*given_up.values(), *([self.meter.reached()] if waiting else [])])
 
 
 def pack_hash(files: PackFiles) -> str:
@@ -110,23 +71,5 @@ def pack_hash(files: PackFiles) -> str:
     digest = hashlib.sha256()
     for file in (files.json, files.mjcf, files.solution):
         digest.update(file.name.encode())
-        digest.update(_content(file))
+        digest.update(file.read_bytes() if file.is_file() else b"")
     return digest.hexdigest()[:12]
-
-
-def _content(file: Path) -> bytes:
-    return file.read_bytes() if file.is_file() else b""
-
-
-def _unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
-    return Episode(
-        key=key,
-        outcome=Outcome.INFRASTRUCTURE_ERROR,
-        prompt="",
-        turns=(),
-        error=failure,
-        attempts=MAX_ATTEMPTS,
-        started_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
-        duration_s=0.0,
-        versions=versions,
-    )

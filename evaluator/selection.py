@@ -1,37 +1,9 @@
-"""What `--scenes`, `--budgets`, `--seeds` and `--agent` mean."""
+"""What `--scenes`, `--budgets` and `--seeds` mean."""
 
 from pathlib import Path
 
-from evaluator.agents.base import Agent
-from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
-from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.scripted import load_script
 from evaluator.errors import UsageError
 from scenes import Category, PackError, PackFiles, list_packs, read_pack
-
-AGENTS = ("reference", "random", "blind", "oracle-once:AGENT", "scripted:FILE")
-
-
-def parse_agent(text: str, scenes_dir: Path | None) -> Agent:
-    """The agent that `--agent` names.
-
-    Raises:
-        UsageError: There is no such agent, or its script cannot be read.
-    """
-    kind, _, rest = text.partition(":")
-    match kind, bool(rest):
-        case "reference", False:
-            return ReferenceAgent(scenes_dir)
-        case "random", False:
-            return RandomAgent()
-        case "blind", False:
-            return BlindAgent()
-        case "oracle-once", True:
-            return OracleOnceAgent(parse_agent(rest, scenes_dir))
-        case "scripted", True:
-            return load_script(Path(rest))
-        case _:
-            raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:

@@ -105,6 +105,14 @@ class RunFolder:
         """
         return {one.key: one for one in self._read(self.grades_file, GradeRecord)}
 
+    def keep_grades(self) -> Path:
+        """Copy the grades to a file of their own, which nothing overwrites, and return where it is."""
+        number = 1
+        while (kept := self.path / f"grades.{number}.jsonl").exists():
+            number += 1
+        self._replace(kept, self.grades_file.read_text(encoding="utf-8"))
+        return kept
+
     def write_text(self, file: Path, text: str) -> None:
         """Write a derived file in one go."""
         self._replace(file, text)

@@ -188,6 +188,7 @@ async def play_external(agent: ExternalAgent, laboratory: Laboratory, key: Episo
         prompt=prompt,
         turns=_with_reasoning(turns, said),
         error=failure if outcome is Outcome.AGENT_ERROR else None,
+        unsealed=agent.unsealed,
         started_at=started_at,
         duration_s=time.perf_counter() - clock,
         versions=versions,

@@ -2,11 +2,8 @@
 
 import argparse
 
-from evaluator.agents.external import CALLS_PER_ITERATION, ExternalAgent, parse_external
+from evaluator.agents.external import CALLS_PER_ITERATION
 from evaluator.commands.base import seconds, whole
-
-EXTERNAL = "external"
-"""What `--agent` says for a program."""
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
@@ -34,20 +31,4 @@ def add_options(run: argparse.ArgumentParser) -> None:
         action="store_true",
         help="you vouch that no scene pack can be read where COMMAND runs, such as in a container or as another user;"
         " without it an agent that could read the packs is marked unsealed",
-    )
-
-
-def external_agent(args: argparse.Namespace) -> ExternalAgent:
-    """The program that the options name.
-
-    Raises:
-        UsageError: The command is missing, cannot be found or could not find the laboratory.
-    """
-    return parse_external(
-        args.command_words,
-        args.server,
-        args.scenes_dir,
-        vouched=args.sealed,
-        max_calls=args.max_calls,
-        max_wall_s=args.max_wall_time,
     )

@@ -22,9 +22,10 @@ from evaluator.episode import play_episode
 from evaluator.provenance import run_facts, server_facts
 from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
 from evaluator.report.page import write_report
-from evaluator.runner import Plan, pack_hash
+from evaluator.runner import pack_hash
 from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
+from evaluator.study.plan import Plan
 from scenes import PackFiles
 
 _PLAY = """\
@@ -95,7 +96,7 @@ def _play(args: argparse.Namespace) -> int:
 async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder, console: Console) -> Episode:
     """Let the person play; what decides the result is written down once there is one."""
     key = EpisodeKey(scene=args.scene, seed=args.seed, agent="human", budget=args.budget)
-    plan = Plan(scenes=(args.scene,), agent="human", budgets=(args.budget,), seeds=(args.seed,))
+    plan = Plan(scenes=(args.scene,), agents=("human",), budgets=(args.budget,), seeds=(args.seed,))
     async with (
         connect(args.server, args.scenes_dir) as laboratory,
         laboratory.open(args.scene, args.seed) as client,

@@ -19,9 +19,12 @@ from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
 from evaluator.provenance import run_facts, server_facts
 from evaluator.records import Versions
-from evaluator.runner import Plan, pack_hash
+from evaluator.runner import pack_hash
 from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
+from evaluator.study.limits import Meter
+from evaluator.study.plan import Plan
+from evaluator.study.tally import Tally
 from scenes import read_pack
 
 _DESCRIPTION = """\
@@ -75,9 +78,9 @@ def _replay(args: argparse.Namespace) -> int:
             async with laboratory.open(packs[0].scene_id, 0) as client:
                 said = await server_facts(client)
             if folder is not None:
-                plan = Plan(scenes=tuple(names), agent="original-logs", budgets=(), seeds=(0,), protocol="text")
+                plan = Plan(scenes=tuple(names), agents=("original-logs",), budgets=(), seeds=(0,), protocols=("text",))
                 folder.write_run(run_facts(plan, packs, args.server, said))
-            with ProgressDisplay(Console(stderr=True), len(logs)) as display:
+            with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter())) as display:
 
                 def ended(one: PlayedLog) -> None:
                     if one.episode is not None and folder is not None:

@@ -1,31 +1,44 @@
-"""`physment-eval [run]`, `grade` and `report`: play episodes, grade them, write the report."""
+"""`physment-eval [run]`: play the matrix, grade it, write the report."""
 
 import argparse
 import contextlib
 import os
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from evaluator import scoring
 from evaluator.answer_key import KeyRing
-from evaluator.commands.base import Commands, own_version, unwrapped, whole
-from evaluator.connect import connect
-from evaluator.display import ProgressDisplay, print_results
+from evaluator.commands.base import Commands, own_version, unwrapped
+from evaluator.commands.results import finish
+from evaluator.commands.run_options import add_options, limits_of, plan_of, shard_of, team_of
+from evaluator.connect import Laboratory, connect
+from evaluator.display import ProgressDisplay
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.provenance import run_facts, server_facts
-from evaluator.records import Outcome, Versions
-from evaluator.report.page import write_report
-from evaluator.runner import Plan, Runner, missing, pack_hash
-from evaluator.selection import AGENTS, parse_agent, parse_numbers, parse_scenes
+from evaluator.records import EpisodeKey, Versions
+from evaluator.runner import Runner, pack_hash
+from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
+from evaluator.study.attempts import Contender
+from evaluator.study.contenders import Team, agent_facts
+from evaluator.study.estimate import estimate_lines
+from evaluator.study.limits import Meter
+from evaluator.study.plan import Plan, missing
+from evaluator.study.shards import WHOLE, Shard
+from evaluator.study.tally import Tally
+from scenes import PackFiles
+
+_DECIDING = ("plan", "packs", "agents", "shard")
+"""What a resumed run must have in common with what it goes on with."""
 
 
 def add(commands: Commands, description: str) -> None:
-    """Declare `run`, `grade` and `report`.
+    """Declare `run`.
 
     Args:
         commands: Where.
@@ -38,82 +51,44 @@ def add(commands: Commands, description: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     run.set_defaults(run=_run)
-    run.add_argument(
-        "--server",
-        default="stdio",
-        metavar="S",
-        help="stdio: a server process for each episode (default) · host: one warm local host · the URL of a host ·"
-        " a command that serves one episode on stdio, with {scene} and {seed} in it",
-    )
-    run.add_argument("--agent", default="reference", metavar="A", help=f"{' · '.join(AGENTS)} (default reference)")
-    run.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single (default: all)")
-    run.add_argument("--budgets", default="20", metavar="N,…", help="iteration budgets (default 20)")
-    run.add_argument(
-        "--seeds", default="0", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0)"
-    )
-    run.add_argument("--epochs", type=whole, default=1, metavar="N", help="repetitions of each episode (default 1)")
-    run.add_argument(
-        "--concurrency",
-        type=whole,
-        default=min(4, os.cpu_count() or 1),
-        metavar="N",
-        help="episodes played at a time (default %(default)s)",
-    )
-    run.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
-    run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
-    run.add_argument("--resume", action="store_true", help="go on with the run in --out")
-    run.add_argument("--json", action="store_true", help="print the summary as JSON on stdout, all else on stderr")
-    for name, action, text in (
-        ("grade", _grade, "grade a stored run again and write its summary and report"),
-        ("report", _report, "write the report of a stored run again"),
-    ):
-        command = commands.add_parser(name, help=text, description=text.capitalize() + ".")
-        command.set_defaults(run=action)
-        command.add_argument("folder", type=Path, help="run folder")
-        command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
-        command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
+    add_options(run)
+
+
+@dataclass(frozen=True, slots=True)
+class _Study:
+    """A run, ready to be played."""
+
+    args: argparse.Namespace
+    team: Team
+    contenders: Mapping[str, Contender]
+    packs: list[PackFiles]
+    plan: Plan
+    shard: Shard
+
+    def keys(self) -> list[EpisodeKey]:
+        return [key for key in self.plan.matrix() if self.shard.takes(key)]
 
 
 def _run(args: argparse.Namespace) -> int:
-    packs = parse_scenes(args.scenes, args.scenes_dir)
-    agent = parse_agent(args.agent, args.scenes_dir)
-    plan = Plan(
-        scenes=tuple(files.scene_id for files in packs),
-        agent=agent.name,
-        budgets=parse_numbers(args.budgets, "--budgets", 1),
-        seeds=parse_numbers(args.seeds, "--seeds", 0),
-        epochs=args.epochs,
-    )
+    packs, team = parse_scenes(args.scenes, args.scenes_dir), team_of(args)
+    contenders = team.build()
+    plan, shard = plan_of(args, packs, tuple(contenders)), shard_of(args, os.environ)
+    study = _Study(args, team, contenders, packs, plan, shard)
+    if args.dry_run:
+        for line in estimate_lines(plan, study.keys(), shard, args.concurrency):
+            print(line)
+        return 0
     if args.resume and args.out is None:
         raise UsageError("--resume needs the folder of the run: --out DIR")
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    folder = RunFolder(args.out or Path("runs") / f"{stamp}-{agent.name.split(':')[0]}")
+    folder = _folder(args, contenders, shard)
     folder.create(resume=args.resume)
-    keys = KeyRing(args.scenes_dir)
-    console = Console(stderr=args.json)
+    keys, console = KeyRing(args.scenes_dir), Console(stderr=args.json)
+    meter = Meter(limits_of(args))
+    stopped = ""
 
     async def play() -> None:
-        async with connect(args.server, args.scenes_dir) as laboratory:
-            try:
-                async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
-                    said = await server_facts(client)
-            except InfrastructureError as error:
-                raise UsageError(str(error)) from error
-            facts = run_facts(plan, packs, args.server, said)
-            folder.write_run(_continued(folder, facts))
-            hashes = {files.scene_id: pack_hash(files) for files in packs}
-            todo = missing(plan.keys(), folder.episodes())
-            with ProgressDisplay(console, len(todo)) as display:
-                runner = Runner(
-                    laboratory,
-                    agent,
-                    folder,
-                    lambda scene: Versions(physment=own_version(), protocol=said["protocol"], pack=hashes[scene]),
-                    args.concurrency,
-                    display.started,
-                    display.ended,
-                )
-                await runner.run(todo)
+        nonlocal stopped
+        stopped = await _play(study, folder, meter, keys, console)
 
     try:
         # A malformed pack or a missing key should show before hours of play, not after.
@@ -127,56 +102,78 @@ def _run(args: argparse.Namespace) -> int:
             folder.path.rmdir()
         raise
     except KeyboardInterrupt:
-        print(f"physment-eval: interrupted; go on with: --out {folder.path} --resume", file=sys.stderr)
+        print(f"physment-eval: interrupted; go on with: --out {args.out or folder.path} --resume", file=sys.stderr)
         return 130
-    return _finish(folder, keys, console, as_json=args.json, wanted=len(plan.keys()))
+    if stopped:
+        print(f"physment-eval: {stopped}; go on with: --out {args.out or folder.path} --resume", file=sys.stderr)
+    return finish(folder, keys, console, as_json=args.json, wanted=len(study.keys()))
 
 
-def _grade(args: argparse.Namespace) -> int:
-    folder = RunFolder(args.folder)
-    folder.read_run()
-    return _finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json)
+def _folder(args: argparse.Namespace, contenders: Mapping[str, Contender], shard: Shard) -> RunFolder:
+    if shard != WHOLE and args.out is None:
+        raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    label = "study" if len(contenders) > 1 else next(iter(contenders)).split(":")[0]
+    whole = args.out or Path("runs") / f"{stamp}-{label}"
+    return RunFolder(whole if shard == WHOLE else whole / shard.name)
 
 
-def _report(args: argparse.Namespace) -> int:
-    folder = RunFolder(args.folder)
-    facts, episodes, grades = folder.read_run(), folder.episodes(), folder.grades()
-    if set(grades) != set(episodes):
-        raise UsageError(f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first")
-    rows = scoring.scored(episodes.values(), grades.values(), KeyRing(args.scenes_dir))
-    write_report(folder, facts, rows, grades)
-    print(folder.report_file)
-    return 0
+async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, console: Console) -> str:
+    """Play what is missing; returns why some of it was not."""
+    args = study.args
+    async with contextlib.AsyncExitStack() as stack:
+        laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir))
+        for contender in study.contenders.values():
+            if isinstance(contender, contextlib.AbstractAsyncContextManager):
+                await stack.enter_async_context(contender)
+        said = await _said(laboratory, study.plan)
+        agents = {name: agent_facts(one) for name, one in study.contenders.items()}
+        shard = None if study.shard == WHOLE else f"{study.shard.index}/{study.shard.count}"
+        facts = run_facts(study.plan, study.packs, args.server, said, agents, shard)
+        folder.write_run(_continued(folder, facts))
+        hashes = {files.scene_id: pack_hash(files) for files in study.packs}
+        versions = {
+            scene: Versions(physment=own_version(), protocol=said["protocol"], pack=one)
+            for scene, one in hashes.items()
+        }
+        done = folder.episodes()
+        meter.add_all(one.usage for one in done.values())
+        todo = missing(study.keys(), done)
+        with ProgressDisplay(console, len(todo), Tally(keys, meter)) as display:
+            runner = Runner(
+                laboratory,
+                study.contenders,
+                folder,
+                lambda scene: versions[scene],
+                args.concurrency,
+                meter,
+                args.episode_timeout,
+                display.started,
+                display.ended,
+            )
+            return await runner.run(todo)
 
 
-def _finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None) -> int:
-    """Grade, summarise, report, print; returns the exit code."""
-    episodes = folder.episodes()
-    summary = scoring.grade_run(folder, episodes, keys)
-    grades = folder.grades()
-    write_report(folder, folder.read_run(), scoring.scored(episodes.values(), grades.values(), keys), grades)
-    print_results(console, episodes, grades, summary)
-    console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
-    if as_json:
-        print(summary.model_dump_json())
-    unplayed = sum(one.outcome is Outcome.INFRASTRUCTURE_ERROR for one in episodes.values())
-    if unplayed or (wanted is not None and len(episodes) < wanted):
-        print(f"physment-eval: {unplayed} episodes could not be played; try --resume", file=sys.stderr)
-        return 1
-    return 0
+async def _said(laboratory: Laboratory, plan: Plan) -> dict[str, Any]:
+    """What the server tells of itself; asking shows early that there is one."""
+    try:
+        async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
+            return await server_facts(client)
+    except InfrastructureError as error:
+        raise UsageError(str(error)) from error
 
 
 def _continued(folder: RunFolder, facts: dict[str, Any]) -> dict[str, Any]:
     """`run.json` of a run that starts, or of one that goes on: as it was, with a note of each resumption.
 
     Raises:
-        UsageError: The stored run has another plan or other packs, so the results would not belong together.
+        UsageError: The stored run has another plan, agents or packs, so the results would not belong together.
     """
     if not folder.run_file.exists():
         return facts
     before = folder.read_run()
-    for name in ("plan", "packs"):
-        if before.get(name) != facts[name]:
+    for name in _DECIDING:
+        if before.get(name) != facts.get(name):
             raise UsageError(
                 f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
             )

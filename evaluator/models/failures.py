@@ -8,7 +8,7 @@ from typing import cast
 
 from pydantic_ai import exceptions as ai
 
-from evaluator.errors import AgentError, EvaluatorError, InfrastructureError
+from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, PermanentFailure
 
 _DETAIL = 300
 """Most characters of a provider's own words in a sentence of ours."""
@@ -24,10 +24,6 @@ class AskAgain(InfrastructureError):
         super().__init__(sentence)
         self.wait_s = wait_s
         """How long the provider asked us to wait [s], if it did."""
-
-
-class PermanentFailure(InfrastructureError):
-    """Asking again cannot help: the key is refused, there is no such model, credit is used up, a setting is refused."""
 
 
 _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (

@@ -22,7 +22,7 @@ from evaluator.report.page import render
 
 EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
 FACTS = {
-    "plan": {"agent": f"agent {EVIL}", "scenes": [7, 21], "budgets": [5]},
+    "plan": {"agents": [f"agent {EVIL}"], "scenes": [7, 21], "budgets": [5]},
     "server": {"option": "stdio"},
     "created_at": "2026-01-01T00:00:00+00:00",
 }

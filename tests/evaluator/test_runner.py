@@ -15,8 +15,10 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.errors import AgentError, InfrastructureError, StoreError
 from evaluator.grading import grade_missing
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
-from evaluator.runner import MAX_ATTEMPTS, Plan, Runner, missing, pack_hash
+from evaluator.runner import Runner, pack_hash
 from evaluator.store import RunFolder
+from evaluator.study.attempts import MAX_ATTEMPTS
+from evaluator.study.plan import Plan, missing
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
 from physment_mcp.session import Session
@@ -63,13 +65,13 @@ def folder(tmp_path: Path) -> RunFolder:
 
 
 def keys(seeds: int) -> list[EpisodeKey]:
-    return Plan(scenes=(7,), agent="x", budgets=(3,), seeds=tuple(range(seeds))).keys()
+    return Plan(scenes=(7,), agents=("x",), budgets=(3,), seeds=tuple(range(seeds))).matrix()
 
 
 async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:
     todo = missing(keys(seeds), folder.episodes())
     with anyio.fail_after(30):
-        await Runner(laboratory, agent, folder, lambda _scene: VERSIONS, concurrency).run(todo)
+        await Runner(laboratory, {"x": agent}, folder, lambda _scene: VERSIONS, concurrency).run(todo)
 
 
 def lines(folder: RunFolder) -> int:
@@ -226,7 +228,8 @@ async def test_an_episode_is_on_disk_when_its_end_is_told(folder: RunFolder) -> 
         assert folder.episodes()[episode.key] == episode
         told.append(("end", episode.key.seed))
 
-    await Runner(InMemory(), SCRIPT, folder, lambda _scene: VERSIONS, 1, on_start, on_end).run(keys(2))
+    runner = Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_start=on_start, on_end=on_end)
+    await runner.run(keys(2))
     assert told == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
 
 
@@ -237,7 +240,7 @@ async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_
             folder.episodes_file.mkdir()
 
     with pytest.raises(ExceptionGroup) as stopped:
-        await Runner(InMemory(), SCRIPT, folder, lambda _scene: VERSIONS, 1, on_end=on_end).run(keys(5))
+        await Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_end=on_end).run(keys(5))
     assert stopped.value.subgroup(StoreError) is not None
     assert (folder.path / "moved").read_bytes().count(b"\n") == 2
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from evaluator.errors import UsageError
-from evaluator.selection import parse_agent, parse_numbers, parse_scenes
+from evaluator.selection import parse_numbers, parse_scenes
+from evaluator.study.contenders import Team
 from scenes import list_packs
 
 
@@ -52,13 +53,13 @@ def test_a_folder_without_packs_is_refused(tmp_path: Path) -> None:
     "name", ["reference", "random", "blind", "oracle-once:reference", "oracle-once:oracle-once:blind"]
 )
 def test_agents_are_found_by_name(name: str) -> None:
-    assert parse_agent(name, None).name == name
+    assert list(Team((name,)).build()) == [name]
 
 
-@pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "reference:x", "scripted", "model:x"])
+@pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "reference:x", "scripted", "model"])
 def test_an_unknown_agent_is_refused_with_those_there_are(name: str) -> None:
     with pytest.raises(UsageError, match="the agents are reference, random, blind"):
-        parse_agent(name, None)
+        Team((name,)).build()
 
 
 def test_numbers_are_lists_and_ranges_without_repetition() -> None:

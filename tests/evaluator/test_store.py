@@ -6,8 +6,8 @@ import pytest
 
 from evaluator.errors import StoreError
 from evaluator.records import Episode, EpisodeKey, Outcome, Versions
-from evaluator.runner import Plan, missing
 from evaluator.store import RunFolder
+from evaluator.study.plan import Plan, missing
 
 
 def episode(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -> Episode:
@@ -101,11 +101,11 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 
 
 def test_only_what_is_missing_or_was_never_played_is_to_be_played() -> None:
-    plan = Plan(scenes=(7, 8, 9), agent="x", budgets=(5,))
+    plan = Plan(scenes=(7, 8, 9), agents=("x",), budgets=(5,))
     done = {one.key: one for one in (episode(7), episode(8, Outcome.INFRASTRUCTURE_ERROR))}
-    assert [key.scene for key in missing(plan.keys(), done)] == [8, 9]
+    assert [key.scene for key in missing(plan.matrix(), done)] == [8, 9]
 
 
 def test_a_plan_is_the_whole_matrix_each_cell_once() -> None:
-    keys = Plan(scenes=(7, 8), agent="x", budgets=(5, 10), seeds=(0, 1, 2), epochs=2).keys()
+    keys = Plan(scenes=(7, 8), agents=("x",), budgets=(5, 10), seeds=(0, 1, 2), epochs=2).matrix()
     assert len(keys) == len(set(keys)) == 2 * 2 * 3 * 2

@@ -9,8 +9,8 @@ from mcp import Client
 from evaluator.agents.baselines import OracleOnceAgent
 from evaluator.agents.model import ModelAgent
 from evaluator.episode import play_episode
+from evaluator.errors import PermanentFailure
 from evaluator.models.choice import parse_model
-from evaluator.models.failures import PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Versions
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server

@@ -1,0 +1,186 @@
+"""The options of `run`, and what they mean together: a plan, a team, limits, a shard."""
+
+import argparse
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from evaluator.commands import external
+from evaluator.commands.base import seconds, whole
+from evaluator.errors import UsageError
+from evaluator.models.choice import EFFORTS, Options, checked
+from evaluator.models.lanes import DEFAULT_LIMIT
+from evaluator.models.patience import Patience
+from evaluator.selection import parse_numbers
+from evaluator.stopping import POLICIES
+from evaluator.study.contenders import AGENTS, Team
+from evaluator.study.limits import Limits
+from evaluator.study.plan import Plan
+from evaluator.study.shards import Shard, parse_shard, shard_of_environment
+from scenes import PackFiles
+
+if TYPE_CHECKING:
+    from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
+
+PROMPTINGS = ("zero-shot", "one-shot", "few-shot")
+PROTOCOLS = ("native", "text")
+
+
+def add_options(run: argparse.ArgumentParser) -> None:
+    """Declare all options of `run`."""
+    run.add_argument(
+        "--server",
+        default="stdio",
+        metavar="S",
+        help="stdio: a server process for each episode (default) · host: one warm local host · the URL of a host ·"
+        " a command that serves one episode on stdio, with {scene} and {seed} in it",
+    )
+    run.add_argument("--config", metavar="FILE", help="options kept in a TOML file; those of the command line win")
+    _matrix(run.add_argument_group("the matrix"))
+    _models(run.add_argument_group("models"))
+    _course(run.add_argument_group("how it is played"))
+    external.add_options(run)
+
+
+def _matrix(group: "ArgumentGroup") -> None:
+    group.add_argument(
+        "--agent", action="append", metavar="A", help=f"{' · '.join(AGENTS)} (default reference); may be repeated"
+    )
+    group.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single (default: all)")
+    group.add_argument("--budgets", default="20", metavar="N,…", help="iteration budgets (default 20)")
+    group.add_argument(
+        "--seeds", default="0", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0)"
+    )
+    group.add_argument("--epochs", type=whole, default=1, metavar="N", help="repetitions of each episode (default 1)")
+    group.add_argument(
+        "--prompting", default="zero-shot", metavar="P,…", help=f"{' · '.join(PROMPTINGS)} (default zero-shot)"
+    )
+    group.add_argument(
+        "--protocol",
+        default="native",
+        metavar="P,…",
+        help="native tool calls · text: JSON lists in prose (default native)",
+    )
+    group.add_argument(
+        "--stopping", default="always", metavar="P", help=f"{' · '.join(POLICIES)}: when agents are told to answer"
+    )
+    group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+
+
+def _models(group: "ArgumentGroup") -> None:
+    group.description = "Of all models of the run; `physment-eval models` lists models and what is missing to ask them."
+    group.add_argument("--effort", metavar="E", help=f"{' · '.join(EFFORTS)}, as far as the provider has them")
+    group.add_argument("--temperature", type=float, metavar="T", help="0 to 2 (default: the provider's)")
+    group.add_argument("--reply-tokens", type=whole, metavar="N", help="most tokens of one reply, thoughts included")
+    group.add_argument("--base-url", metavar="URL", help="where models are asked instead of the provider's own place")
+    group.add_argument(
+        "--provider-concurrency",
+        metavar="P=N,…",
+        default="",
+        help=f"requests under way at a provider, such as openai=20,anthropic=5 (default {DEFAULT_LIMIT} each)",
+    )
+    group.add_argument(
+        "--request-timeout", type=seconds, default=Patience().timeout_s, metavar="S", help="of one request [s] (600)"
+    )
+
+
+def _course(group: "ArgumentGroup") -> None:
+    group.add_argument(
+        "--concurrency",
+        type=whole,
+        default=min(4, os.cpu_count() or 1),
+        metavar="N",
+        help="episodes played at a time (default %(default)s)",
+    )
+    group.add_argument(
+        "--episode-timeout", type=seconds, default=7200.0, metavar="S", help="wall time of an attempt [s] (7200)"
+    )
+    group.add_argument("--max-cost", type=seconds, metavar="USD", help="start no more episodes once this is spent")
+    group.add_argument("--max-tokens", type=whole, metavar="N", help="… once so many tokens are used")
+    group.add_argument("--max-time", type=seconds, metavar="S", help="… once this wall time has passed [s]")
+    group.add_argument(
+        "--shard",
+        metavar="i/n",
+        help="play the i-th of n parts, into a folder of its own (default: what Slurm's or Kubernetes' index says)",
+    )
+    group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
+    group.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    group.add_argument("--dry-run", action="store_true", help="print the matrix and an estimate, and play nothing")
+    group.add_argument("--json", action="store_true", help="print the summary as JSON on stdout, all else on stderr")
+
+
+def options_of(run: argparse.ArgumentParser) -> set[str]:
+    """The long options there are, as a study file may name them."""
+    return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse tells it nowhere else
+
+
+def team_of(args: argparse.Namespace) -> Team:
+    """Who plays.
+
+    Raises:
+        UsageError: An option is malformed.
+    """
+    return Team(
+        agents=tuple(args.agent or ["reference"]),
+        scenes_dir=args.scenes_dir,
+        server=args.server,
+        options=checked(Options(args.effort, args.temperature, args.reply_tokens)),
+        base_url=args.base_url,
+        lanes=_lanes(args.provider_concurrency),
+        patience=Patience(timeout_s=args.request_timeout),
+        stopping=args.stopping,
+        command=tuple(args.command_words),
+        max_calls=args.max_calls,
+        max_wall_s=args.max_wall_time,
+        sealed=args.sealed,
+    )
+
+
+def plan_of(args: argparse.Namespace, packs: list[PackFiles], agents: tuple[str, ...]) -> Plan:
+    """What is played.
+
+    Raises:
+        UsageError: An option is malformed.
+    """
+    return Plan(
+        scenes=tuple(files.scene_id for files in packs),
+        agents=agents,
+        budgets=parse_numbers(args.budgets, "--budgets", 1),
+        seeds=parse_numbers(args.seeds, "--seeds", 0),
+        epochs=args.epochs,
+        promptings=_among(args.prompting, "--prompting", PROMPTINGS),
+        protocols=_among(args.protocol, "--protocol", PROTOCOLS),
+    )
+
+
+def limits_of(args: argparse.Namespace) -> Limits:
+    """What may be used."""
+    return Limits(args.max_cost, args.max_tokens, args.max_time)
+
+
+def shard_of(args: argparse.Namespace, environ: Mapping[str, str]) -> Shard:
+    """Which part is played here.
+
+    Raises:
+        UsageError: It cannot be told.
+    """
+    return parse_shard(args.shard) if args.shard else shard_of_environment(environ)
+
+
+def _among(text: str, option: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
+    for one in chosen:
+        if one not in known:
+            raise UsageError(f"{option} {one}: must be one of {', '.join(known)}")
+    return chosen
+
+
+def _lanes(text: str) -> dict[str, int]:
+    lanes: dict[str, int] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, limit = part.partition("=")
+        if not equals or not limit.isdecimal() or int(limit) < 1:
+            raise UsageError(f"--provider-concurrency {part}: write provider=number, such as openai=20")
+        lanes[name.strip()] = int(limit)
+    return lanes

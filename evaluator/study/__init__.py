@@ -1,0 +1,1 @@
+"""Studies: the matrix of a run, who plays it, within which limits, on which share of the machines."""

@@ -1,0 +1,73 @@
+"""One episode, from the opening of its session to its record; played anew if the infrastructure fails."""
+
+from datetime import UTC, datetime
+
+import anyio
+
+from evaluator.agents.base import Agent
+from evaluator.agents.external import ExternalAgent, play_external
+from evaluator.connect import Laboratory
+from evaluator.episode import play_episode
+from evaluator.errors import InfrastructureError, PermanentFailure
+from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+
+MAX_ATTEMPTS = 3
+"""How often an episode is opened before its infrastructure error is recorded."""
+_PAUSE_S = 0.5
+"""Pause before the second attempt [s]; doubled for each further one."""
+
+Contender = Agent | ExternalAgent
+"""Who plays: an agent whose turns we see, or a program that drives itself."""
+
+
+async def play_key(
+    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None = None
+) -> Episode:
+    """Play an episode until it has an outcome, or the attempts are used up.
+
+    Args:
+        contender: Who plays.
+        laboratory: Where.
+        key: Which episode.
+        versions: Recorded with it.
+        timeout_s: Wall time of one attempt [s]; None for no limit. Running out of it is an infrastructure error.
+
+    Raises:
+        UsageError: The laboratory does not fit the contender.
+        PermanentFailure: No episode of this contender can be played.
+    """
+    failure = ""
+    for attempt in range(1, MAX_ATTEMPTS + 1):
+        if attempt > 1:
+            await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
+        try:
+            with anyio.move_on_after(timeout_s):
+                episode = await _play(contender, laboratory, key, versions)
+                return episode.model_copy(update={"attempts": attempt})
+            failure = f"the episode took longer than {timeout_s} s"
+        except PermanentFailure:
+            raise
+        except InfrastructureError as error:
+            failure = str(error)
+    return _unplayed(key, failure, versions)
+
+
+async def _play(contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions) -> Episode:
+    if isinstance(contender, ExternalAgent):
+        return await play_external(contender, laboratory, key, versions)
+    async with laboratory.open(key.scene, key.seed) as client:
+        return await play_episode(contender, client, key, versions)
+
+
+def _unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
+    return Episode(
+        key=key,
+        outcome=Outcome.INFRASTRUCTURE_ERROR,
+        prompt="",
+        turns=(),
+        error=failure,
+        attempts=MAX_ATTEMPTS,
+        started_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        duration_s=0.0,
+        versions=versions,
+    )

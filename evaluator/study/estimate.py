@@ -1,0 +1,51 @@
+"""`--dry-run`: how large a matrix is, and what it may take at most."""
+
+from collections.abc import Sequence
+
+from evaluator.records import EpisodeKey
+from evaluator.study.plan import Plan
+from evaluator.study.shards import WHOLE, Shard
+
+PROMPT_TOKENS = 7000
+"""Opening prompt and 26 tool schemas, in tokens of a usual tokenizer (measured: about 28,000 characters)."""
+TURN_TOKENS = 700
+"""What a turn adds to the conversation: a reply with its reasoning, and what comes back."""
+
+
+def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:
+    """The matrix in words, with upper bounds.
+
+    Args:
+        plan: The whole matrix.
+        keys: The episodes to be played here.
+        shard: Which part of the matrix they are.
+        concurrency: Episodes at a time.
+    """
+    sizes = (
+        ("scenes", len(plan.scenes)),
+        ("agents", len(plan.agents)),
+        ("budgets", len(plan.budgets)),
+        ("seeds", len(plan.seeds)),
+        ("promptings", len(plan.promptings)),
+        ("protocols", len(plan.protocols)),
+        ("epochs", plan.epochs),
+    )
+    total = len(plan.matrix())
+    lines = [" × ".join(f"{count} {name}" for name, count in sizes) + f" = {total} episodes"]
+    if shard != WHOLE:
+        lines.append(f"shard {shard.index}/{shard.count}: {len(keys)} of them")
+    lines.append(f"at most {sum(key.budget for key in keys)} iterations, {concurrency} episodes at a time")
+    asked = [key for key in keys if "model:" in key.agent]
+    if asked:
+        requests = sum(key.budget for key in asked)
+        tokens = sum(input_tokens(key.budget) for key in asked)
+        lines.append(
+            f"models: at most {requests} requests and about {tokens / 1e6:.1f} million input tokens if every budget is"
+            f" used up, most of them cached where the provider caches; half the iterations take about a third of it"
+        )
+    return lines
+
+
+def input_tokens(budget: int) -> int:
+    """Input tokens of an episode that uses its whole budget: every request carries the conversation before it."""
+    return budget * PROMPT_TOKENS + TURN_TOKENS * budget * (budget - 1) // 2

@@ -1,0 +1,46 @@
+"""How a run stands while it goes on: right so far, money, pace."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from evaluator.answer_key import KeyRing
+from evaluator.grading import grade_episode
+from evaluator.records import Episode, Verdict
+from evaluator.study.limits import Meter
+
+
+@dataclass(slots=True)
+class Tally:
+    """Grades episodes as they end. The verdicts are for the display alone; those that count are made afterwards."""
+
+    keys: KeyRing
+    meter: Meter
+    clock: Callable[[], float] = time.monotonic
+    ended: int = 0
+    scored: int = 0
+    correct: int = 0
+    started: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.started = self.clock()
+
+    def add(self, episode: Episode) -> Verdict:
+        """Count an episode that has just ended, and say what it is worth."""
+        verdict = grade_episode(episode, self.keys.key(episode.key.scene, episode.key.seed)).strict
+        self.ended += 1
+        self.scored += verdict is not Verdict.UNSCORED
+        self.correct += verdict is Verdict.CORRECT
+        return verdict
+
+    def line(self) -> str:
+        """The state in a few words."""
+        minutes = max(self.clock() - self.started, 1e-9) / 60
+        parts = [f"{self.correct}/{self.scored} right"] if self.scored else []
+        if self.meter.tokens:
+            parts.append(f"{self.meter.tokens / 1000:.0f} k tokens")
+        if self.meter.cost_usd:
+            parts.append(f"${self.meter.cost_usd:.2f}")
+        if self.ended:
+            parts.append(f"{self.ended / minutes:.0f} episodes/min")
+        return " · ".join(parts)
