@@ -5,33 +5,34 @@ assertions, no visible reasoning) is None there, counts 0 in means and in the Fi
 Unscored episodes (infrastructure errors) are counted as outcomes and left out of everything else.
 """
 
-import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist, fmean
-from typing import NamedTuple, TypeVar
+from statistics import fmean
+from typing import Literal, NamedTuple, TypeVar
+
+from pydantic import ConfigDict
 
 from evaluator.dimensions import WEIGHTS, EpisodeScores, dimensions, final_score, non_repetition
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Record, Verdict
+from evaluator.grouping import Condition, condition, modality, problem_kind, quadrant
+from evaluator.records import Episode, Grade, Outcome, Record, Verdict
+from evaluator.statistics.attempts import Attempts, attempts
+from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
+from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
 
 __all__ = [
     "WEIGHTS",
     "EpisodeScores",
     "GroupSummary",
-    "Interval",
     "RunSummary",
     "ScoredEpisode",
     "dimensions",
     "final_score",
     "held_out_accuracy",
     "non_repetition",
-    "quadrant",
     "summarise",
-    "wilson_interval",
 ]
 
-_Z_95 = NormalDist().inv_cdf(0.975)
 _Name = TypeVar("_Name", str, int)
 
 
@@ -46,28 +47,33 @@ class ScoredEpisode:
     disabled_tools: frozenset[str] = frozenset()
 
 
-class Interval(Record):
-    """A confidence interval."""
-
-    low: float
-    high: float
-
-
 class GroupSummary(Record):
     """The numbers of one group of episodes."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
     n: int
     """Episodes."""
     n_scored: int
     """Episodes with a verdict: the denominator of everything below but `outcomes`."""
+    n_scenes: int
+    """Scenes these are of: what the intervals take as the sample where a scene has several episodes."""
     n_correct: int
     """Strictly correct ones."""
     strict_accuracy: float | None
+    """Share of strictly correct ones, 0 to 1."""
     strict_interval: Interval | None
-    """Wilson, 95 %; takes episodes as independent."""
+    """95 %."""
     normalised_accuracy: float | None
+    """Share of those correct once the four documented forms are forgiven, 0 to 1."""
+    normalised_interval: Interval | None
+    """95 %."""
+    interval_method: IntervalMethod | None
+    """Method of both intervals; None where nothing is scored."""
     c: float | None
+    """Mean graded correctness, 0 to 1."""
     e: float | None
+    """Mean efficiency, 0 to 1."""
     g: float | None
     """Mean with undefined ones as 0; None where no episode defines it. So are V and R."""
     v: float | None
@@ -86,50 +92,49 @@ class GroupSummary(Record):
     outcomes: dict[Outcome, int]
 
 
-class RunSummary(Record):
-    """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
+class ConditionCurve(Record):
+    """The budget curve of one agent under one prompting and protocol."""
 
-    overall: GroupSummary
-    by_category: dict[str, GroupSummary]
-    by_quadrant: dict[str, GroupSummary]
-    """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, whatever the modality; other categories as they are."""
-    by_problem_type: dict[str, GroupSummary]
-    by_budget: dict[int, GroupSummary]
-    by_prompting: dict[str, GroupSummary]
-    by_agent: dict[str, GroupSummary]
+    agent: str
+    prompting: str
+    protocol: str
+    curve: BudgetCurve
 
 
-def wilson_interval(successes: int, trials: int) -> Interval:
-    """95 % interval of a proportion, by Wilson's score method.
-
-    Five lines here rather than a statistics package that brings four others along; checked against published examples.
-
-    Raises:
-        ValueError: There are no trials.
-
-    Source: Wilson 1927; examples in Newcombe 1998, Statistics in Medicine 17, 857-872, table I.
-    """
-    if trials < 1:
-        raise ValueError("an interval needs at least one trial")
-    share, square = successes / trials, _Z_95**2
-    centre = (share + square / (2 * trials)) / (1 + square / trials)
-    half = _Z_95 / (1 + square / trials) * math.sqrt(share * (1 - share) / trials + square / (4 * trials**2))
-    # At 0 and at all, the bound is 0 or 1 exactly; rounding must not leave it beside.
-    low = 0.0 if successes == 0 else centre - half
-    return Interval(low=low, high=1.0 if successes == trials else centre + half)
-
-
-class _Condition(NamedTuple):
-    """What must be equal for two episodes to speak of the same agent under test."""
+class ConditionAttempts(Record):
+    """pass@k and pass^k of one agent under one condition."""
 
     agent: str
     budget: int
     prompting: str
     protocol: str
+    attempts: Attempts
 
 
-def _condition(key: EpisodeKey) -> _Condition:
-    return _Condition(key.agent, key.budget, key.prompting, key.protocol)
+class RunSummary(Record):
+    """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    format: Literal[1] = 1
+    """Version of this record; fields are added without changing it, none is changed or taken away."""
+    overall: GroupSummary
+    by_category: dict[str, GroupSummary]
+    by_quadrant: dict[str, GroupSummary]
+    """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, whatever the modality; other categories as they are."""
+    by_modality: dict[str, GroupSummary]
+    """`plain`, `creation`, `hidden`, whatever the quadrant; other categories as they are."""
+    by_problem_type: dict[str, GroupSummary]
+    by_problem_kind: dict[str, GroupSummary]
+    """`qualitative` (comparison, observation), `quantitative` (calculation, computation), `other`."""
+    by_budget: dict[int, GroupSummary]
+    by_prompting: dict[str, GroupSummary]
+    by_protocol: dict[str, GroupSummary]
+    by_agent: dict[str, GroupSummary]
+    budget_curves: tuple[ConditionCurve, ...]
+    """Of each condition that was played at several budgets, on the episodes that all of them scored."""
+    attempts: tuple[ConditionAttempts, ...]
+    """Of each condition under which every scene was tried more than once."""
 
 
 class _Row(NamedTuple):
@@ -145,7 +150,7 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         _Row(
             row,
             dimensions(row.episode, row.grade, row.disabled_tools),
-            held_out.get((_condition(row.episode.key), row.category)),
+            held_out.get((condition(row.episode.key), row.category)),
         )
         for row in rows
     ]
@@ -153,29 +158,61 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         overall=_summary(table),
         by_category=_grouped(table, lambda row: row.category),
         by_quadrant=_grouped(table, lambda row: quadrant(row.category)),
+        by_modality=_grouped(table, lambda row: modality(row.category)),
         by_problem_type=_grouped(table, lambda row: row.problem_type),
+        by_problem_kind=_grouped(table, lambda row: problem_kind(row.problem_type)),
         by_budget=_grouped(table, lambda row: row.episode.key.budget),
         by_prompting=_grouped(table, lambda row: row.episode.key.prompting),
+        by_protocol=_grouped(table, lambda row: row.episode.key.protocol),
         by_agent=_grouped(table, lambda row: row.episode.key.agent),
+        budget_curves=tuple(_budget_curves(rows)),
+        attempts=tuple(_attempts(rows)),
     )
 
 
-def quadrant(category: str) -> str:
-    """Difficulty and breadth of a category, such as `easy-multi` for `easy-multi-hidden`."""
-    words = category.split("-")
-    return "-".join(words[:2]) if words[0] in {"easy", "hard"} and words[1:2] in (["single"], ["multi"]) else category
+def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
+    """The curve of each condition, on the scenes, seeds and epochs that were scored at all of its budgets."""
+    found: defaultdict[tuple[str, str, str], defaultdict[tuple[int, int, int], dict[int, bool]]]
+    found = defaultdict(lambda: defaultdict(dict))
+    for row in rows:
+        if row.grade.strict is not Verdict.UNSCORED:
+            key = row.episode.key
+            cells = found[key.agent, key.prompting, key.protocol]
+            cells[key.scene, key.seed, key.epoch][key.budget] = row.grade.strict is Verdict.CORRECT
+    for (agent, prompting, protocol), cells in sorted(found.items()):
+        budgets = sorted({budget for verdicts in cells.values() for budget in verdicts})
+        common = [
+            Cell(scene, tuple(verdicts[budget] for budget in budgets))
+            for (scene, _, _), verdicts in sorted(cells.items())
+            if len(verdicts) == len(budgets)
+        ]
+        if len(budgets) > 1 and common:
+            curve = budget_curve(budgets, common)
+            yield ConditionCurve(agent=agent, prompting=prompting, protocol=protocol, curve=curve)
 
 
-def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[_Condition, str], float]:
+def _attempts(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAttempts]:
+    found: defaultdict[Condition, defaultdict[int, list[bool]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        if row.grade.strict is not Verdict.UNSCORED:
+            verdict = row.grade.strict is Verdict.CORRECT
+            found[condition(row.episode.key)][row.episode.key.scene].append(verdict)
+    for one, verdicts in sorted(found.items()):
+        tried = attempts(dict(sorted(verdicts.items())))
+        if tried is not None:
+            yield ConditionAttempts(**one._asdict(), attempts=tried)
+
+
+def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition, str], float]:
     """G′ of each agent's categories: the mean of the strict accuracies of its *other* categories, each counted once.
 
     Nothing is pooled over agents, budgets, promptings or protocols. With one category there is no entry.
     """
-    verdicts: defaultdict[_Condition, defaultdict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
+    verdicts: defaultdict[Condition, defaultdict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
         if row.grade.strict is not Verdict.UNSCORED:
             right = row.grade.strict is Verdict.CORRECT
-            verdicts[_condition(row.episode.key)][row.category].append(right)
+            verdicts[condition(row.episode.key)][row.category].append(right)
     return {
         (condition, category): fmean(fmean(seen) for other, seen in categories.items() if other != category)
         for condition, categories in verdicts.items()
@@ -193,8 +230,8 @@ def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> 
 
 def _summary(table: Sequence[_Row]) -> GroupSummary:
     scored = [row for row in table if row.source.grade.strict is not Verdict.UNSCORED]
-    n = len(scored)
-    correct = sum(row.source.grade.strict is Verdict.CORRECT for row in scored)
+    strict = _proportion(scored, lambda grade: grade.strict)
+    normalised = _proportion(scored, lambda grade: grade.normalised)
     c = _mean([row.scores.c for row in scored])
     e = _mean([row.scores.e for row in scored])
     g, g_undefined = _counted([row.scores.g for row in scored])
@@ -204,11 +241,14 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
     whole = None if c is None or e is None or g_prime is None else final_score(c, e, g, v, r, g_prime)
     return GroupSummary(
         n=len(table),
-        n_scored=n,
-        n_correct=correct,
-        strict_accuracy=correct / n if n else None,
-        strict_interval=wilson_interval(correct, n) if n else None,
-        normalised_accuracy=sum(row.source.grade.normalised is Verdict.CORRECT for row in scored) / n if n else None,
+        n_scored=len(scored),
+        n_scenes=strict.n_scenes if strict else 0,
+        n_correct=strict.n_correct if strict else 0,
+        strict_accuracy=strict and strict.share,
+        strict_interval=strict and strict.interval,
+        normalised_accuracy=normalised and normalised.share,
+        normalised_interval=normalised and normalised.interval,
+        interval_method=strict and strict.method,
         c=c,
         e=e,
         g=g,
@@ -222,6 +262,11 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )
+
+
+def _proportion(scored: Sequence[_Row], verdict: Callable[[Grade], Verdict]) -> Proportion | None:
+    rows = [(row.source.episode.key.scene, verdict(row.source.grade) is Verdict.CORRECT) for row in scored]
+    return proportion(rows) if rows else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

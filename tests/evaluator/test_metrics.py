@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
+from evaluator.grouping import quadrant
 from evaluator.metrics import (
     WEIGHTS,
     ScoredEpisode,
@@ -14,9 +15,7 @@ from evaluator.metrics import (
     final_score,
     held_out_accuracy,
     non_repetition,
-    quadrant,
     summarise,
-    wilson_interval,
 )
 from evaluator.records import (
     Episode,
@@ -30,6 +29,7 @@ from evaluator.records import (
     Verdict,
     Versions,
 )
+from evaluator.statistics.intervals import wilson_interval
 
 RIGHT = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="")
 WRONG = Grade(strict=Verdict.INCORRECT, graded=0.0, normalised=Verdict.INCORRECT, reason="")
@@ -112,31 +112,6 @@ def test_the_weights_add_up_to_one() -> None:
 
 def test_undefined_dimensions_count_nothing_in_the_score() -> None:
     assert final_score(1, 0.5, None, None, None, None) == pytest.approx(100 * (0.40 + 0.15 * 0.5))
-
-
-# Wilson score intervals without continuity correction, Newcombe 1998, table I, method 3.
-@pytest.mark.parametrize(
-    ("successes", "trials", "low", "high"),
-    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
-)
-def test_the_interval_is_the_published_one(successes: int, trials: int, low: float, high: float) -> None:
-    interval = wilson_interval(successes, trials)
-    assert (round(interval.low, 4), round(interval.high, 4)) == (low, high)
-    mirrored = wilson_interval(trials - successes, trials)
-    assert (1 - mirrored.high, 1 - mirrored.low) == pytest.approx((interval.low, interval.high))
-
-
-def test_no_trials_give_no_interval() -> None:
-    with pytest.raises(ValueError, match="at least one trial"):
-        wilson_interval(0, 0)
-
-
-@settings(max_examples=100, deadline=None)
-@given(trials=st.integers(min_value=1, max_value=500), data=st.data())
-def test_the_interval_holds_the_share_and_stays_in_bounds(trials: int, data: st.DataObject) -> None:
-    successes = data.draw(st.integers(min_value=0, max_value=trials))
-    interval = wilson_interval(successes, trials)
-    assert 0 <= interval.low <= successes / trials <= interval.high <= 1
 
 
 # One episode.
@@ -287,6 +262,7 @@ def test_a_run_by_hand() -> None:
         **dict.fromkeys(summary.overall.model_dump(exclude={"outcomes"})),
         "n": 1,
         "n_scored": 0,
+        "n_scenes": 0,
         "n_correct": 0,
         "disabled_calls": 0,
     }

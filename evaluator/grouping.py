@@ -1,0 +1,49 @@
+"""What episodes are reported by: the questions asked of a category, a problem type and an episode's condition. Pure."""
+
+from typing import NamedTuple
+
+from evaluator.records import EpisodeKey
+
+QUALITATIVE, QUANTITATIVE = "qualitative", "quantitative"
+_KINDS = {
+    "comparison": QUALITATIVE,
+    "observation": QUALITATIVE,
+    "calculation": QUANTITATIVE,
+    "computation": QUANTITATIVE,
+}
+
+
+class Condition(NamedTuple):
+    """What must be equal for two episodes to speak of the same agent under test."""
+
+    agent: str
+    budget: int
+    prompting: str
+    protocol: str
+
+
+def condition(key: EpisodeKey) -> Condition:
+    """The condition an episode was played under."""
+    return Condition(key.agent, key.budget, key.prompting, key.protocol)
+
+
+def quadrant(category: str) -> str:
+    """Difficulty and breadth of a category, such as `easy-multi` for `easy-multi-hidden`."""
+    return _parts(category)[0]
+
+
+def modality(category: str) -> str:
+    """What a category adds to its quadrant: `creation`, `hidden`, or else `plain`; other categories as they are."""
+    return _parts(category)[1]
+
+
+def _parts(category: str) -> tuple[str, str]:
+    difficulty, breadth, *rest = [*category.split("-"), ""]
+    if difficulty not in {"easy", "hard"} or breadth not in {"single", "multi"}:
+        return category, category
+    return f"{difficulty}-{breadth}", "-".join(filter(None, rest)) or "plain"
+
+
+def problem_kind(problem_type: str) -> str:
+    """`qualitative` (comparison, observation), `quantitative` (calculation, computation), or `other`."""
+    return _KINDS.get(problem_type.strip().lower(), "other")
