@@ -47,6 +47,8 @@ class LoggedEpisode:
     scene_name: str
     """Its title in the opening prompt."""
     replies: tuple[str, ...]
+    prompts: tuple[str, ...]
+    """What the model read before each reply: the task at first, then the returns of its calls."""
     read: int
     """How many replies their loop could read."""
     finished: bool
@@ -93,6 +95,7 @@ def _read(path: Path) -> LoggedEpisode:
         scene=int(number[1]),
         scene_name=name[1] if name else "",
         replies=replies,
+        prompts=tuple(prompts),
         read=_read_by_them(prompts, replies, final, finished=bool(sign)),
         finished=bool(sign),
         verdict=_verdict(final),

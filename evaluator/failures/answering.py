@@ -1,0 +1,139 @@
+"""Detectors that look at the answer: given too early, in the wrong form, after too little simulated time."""
+
+import re
+
+from evaluator.answer_forms import plain_number
+from evaluator.answer_strict import AnswerKey, strict_parts
+from evaluator.failures.course import (
+    DEEDS,
+    MOTION_READINGS,
+    Place,
+    exchanges,
+    has_answered,
+    read_before_answer,
+    step_duration,
+    succeeded,
+)
+from evaluator.failures.findings import Evidence, Failure, FailureMode, answering_turn, quote_at
+from evaluator.records import Episode, Grade, Verdict
+from evaluator.spoken_numbers import spoken_numbers
+from evaluator.units import parse_unit
+from scenes.pack import AnswerKind
+
+LEAST_TIME_S = 0.1
+"""Simulated time below which a judgement of motion is held to be rash [s]: 20 of the suite's time steps of 5 ms."""
+
+_PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
+_SECOND = parse_unit("s")
+_OBJECT_ID = re.compile(r"object_\d+|\d+")
+
+
+def premature_answer(episode: Episode) -> Failure | None:
+    """Answered, with iterations left, before the return of any successful reading had been read.
+
+    Readings in the same batch as the answer do not count: the agent had not seen them.
+    """
+    if not has_answered(episode) or len(episode.turns) >= episode.key.budget or read_before_answer(episode):
+        return None
+    turn = answering_turn(episode)
+    left = episode.key.budget - len(episode.turns)
+    return Failure(
+        mode=FailureMode.PREMATURE_ANSWER,
+        explanation=f"It answered with {left} of {episode.key.budget} iterations left, before any reading.",
+        evidence=(
+            Evidence(
+                turn=turn,
+                quote=quote_at(episode.turns[turn].reasoning),
+                numbers={"iterations_used": len(episode.turns), "budget": episode.key.budget, "readings": 0},
+            ),
+        ),
+    )
+
+
+def too_little_time(episode: Episode) -> Failure | None:
+    """Answered after acting on objects or reading motion, with next to no simulated time; or with less than a period.
+
+    The first needs less than `LEAST_TIME_S` in all. The second needs a period in the reasoning of the answer that is
+    longer than all simulated time.
+    """
+    if not has_answered(episode):
+        return None
+    simulated = sum(step_duration(one) or 0.0 for one in exchanges(episode))
+    about_motion = [one for one in exchanges(episode) if succeeded(one) and one.tool in DEEDS | MOTION_READINGS]
+    if simulated < LEAST_TIME_S and about_motion:
+        return _rash(simulated, about_motion[-1])
+    return _less_than_a_period(episode, simulated) if simulated > 0 else None
+
+
+def _rash(simulated: float, last: Place) -> Failure:
+    how_long = f"after {simulated:.3g} s of simulated time" if simulated else "though no time had passed"
+    return Failure(
+        mode=FailureMode.TOO_LITTLE_TIME,
+        explanation=f"It judged motion {how_long}.",
+        evidence=(
+            Evidence(
+                turn=last.turn,
+                exchange=last.position,
+                quote=last.tool,
+                numbers={"simulated_s": simulated, "least_s": LEAST_TIME_S},
+            ),
+        ),
+    )
+
+
+def _less_than_a_period(episode: Episode, simulated: float) -> Failure | None:
+    turn = answering_turn(episode)
+    text = episode.turns[turn].reasoning
+    for number in spoken_numbers(text):
+        period = float(number.value)
+        if number.unit == _SECOND and period > simulated and _PERIOD.search(text[: number.start]):
+            return Failure(
+                mode=FailureMode.TOO_LITTLE_TIME,
+                explanation=f"It told a period of {period:.3g} s after {simulated:.3g} s of simulated time.",
+                evidence=(
+                    Evidence(
+                        turn=turn,
+                        quote=quote_at(text, number.start),
+                        numbers={"simulated_s": simulated, "period_s": period},
+                    ),
+                ),
+            )
+    return None
+
+
+def answer_format(episode: Episode, grade: Grade, key: AnswerKey) -> Failure | None:
+    """Answered, strictly wrong, in a form that the question does not ask for.
+
+    A right value in another form (normalised grading forgives it), a wrong count of values, words for numbers, or a
+    choice that is none of the options.
+    """
+    if not has_answered(episode) or grade.strict is not Verdict.INCORRECT:
+        return None
+    why = _misfit(episode, grade, key)
+    if not why:
+        return None
+    turn = answering_turn(episode)
+    calls = [one.position for one in exchanges(episode) if one.turn == turn and one.tool == "answer"]
+    return Failure(
+        mode=FailureMode.ANSWER_FORMAT,
+        explanation=f"It answered in another form than was asked for: {why}.",
+        evidence=(Evidence(turn=turn, exchange=calls[-1] if calls else None, quote=quote_at(str(episode.answer))),),
+    )
+
+
+def _misfit(episode: Episode, grade: Grade, key: AnswerKey) -> str:
+    if grade.normalisation is not None:
+        return f"right, but for its form ({grade.normalisation.value.replace('_', ' ')})"
+    items = strict_parts(episode.answer, key)
+    if items is None:
+        asked = "one value" if len(key.parts) == 1 else f"{len(key.parts)} values"
+        return f"{asked} were asked for" if len(key.parts) > 1 else f"{asked} was asked for"
+    if key.spec.options:
+        options = {one.strip().lower() for one in key.spec.options}
+        return "" if all(str(one).strip().lower() in options for one in items) else "none of the options"
+    if key.spec.kind is AnswerKind.OBJECTS:
+        return "" if all(_OBJECT_ID.fullmatch(str(one).strip().lower()) for one in items) else "no id of an object"
+    for item, part in zip(items, key.parts, strict=True):
+        if plain_number(part) is not None and not isinstance(item, int | float) and plain_number(item) is None:
+            return "words, where a number was asked for"
+    return ""
