@@ -4,6 +4,7 @@ import argparse
 import logging
 import math
 import os
+import socket
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -69,7 +70,9 @@ def _parser() -> argparse.ArgumentParser:
         description='Host many episodes over HTTP. POST /episodes {"scene": 7, "seed": 0} opens one and returns its'
         " mcp_url; DELETE /episodes/ID closes it; GET /healthz tells how many are open.",
     )
-    serve.add_argument("--host", default="127.0.0.1", help="loopback address to listen on (default 127.0.0.1)")
+    serve.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
+    )
     serve.add_argument(
         "--port", type=_port, default=8000, help="port (default 8000; 0: any free one, printed at the start)"
     )
@@ -87,6 +90,13 @@ def _parser() -> argparse.ArgumentParser:
         "--token-env",
         metavar="NAME",
         help="environment variable with a token; only requests that bear it open episodes (default: all do)",
+    )
+    serve.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="name that the host answers to besides its addresses, as behind a proxy; may be given again",
     )
     return parser
 
@@ -108,17 +118,19 @@ def _positive(kind: type[int] | type[float]) -> "partial[int | float]":
 
 
 def _stdio(args: argparse.Namespace) -> int:
-    from physment_mcp.scene import load_scene, scene_ids  # noqa: PLC0415 - --help need not wait for the engine
-    from physment_mcp.server import Laboratory, build_server  # noqa: PLC0415
+    from physment_mcp.laboratory import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
+    from physment_mcp.scene import list_cards, load_scene, scene_ids  # noqa: PLC0415
+    from physment_mcp.server import build_server  # noqa: PLC0415
     from physment_mcp.session import Session  # noqa: PLC0415
 
     def reopen(scene_id: int) -> Session:
         return Session(load_scene(scene_id, args.seed, args.scenes_dir))
 
-    ids = scene_ids(args.scenes_dir)
-    laboratory = Laboratory(reopen=reopen, scene_ids=ids) if args.scene is None else Laboratory(reopen(args.scene))
-    if args.scene is not None:
-        laboratory.scene_ids = [args.scene]
+    if args.scene is None:
+        ids = scene_ids(args.scenes_dir)
+        laboratory = Laboratory(reopen=reopen, scene_ids=ids, list_scenes=partial(list_cards, args.scenes_dir))
+    else:
+        laboratory = Laboratory(reopen(args.scene))
     server = build_server(laboratory)
 
     async def run() -> None:
@@ -132,18 +144,25 @@ def _stdio(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    from physment_mcp.host import LOOPBACK, Host, serve  # noqa: PLC0415
+    from physment_mcp.gate import is_loopback  # noqa: PLC0415
+    from physment_mcp.host import Host, serve  # noqa: PLC0415
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
 
-    if args.host not in {*LOOPBACK, "::1"}:
-        print(f"physment-mcp: --host {args.host}: only loopback addresses (127.0.0.1, ::1) are served", file=sys.stderr)
+    exposed = not is_loopback(args.host)
+    if exposed and args.token_env is None:
+        print(
+            f"physment-mcp: --host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1)"
+            " is served without a token: put a secret into an environment variable and name it with --token-env",
+            file=sys.stderr,
+        )
         return 2
-    token = None if args.token_env is None else os.environ.get(args.token_env, "")
+    token = None if args.token_env is None else os.environ.get(args.token_env, "").strip()
     if token == "":
         print(f"physment-mcp: --token-env {args.token_env}: this variable holds no token", file=sys.stderr)
         return 2
     scene_ids(args.scenes_dir)
-    host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token)
+    names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
+    host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token, exposed, names)
     try:
         serve(host, args.host, args.port)
     except OSError as error:

@@ -11,6 +11,7 @@ PhysMentError
    ├─ BadArgument        a value is out of bounds or of the wrong form
    ├─ Unstable           the simulation blew up and was rolled back
    └─ EpisodeOver        there is no episode, or it has ended
+      └─ EpisodeGone     there is none at this address any more
 
 A refused call changes nothing.
 """
@@ -65,3 +66,7 @@ class Unstable(RefusedCall):
 
 class EpisodeOver(RefusedCall):
     """There is no episode, or it has ended."""
+
+
+class EpisodeGone(EpisodeOver):
+    """There is no episode at this address any more, or there never was."""

@@ -1,11 +1,12 @@
 """The warm host: many episodes in one process, each an MCP endpoint of its own over HTTP.
 
-`POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL; whoever has the URL has the episode, whether
-the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
+`POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL, which is the episode, whether the client keeps
+a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
 
-With `"max_calls": N` the host keeps a log of the calls, for an episode that somebody else is to play. The reply then
-holds an `owner_token`; only with it can the log be read (`GET /episodes/ID/calls`) or the episode be closed, so whoever
-was given the URL alone can do neither.
+A host with a token opens episodes for its bearer only. One that other machines can reach wants it with every request,
+but for episodes that were opened with `"max_calls": N`: these are for somebody else to play, who has the URL alone. The
+reply then holds an `owner_token`; only with it (or the token of the host) can the log of the calls be read
+(`GET /episodes/ID/calls`) or the episode be closed.
 """
 
 import contextlib
@@ -25,16 +26,16 @@ from mcp.server.streamable_http_manager import RequestBodyLimitMiddleware, Strea
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from physment_mcp.call_log import CallLog
 from physment_mcp.errors import SceneError
+from physment_mcp.gate import AddressGate, bears, refuse
+from physment_mcp.laboratory import Laboratory
 from physment_mcp.scene import load_scene
-from physment_mcp.server import Laboratory, build_server
+from physment_mcp.server import build_server
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -43,7 +44,11 @@ MAX_BODY = 1_000_000
 """Largest accepted request body [bytes]."""
 _SWEEP_S = 5.0
 """Wall time between looks for expired episodes [s], at most."""
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+_GONE = (
+    "there is no such episode: it has expired, was closed, or never was; open one with"
+    ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
+)
+_WANTED = "send the token of this host as a bearer token: Authorization: Bearer ..."
 
 
 class EpisodeRequest(BaseModel):
@@ -67,11 +72,7 @@ class _Open:
     last_used: float
     in_flight: int = 0
     owner_token: str | None = None
-    """What closes the episode and opens its log; None if the URL is enough to close it and there is no log."""
-
-    def owned_by(self, request: Request) -> bool:
-        """Tell whether a request comes from who opened the episode."""
-        return self.owner_token is None or _shows(request, self.owner_token)
+    """What closes the episode and opens its log, for it was opened for somebody else; None if it was not."""
 
 
 @dataclass(slots=True)
@@ -82,14 +83,23 @@ class Host:
     max_episodes: int = 1000
     idle_timeout_s: float = 1800.0
     token: str | None = field(default=None, repr=False)
-    """What opens episodes; None if anybody may. Whoever has the URL of an episode needs none to play it."""
+    """What opens episodes; None if anybody may."""
+    exposed: bool = False
+    """Whether other machines can reach the host; then the token is wanted with every request."""
+    names: tuple[str, ...] = ()
+    """Names it answers to besides its addresses and loopback."""
     _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
     _opening: int = 0
     """Episodes on their way to being open; they count for the cap."""
     _tasks: TaskGroup | None = None
+    _nowhere: StreamableHTTPSessionManager | None = None
+    """Answers, in place of an episode that is gone, how to open one."""
+
+    def __post_init__(self) -> None:
+        assert self.token or not self.exposed, "a host that other machines can reach needs a token"
 
     def app(self) -> Starlette:
-        """The ASGI application; answers only requests addressed to this machine."""
+        """The ASGI application."""
         routes = [
             Route("/healthz", self._health),
             Route("/episodes", self._create, methods=["POST"]),
@@ -101,7 +111,7 @@ class Host:
             routes=routes,
             lifespan=self._lifespan,
             middleware=[
-                Middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK, "::1"], www_redirect=False),
+                Middleware(AddressGate, names=self.names),
                 Middleware(RequestBodyLimitMiddleware, max_body_size=MAX_BODY),
             ],
         )
@@ -111,8 +121,25 @@ class Host:
         async with anyio.create_task_group() as tasks:
             self._tasks = tasks
             tasks.start_soon(self._sweep)
+            # Without sessions, so that a client in the middle of one is told too.
+            nowhere = build_server(Laboratory(gone=_GONE))
+            self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
             yield
             tasks.cancel_scope.cancel()
+
+    async def _run(
+        self, manager: StreamableHTTPSessionManager
+    ) -> tuple[StreamableHTTPSessionManager, Callable[[], None]]:
+        """Run a manager in a task of its own; returns it and what ends it."""
+        assert self._tasks is not None
+
+        async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
+            with anyio.CancelScope() as scope:
+                async with manager.run():
+                    task_status.started(scope.cancel)
+                    await anyio.sleep_forever()
+
+        return manager, await self._tasks.start(live)
 
     async def open_episode(self, scene: int, seed: int, max_calls: int | None = None) -> str:
         """Open an episode and return its unguessable id.
@@ -125,55 +152,66 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        assert self._tasks is not None
-        session = Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls)
-        laboratory = Laboratory(session, log=None if max_calls is None else CallLog())
-        manager = StreamableHTTPSessionManager(build_server(laboratory), json_response=False, session_idle_timeout=None)
+        laboratory = Laboratory(Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls))
+        server = build_server(laboratory)
+        manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
         episode_id = secrets.token_urlsafe(18)
-
-        async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
-            with anyio.CancelScope() as scope:
-                async with manager.run():
-                    task_status.started(scope.cancel)
-                    await anyio.sleep_forever()
-
-        close = await self._tasks.start(live)
         owner_token = None if max_calls is None else secrets.token_urlsafe(24)
         self._episodes[episode_id] = _Open(manager, laboratory, close, time.monotonic(), owner_token=owner_token)
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand a request to the MCP server of its episode."""
+        """Hand a request to the MCP server of its episode, or to one that says how to open another."""
+        request = Request(scope)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
-        if episode is None:
-            await _refuse(404, "no such episode, or it has expired; open one with POST /episodes")(scope, receive, send)
-            return
-        episode.in_flight += 1
-        try:
+        if not self._may_play(request, episode):
+            await refuse(401, _WANTED)(scope, receive, send)
+        elif episode is None:
+            assert self._nowhere is not None
+            await self._nowhere.handle_request(scope, receive, send)
+        elif request.method == "GET":
+            # A stream that a client holds open for what may come; holding it is no use of the episode.
             await episode.manager.handle_request(scope, receive, send)
-        finally:
-            episode.in_flight -= 1
-            episode.last_used = time.monotonic()
+        else:
+            episode.in_flight += 1
+            try:
+                await episode.manager.handle_request(scope, receive, send)
+            finally:
+                episode.in_flight -= 1
+                episode.last_used = time.monotonic()
+
+    def _may_play(self, request: Request, episode: _Open | None) -> bool:
+        """Tell whether a request may reach an episode whose URL it knows: with no token or one that is good."""
+        owner_token = None if episode is None else episode.owner_token
+        if self.token is None or bears(request, self.token, owner_token):
+            return True
+        return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
+
+    def _owns(self, request: Request, episode: _Open) -> bool:
+        """Tell whether a request comes from who opened the episode."""
+        if self.token is None and episode.owner_token is None:
+            return True
+        return bears(request, self.token, episode.owner_token)
 
     async def _health(self, _request: Request) -> Response:
         return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
 
     async def _create(self, request: Request) -> Response:
-        if self.token is not None and not _shows(request, self.token):
-            return _refuse(401, "episodes are opened with the token of this host: send it as a bearer token")
+        if self.token is not None and not bears(request, self.token):
+            return refuse(401, f"episodes are opened with a token; {_WANTED}")
         try:
             wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
-            return _refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
+            return refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
         if len(self._episodes) + self._opening >= self.max_episodes:
-            return _refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
+            return refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
         self._opening += 1
         try:
             episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
         except SceneError as error:
-            return _refuse(404, str(error))
+            return refuse(404, str(error))
         finally:
             self._opening -= 1
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
@@ -188,9 +226,9 @@ class Host:
         episode_id = request.path_params["episode_id"]
         episode = self._episodes.get(episode_id)
         if episode is None:
-            return _refuse(404, "no such episode, or it has expired")
-        if not episode.owned_by(request):
-            return _refuse(401, "only who opened this episode can close it: send its owner_token as a bearer token")
+            return refuse(404, "no such episode, or it has expired")
+        if not self._owns(request, episode):
+            return refuse(401, "only who opened this episode can close it: send its owner_token as a bearer token")
         del self._episodes[episode_id]
         episode.close()
         return Response(status_code=204)
@@ -198,15 +236,15 @@ class Host:
     async def _calls(self, request: Request) -> Response:
         episode = self._episodes.get(request.path_params["episode_id"])
         if episode is None:
-            return _refuse(404, "no such episode, or it has expired")
-        if not episode.owned_by(request):
-            return _refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
+            return refuse(404, "no such episode, or it has expired")
+        if not self._owns(request, episode):
+            return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
         laboratory = episode.laboratory
-        if laboratory.log is None:
-            return _refuse(404, "no log is kept of this episode; open one with max_calls")
+        if laboratory.open_session().max_calls is None:
+            return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
         if not (start.isdecimal() and len(start) < 10):
-            return _refuse(400, "start must be a whole number: the first call to tell, counted from 0")
+            return refuse(400, "start must be a whole number: the first call to tell, counted from 0")
         episode.last_used = time.monotonic()
         # A call that is running belongs to the log, so wait for its end.
         async with laboratory.lock:
@@ -232,16 +270,6 @@ class _Endpoint:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await self._serve(scope, receive, send)
-
-
-def _shows(request: Request, token: str) -> bool:
-    """Tell whether a request bears a token."""
-    shown = request.headers.get("authorization", "").removeprefix("Bearer ")
-    return secrets.compare_digest(shown.encode(), token.encode())
-
-
-def _refuse(status: int, sentence: str) -> JSONResponse:
-    return JSONResponse({"error": sentence}, status_code=status)
 
 
 def serve(host: Host, address: str, port: int) -> None:

@@ -1,13 +1,16 @@
 """A pack as the laboratory sees it: the public half, picked field by field, and the model with the drawn values in it.
 
-A private key added to packs tomorrow stays private: nothing is passed on that is not named here.
+A private key added to packs tomorrow stays private: nothing is passed on that `scenes.public` does not name.
 """
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
 from physment_mcp.errors import SceneError
-from scenes import PackError, Permissions, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
+from scenes import PackError, Permissions, find_pack, list_packs, read_hosted, read_public
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,16 @@ class AnswerForm:
 
 
 @dataclass(frozen=True, slots=True)
+class SceneCard:
+    """What may be told of a scene before it is opened."""
+
+    scene_id: int
+    name: str
+    problem_type: str
+    task: str
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """The public half of a pack at one seed. `mjcf` is for the world alone."""
 
@@ -44,6 +57,11 @@ class Scene:
     soft_objects: frozenset[str]
     mjcf: str
 
+    @property
+    def card(self) -> SceneCard:
+        """What may be told of it before it is opened."""
+        return SceneCard(self.scene_id, self.name, self.problem_type, self.task)
+
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scene:
     """Read the public half of a scene and draw its hidden values.
@@ -51,30 +69,28 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.
         seed: 0 for the scene as written, any other whole number for a variant of it.
-        folder: Folder of packs; the installed suite by default.
+        folder: Folder of packs, whole or exported; the installed suite by default.
 
     Raises:
-        SceneError: There is no such scene, or its pack is malformed.
+        SceneError: There is no such scene, or its pack is malformed or outside the folder.
     """
     try:
         files = find_pack(scene_id, folder)
-        pack = read_pack(files)
-        mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+        public, mjcf = read_hosted(files, seed)
     except PackError as error:
         raise SceneError(str(error)) from error
-    spec = pack.answer_spec
+    form = public.answer_form
     return Scene(
         scene_id=scene_id,
-        name=pack.metadata.scene_name,
-        task=pack.metadata.task,
-        problem_type=pack.metadata.problem_type,
-        objects=tuple(
-            ListedObject(f"object_{listed.object_id}", listed.name, pack.permissions_of(key))
-            for key, listed in pack.objects.items()
+        name=public.name,
+        task=public.task,
+        problem_type=public.problem_type,
+        objects=tuple(ListedObject(one.object_id, one.name, one.permissions) for one in public.objects),
+        answer_form=form and AnswerForm(form.kind.value, form.unit, form.labels, form.options),
+        disabled_tools=frozenset(public.disabled_tools),
+        soft_objects=frozenset(
+            f"object_{number}".replace("object_object_", "object_") for number in public.soft_objects
         ),
-        answer_form=spec and AnswerForm(spec.kind.value, spec.unit, spec.labels, spec.options),
-        disabled_tools=frozenset(pack.disabled_tools),
-        soft_objects=frozenset(f"object_{number}".replace("object_object_", "object_") for number in pack.soft_objects),
         mjcf=mjcf,
     )
 
@@ -89,3 +105,20 @@ def scene_ids(folder: Path | None = None) -> list[int]:
         return [files.scene_id for files in list_packs(folder)]
     except PackError as error:
         raise SceneError(str(error)) from error
+
+
+def list_cards(folder: Path | None = None) -> list[SceneCard]:
+    """What may be told of the scenes in a folder, by ascending id; a pack that cannot be read is left out and logged.
+
+    Raises:
+        SceneError: There is no such folder, or it holds no pack.
+    """
+    cards: list[SceneCard] = []
+    for scene_id in scene_ids(folder):
+        try:
+            public = read_public(find_pack(scene_id, folder))
+        except PackError as error:
+            logger.warning("scene %d is not listed: %s", scene_id, error)
+            continue
+        cards.append(SceneCard(scene_id, public.name, public.problem_type, public.task))
+    return cards

@@ -4,71 +4,50 @@ Knows MCP; leaves physics to the session and files to `scene`.
 """
 
 import functools
-import json
 import logging
 import time
-from collections.abc import Callable, Sequence
 from typing import Any
 
-import anyio
 import mcp_types as types
 from mcp.server import ServerRequestContext
+from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
 from physment_mcp import __version__
-from physment_mcp.call_log import CallLog
 from physment_mcp.calls import call
-from physment_mcp.errors import EpisodeOver, RefusedCall, SceneError
+from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
+from physment_mcp.icon import ICON
+from physment_mcp.laboratory import Laboratory
 from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
+from physment_mcp.resources import FRESH_MS, listed_resources, read
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 
 logger = logging.getLogger(__name__)
 
-SCENE_URI = "physment://scene"
-EPISODE_URI = "physment://episode"
 _PROMPT = "scene"
-
-
-class Laboratory:
-    """The place of at most one open episode; calls on it run one at a time."""
-
-    def __init__(
-        self,
-        session: Session | None = None,
-        *,
-        reopen: Callable[[int], Session] | None = None,
-        scene_ids: Sequence[int] = (),
-        log: CallLog | None = None,
-    ) -> None:
-        """Args: the open episode; for an idle start, how to open one by scene id, and which ids there are; the log."""
-        self.session = session
-        self.reopen = reopen
-        self.scene_ids = scene_ids
-        self.log = log
-        self.lock = anyio.Lock()
-
-    def open_session(self) -> Session:
-        """The open episode.
-
-        Raises:
-            EpisodeOver: No scene is open.
-        """
-        if self.session is None:
-            raise EpisodeOver("no scene is open yet: use the prompt `scene` with a scene_id to open one")
-        return self.session
+_SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
+GONE = "physment/gone"
+"""Key in `_meta` of a result: there is no episode any more, which is no fault of the agent."""
 
 
 def build_server(laboratory: Laboratory) -> Server[Any]:
     """An MCP server for one laboratory; connect it to any transport."""
     service = _Service(laboratory)
-    session = laboratory.session
     return Server(
         "physment-mcp",
         version=__version__,
         title="PhysMent laboratory",
-        instructions=IDLE_INSTRUCTIONS if session is None else opening_prompt(session),
+        description="A physics laboratory: find quantities by experiment in a MuJoCo scene.",
+        icons=[ICON],
+        instructions=_instructions(laboratory),
+        cache_hints={
+            "tools/list": _SAME_FOR_ALL,
+            "prompts/list": _SAME_FOR_ALL,
+            "resources/list": _SAME_FOR_ALL,
+            "server/discover": CacheHint(),
+        },
         get_tool_input_schema=lambda name: _input_schemas().get(name),
         on_list_tools=service.list_tools,
         on_call_tool=service.call_tool,
@@ -78,6 +57,12 @@ def build_server(laboratory: Laboratory) -> Server[Any]:
         on_read_resource=service.read_resource,
         on_completion=service.complete,
     )
+
+
+def _instructions(laboratory: Laboratory) -> str:
+    if laboratory.gone is not None:
+        return laboratory.gone
+    return IDLE_INSTRUCTIONS if laboratory.session is None else opening_prompt(laboratory.session)
 
 
 @functools.cache
@@ -122,7 +107,7 @@ class _Service:
     ) -> types.CallToolResult:
         async with self._laboratory.lock:
             log, session = self._laboratory.log, self._laboratory.session
-            if log is None or session is None or session.ended:
+            if session is None or session.ended:
                 return await self._call(ctx, params)
             started_at = time.monotonic()
             try:
@@ -140,6 +125,8 @@ class _Service:
         try:
             session = self._laboratory.open_session()
             result = await call(session, params.name, params.arguments or {}, report)
+        except EpisodeGone as gone:
+            return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
             return _error(str(refusal))
         except Exception as crash:  # a fault of ours must not end the episode
@@ -156,13 +143,32 @@ class _Service:
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListPromptsResult:
         arguments = [
-            types.PromptArgument(name="scene_id", description="Which scene to open; needed unless one is open."),
-            types.PromptArgument(name="prompting", description=f"One of {', '.join(Prompting)}."),
-            types.PromptArgument(name="protocol", description=f"How calls are written: {', '.join(CallProtocol)}."),
-            types.PromptArgument(name="budget", description="Number of iterations to announce."),
+            types.PromptArgument(
+                name="scene_id",
+                title="Scene",
+                description="Which scene to open, by its number; needed unless one is open.",
+                # Clients ask the person for what is required, which is how a scene is chosen after an idle start.
+                required=self._laboratory.reopen is not None,
+            ),
+            types.PromptArgument(
+                name="prompting", title="Examples", description=f"How many: {', '.join(Prompting)}.", required=False
+            ),
+            types.PromptArgument(
+                name="protocol",
+                title="Protocol",
+                description=f"How calls are written: {', '.join(CallProtocol)}.",
+                required=False,
+            ),
+            types.PromptArgument(
+                name="budget", title="Budget", description="Number of iterations to announce.", required=False
+            ),
         ]
         prompt = types.Prompt(
-            name=_PROMPT, title="Scene", description="The task of a scene and all you need for it.", arguments=arguments
+            name=_PROMPT,
+            title="Scene",
+            description="The task of a scene and all you need for it.",
+            arguments=arguments,
+            icons=[ICON],
         )
         return types.ListPromptsResult(prompts=[prompt])
 
@@ -182,6 +188,8 @@ class _Service:
     def _session_for(self, scene_id: str | None) -> Session:
         """The open episode; with an idle start, a scene_id opens a new one."""
         laboratory = self._laboratory
+        if laboratory.gone is not None:
+            raise _bad_request(laboratory.gone)
         if laboratory.reopen is None or (scene_id is None and laboratory.session is not None):
             session = laboratory.open_session()
             if scene_id is not None and scene_id != str(session.scene.scene_id):
@@ -190,35 +198,25 @@ class _Service:
         if scene_id is None or not _is_count(scene_id):
             raise _bad_request("scene_id must be the number of a scene, such as 7")
         try:
-            laboratory.session = laboratory.reopen(int(scene_id))
+            session = laboratory.reopen(int(scene_id))
         except SceneError as error:
             raise _bad_request(str(error)) from error
-        return laboratory.session
+        laboratory.enter(session)
+        return session
 
     async def list_resources(
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
-        resources = [
-            types.Resource(uri=uri, name=name, title=title, mime_type="application/json")
-            for uri, name, title in (
-                (SCENE_URI, "scene", "The open scene, as the opening prompt shows it"),
-                (EPISODE_URI, "episode", "Where the episode stands"),
-            )
-        ]
-        return types.ListResourcesResult(resources=resources)
+        return types.ListResourcesResult(resources=listed_resources())
 
     async def read_resource(
         self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
-        uri = str(params.uri)
-        views = {SCENE_URI: _scene_view, EPISODE_URI: _episode_view}
-        if uri not in views:
-            raise _bad_request(f"there is no resource {uri}; the resources are {', '.join(views)}")
         async with self._laboratory.lock:
-            session = self._laboratory.session
-            text = json.dumps({"phase": "idle"} if session is None else views[uri](session), ensure_ascii=False)
-        contents = types.TextResourceContents(uri=params.uri, mime_type="application/json", text=text)
-        return types.ReadResourceResult(contents=[contents])
+            try:
+                return read(self._laboratory, str(params.uri))
+            except LookupError as error:
+                raise _bad_request(str(error)) from None
 
     async def complete(
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
@@ -233,30 +231,6 @@ class _Service:
         return types.CompleteResult(
             completion=types.Completion(values=matching[:100], total=len(matching), has_more=len(matching) > 100)
         )
-
-
-def _scene_view(session: Session) -> dict[str, object]:
-    scene, form = session.scene, session.scene.answer_form
-    return {
-        "scene_id": scene.scene_id,
-        "name": scene.name,
-        "task": scene.task,
-        "problem_type": scene.problem_type,
-        "objects": [{"object_id": one.object_id, "name": one.name, **look} for one, look in session.opening],
-        "answer": form and {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options},
-        "disabled_tools": sorted(scene.disabled_tools),
-        "timestep_s": session.world.timestep,
-    }
-
-
-def _episode_view(session: Session) -> dict[str, object]:
-    return {
-        "phase": "answered" if session.over else "ended" if session.ended else "running",
-        "sim_time": session.world.time,
-        "calls": session.calls,
-        **({} if session.max_calls is None else {"max_calls": session.max_calls}),
-        "objects": [one.object_id for one in session.known()],
-    }
 
 
 def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
@@ -278,8 +252,8 @@ def _is_count(text: str) -> bool:
     return text.isdecimal() and len(text) < 10
 
 
-def _error(sentence: str) -> types.CallToolResult:
-    return types.CallToolResult(is_error=True, content=[types.TextContent(type="text", text=sentence)])
+def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:
+    return types.CallToolResult(is_error=True, content=[types.TextContent(type="text", text=sentence)], _meta=meta)
 
 
 def _bad_request(sentence: str) -> MCPError:

@@ -18,6 +18,7 @@ from scenes.pack import (
     Scalar,
     SceneObject,
 )
+from scenes.public import PublicPack, export_pack, read_hosted, read_public
 
 __all__ = [
     "CANARY",
@@ -31,13 +32,17 @@ __all__ = [
     "PackError",
     "PackFiles",
     "Permissions",
+    "PublicPack",
     "Scalar",
     "SceneObject",
     "default_folder",
     "draw_knobs",
     "drawn_mjcf",
+    "export_pack",
     "find_pack",
     "list_packs",
+    "read_hosted",
     "read_pack",
+    "read_public",
     "write_values",
 ]

@@ -35,6 +35,17 @@ class PackFiles:
         """The reference protocol and the truth; a published pack has none."""
         return self.folder / "solution.py"
 
+    def check_inside(self, *files: Path) -> None:
+        """Refuse files that a link leads out of the folder of packs: who names a scene must not choose a path.
+
+        Raises:
+            PackError: One lies outside.
+        """
+        root = self.folder.parent.resolve()
+        for path in files:
+            if not path.resolve().is_relative_to(root):
+                raise PackError(path, "a link leads out of the folder of scene packs")
+
 
 def default_folder() -> Path:
     """The folder of the suite that is installed with this package."""
@@ -83,6 +94,8 @@ def read_pack(files: PackFiles) -> Pack:
     try:
         raw = json.loads(files.json.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
+        if (files.folder / f"scene{files.scene_id}.public.json").is_file():
+            raise PackError(files.folder, "exported without its private half, so it can only be played") from error
         raise PackError(files.json, "no such file") from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise PackError(files.json, f"not JSON in UTF-8: {error}") from error

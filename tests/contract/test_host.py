@@ -97,7 +97,6 @@ async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episod
             assert (await http.get("/healthz")).json() == {"status": "ok", "episodes": 2}
             assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
             assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 404
-            assert (await http.post(opened["mcp_url"], json={})).status_code == 404
             assert (await http.get("/healthz")).json()["episodes"] == 1
 
 
@@ -107,9 +106,10 @@ async def test_an_unused_episode_expires_and_makes_room(started: Callable[..., A
             url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
             while (await http.get("/healthz")).json()["episodes"]:
                 await anyio.lowlevel.checkpoint()
-            gone = await http.post(url, json={})
-            assert gone.status_code == 404
-            assert "expired" in gone.json()["error"]
+            async with Client(url) as client:
+                gone = await client.call_tool("step", {"duration": 1})
+            assert gone.is_error
+            assert "has expired" in gone.content[0].text
             assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
 
 
@@ -164,7 +164,6 @@ async def test_a_deleted_episode_makes_room_and_is_gone(inside: Callable[..., An
     async with inside(max_episodes=1) as (_, http):
         opened = (await http.post("/episodes", json={"scene": 7})).json()
         assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
-        assert (await http.post(opened["mcp_url"], json={})).status_code == 404
         assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
 
 
@@ -192,7 +191,7 @@ async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], n
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [
-        ("GET", "/episodes", 405), ("GET", "/", 404), ("POST", "/episodes/x/mcp", 404), ("GET", "/episodes/x/mcp", 404),
+        ("GET", "/episodes", 405), ("GET", "/", 404), ("POST", "/episodes/x/mcp", 400), ("PUT", "/episodes/x/mcp", 405),
         ("DELETE", "/episodes/x", 404), ("GET", "/episodes/x", 405), ("POST", "/healthz", 405), ("GET", "/docs", 404),
     ],
 )  # fmt: skip

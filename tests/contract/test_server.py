@@ -1,6 +1,8 @@
 """What surrounds the tools: instructions, the prompt, resources, completion, an idle start, progress, cancellation."""
 
+import base64
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,9 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from mcp_types import PromptReference
 
-from physment_mcp.scene import load_scene
-from physment_mcp.server import Laboratory, build_server
+from physment_mcp.laboratory import KEPT_CALLS, Laboratory
+from physment_mcp.scene import list_cards, load_scene
+from physment_mcp.server import build_server
 from physment_mcp.session import Session
 
 PROMPTING = ("zero-shot", "one-shot-cot", "few-shot-cot")
@@ -155,7 +158,10 @@ async def test_resources_show_the_scene_and_where_the_episode_stands(open_lab: C
 
     async with open_lab() as lab:
         listed = (await lab.client.list_resources()).resources
-        assert [str(one.uri) for one in listed] == ["physment://scene", "physment://episode"]
+        assert [str(one.uri) for one in listed] == [
+            f"physment://{name}" for name in ("scene", "episode", "measurements", "scenes")
+        ]
+        assert all(one.title and one.description and one.icons for one in listed)
         scene = await read("physment://scene")
         assert (scene["scene_id"], scene["name"], scene["timestep_s"]) == (7, "All kinds", 0.005)
         known = ["object_1", "object_2", "object_3", "object_4", "object_6", "object_7", "object_8", "object_9"]
@@ -173,6 +179,113 @@ async def test_resources_show_the_scene_and_where_the_episode_stands(open_lab: C
         assert await read("physment://scene") == scene
         with pytest.raises(MCPError, match="physment://scene"):
             await lab.client.read_resource("physment://answer")
+
+
+async def notes_of(client: Client) -> dict[str, Any]:
+    (contents,) = (await client.read_resource("physment://measurements")).contents
+    return json.loads(contents.text)
+
+
+async def test_the_measurements_are_what_the_agent_has_seen(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        assert await notes_of(lab.client) == {"left_out": 0, "calls": []}
+        stepped = await lab.call("step", duration=0.1)
+        refused = await lab.refused("get_velocity", object_id="object_5")
+        seen = await notes_of(lab.client)
+        assert seen["calls"] == [
+            {"call": 1, "tool": "step", "arguments": {"duration": 0.1}, "result": stepped},
+            {"call": 2, "tool": "get_velocity", "arguments": {"object_id": "object_5"}, "refused": refused},
+        ]
+        await lab.call("answer", answer=[1, "kg"])
+        await lab.refused("step", duration=1)
+        after = await notes_of(lab.client)
+        assert [one["tool"] for one in after["calls"]] == ["step", "get_velocity", "answer"]
+        assert lab.session.calls == 3  # reading costs none
+
+
+async def test_a_call_taken_back_is_noted_as_such(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        with anyio.move_on_after(20):
+            async with anyio.create_task_group() as tasks:
+
+                async def stop(_done: float, _total: float | None, _message: str | None) -> None:
+                    tasks.cancel_scope.cancel()
+
+                await lab.client.call_tool("step", {"duration": 60}, progress_callback=stop)
+        assert (await notes_of(lab.client))["calls"] == [
+            {"call": 1, "tool": "step", "arguments": {"duration": 60}, "taken_back": True}
+        ]
+
+
+async def test_the_measurements_are_bounded(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        await lab.refused("get_velocity", object_id="x" * 50_000)
+        for _ in range(KEPT_CALLS):
+            await lab.call("quat_to_rot_matrix", q=[1, 0, 0, 0])
+        seen = await notes_of(lab.client)
+        assert seen["left_out"] == 1
+        assert len(seen["calls"]) == KEPT_CALLS
+        assert seen["calls"][0]["call"] == 2
+        await lab.refused("get_velocity", object_id="x" * 50_000)
+        seen = await notes_of(lab.client)
+        assert seen["calls"][-1]["arguments"]["left_out"].endswith(" bytes")
+        assert len(json.dumps(seen["calls"][-1])) < 1000
+
+
+async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
+    open_lab: Callable[..., Any], write_pack: Callable[..., Path], pack: dict[str, Any], xml: str
+) -> None:
+    async def catalogue(client: Client) -> list[dict[str, Any]]:
+        (contents,) = (await client.read_resource("physment://scenes")).contents
+        return json.loads(contents.text)["scenes"]
+
+    card = {
+        "scene_id": 7, "name": "All kinds", "problem_type": "calculation", "task": "How heavy is the ball?",
+    }  # fmt: skip
+    async with open_lab() as lab:
+        assert await catalogue(lab.client) == [card]
+    folder = write_pack(pack, xml, 7)
+    write_pack({**pack, "answer": None}, xml, 8)  # cannot be opened, so it is not told of
+    write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
+    async with Client(build_server(Laboratory(list_scenes=lambda: list_cards(folder)))) as client:
+        assert await catalogue(client) == [card, card | {"scene_id": 70, "name": "Another"}]
+
+
+async def test_what_never_changes_may_be_kept_and_what_does_may_not(
+    open_lab: Callable[..., Any], idle: Laboratory
+) -> None:
+    async with open_lab() as lab:
+        same = [
+            await lab.client.list_tools(), await lab.client.list_prompts(), await lab.client.list_resources()
+        ]  # fmt: skip
+        assert all(one.ttl_ms > 0 and one.cache_scope == "public" for one in same)
+        hints = {}
+        for name in ("scene", "scenes", "episode", "measurements"):
+            read = await lab.client.read_resource(f"physment://{name}")
+            assert read.cache_scope == "private"
+            hints[name] = read.ttl_ms > 0
+        assert hints == {"scene": True, "scenes": True, "episode": False, "measurements": False}
+    async with Client(build_server(idle)) as client:  # opens another scene at any time
+        for name in ("scene", "episode", "measurements"):
+            assert (await client.read_resource(f"physment://{name}")).ttl_ms == 0
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_clients_are_given_something_to_show(open_lab: Callable[..., Any], mode: str) -> None:
+    async with open_lab(mode=mode) as lab:
+        info = lab.client.server_info
+        (prompt,) = (await lab.client.list_prompts()).prompts
+        assert info.title == "PhysMent laboratory"
+        assert info.description
+        assert prompt.title
+        assert all(one.title for one in prompt.arguments)
+        for (icon,) in (info.icons or [], prompt.icons or []):
+            head, _, body = icon.src.partition(",")
+            assert head == "data:image/png;base64"
+            picture = base64.b64decode(body, validate=True)
+            assert picture.startswith(b"\x89PNG\r\n")
+            width, height = struct.unpack(">II", picture[16:24])
+            assert icon.sizes == [f"{width}x{height}"]
 
 
 async def test_completion_offers_the_values_of_prompt_arguments(idle: Laboratory) -> None:
@@ -195,6 +308,8 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: Laboratory) -> None:
     async with Client(build_server(idle)) as client:
         assert "No scene is open yet" in (client.instructions or "")
         assert len((await client.list_tools()).tools) == 26
+        (prompt,) = (await client.list_prompts()).prompts
+        assert [one.name for one in prompt.arguments if one.required] == ["scene_id"]
         early = await client.call_tool("get_position", {"object_id": "object_1"})
         assert early.is_error
         assert early.content[0].text == "no scene is open yet: use the prompt `scene` with a scene_id to open one"
@@ -215,7 +330,9 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: Laboratory) -> None:
         assert "# Scene: All kinds" in await prompt_text(client, budget="5")
         assert (await client.call_tool("step", {"duration": 1})).is_error
 
+        assert len((await notes_of(client))["calls"]) == 1
         assert "# Scene: Another" in await prompt_text(client, scene_id="70")
+        assert (await notes_of(client))["calls"] == []
         assert not (await client.call_tool("step", {"duration": 1})).is_error
 
 

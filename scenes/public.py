@@ -1,0 +1,175 @@
+"""The public half of a pack: what a laboratory needs to host a scene, and nothing that tells its answer.
+
+An exported pack is this half and the model drawn for some seeds, as a host on another machine needs them:
+`Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
+"""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from scenes.draw import draw_knobs, drawn_mjcf
+from scenes.errors import PackError
+from scenes.folder import PackFiles, read_pack
+from scenes.pack import AnswerKind, Pack, Permissions
+
+_FILE = re.compile(r"""[\s"']file\s*=""")
+"""An attribute by which MuJoCo would read a file of any path."""
+
+
+class _Public(BaseModel):
+    # A key that is not named here has no business in this half.
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PublicObject(_Public):
+    """An object of the scene."""
+
+    object_id: str
+    """Canonical id, such as `object_1`; also the name of its body."""
+    name: str
+    permissions: Permissions
+
+
+class PublicAnswerForm(_Public):
+    """What an answer must look like; says nothing of its value."""
+
+    kind: AnswerKind
+    unit: str | tuple[str, ...] | None = None
+    labels: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+
+
+class PublicPack(_Public):
+    """A pack as the laboratory may see it, picked field by field: a private key added tomorrow stays private."""
+
+    scene_id: int
+    name: str
+    task: str
+    problem_type: str
+    objects: tuple[PublicObject, ...]
+    answer_form: PublicAnswerForm | None
+    disabled_tools: tuple[str, ...]
+    soft_objects: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scene_id: int, pack: Pack) -> Self:
+        """The public half of a whole pack."""
+        spec = pack.answer_spec
+        return cls(
+            scene_id=scene_id,
+            name=pack.metadata.scene_name,
+            task=pack.metadata.task,
+            problem_type=pack.metadata.problem_type,
+            objects=tuple(
+                PublicObject(
+                    object_id=f"object_{listed.object_id}", name=listed.name, permissions=pack.permissions_of(key)
+                )
+                for key, listed in pack.objects.items()
+            ),
+            answer_form=spec
+            and PublicAnswerForm(kind=spec.kind, unit=spec.unit, labels=spec.labels, options=spec.options),
+            disabled_tools=tuple(pack.disabled_tools),
+            soft_objects=tuple(pack.soft_objects),
+        )
+
+
+def read_public(files: PackFiles) -> PublicPack:
+    """The public half of a pack, whole or exported.
+
+    Raises:
+        PackError: A file is missing or malformed, or lies outside the folder of packs.
+    """
+    path = exported_json(files)
+    if not path.is_file():
+        files.check_inside(files.json)
+        return PublicPack.of(files.scene_id, read_pack(files))
+    files.check_inside(path)
+    try:
+        return PublicPack.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"]) or "(the whole file)"
+        raise PackError(path, f"field {field}: {first['msg']}") from error
+
+
+def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
+    """What a laboratory needs of a pack, whole or exported: its public half, and the model with the values of a seed.
+
+    Raises:
+        PackError: A file is missing, malformed or outside the folder of packs, or the seed was not exported.
+    """
+    if exported_json(files).is_file():
+        public, path = read_public(files), _exported_mjcf(files, seed)
+        files.check_inside(path)
+        if not path.is_file():
+            known = _ranges(_seeds(files))
+            raise PackError(files.folder, f"seed {seed} was not exported; there are the seeds {known}")
+        mjcf = path.read_text(encoding="utf-8")
+    else:
+        files.check_inside(files.json, files.mjcf)
+        pack = read_pack(files)
+        public = PublicPack.of(files.scene_id, pack)
+        mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+    if _FILE.search(mjcf):
+        raise PackError(files.mjcf, "the model names another file, and a pack is whole in itself")
+    return public, mjcf
+
+
+def export_pack(files: PackFiles, seeds: Iterable[int], folder: Path) -> None:
+    """Write a pack without its private half.
+
+    Args:
+        files: The whole pack.
+        seeds: For which variants to write the model.
+        folder: Folder of exported packs; `Scene{N}` is made in it.
+
+    Raises:
+        PackError: The pack is malformed.
+    """
+    pack = read_pack(files)
+    target = PackFiles(files.scene_id, folder / f"Scene{files.scene_id}")
+    target.folder.mkdir(parents=True)
+    written = PublicPack.of(files.scene_id, pack).model_dump(mode="json", exclude_defaults=True)
+    exported_json(target).write_text(json.dumps(written, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    for seed in seeds:
+        drawn = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+        _exported_mjcf(target, seed).write_text(_without_comments(files, drawn), encoding="utf-8")
+
+
+def exported_json(files: PackFiles) -> Path:
+    """The file that makes a pack an exported one."""
+    return files.folder / f"scene{files.scene_id}.public.json"
+
+
+def _exported_mjcf(files: PackFiles, seed: int) -> Path:
+    return files.folder / f"scene{files.scene_id}.seed{seed}.xml"
+
+
+def _seeds(files: PackFiles) -> list[int]:
+    pattern = re.compile(rf"scene{files.scene_id}\.seed(-?\d+)\.xml")
+    return sorted(int(match[1]) for path in files.folder.iterdir() if (match := pattern.fullmatch(path.name)))
+
+
+def _ranges(numbers: list[int]) -> str:
+    """Ascending numbers in words: `0-20, 40`."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1] = [runs[-1][0], number]
+        else:
+            runs.append([number])
+    return ", ".join("-".join(map(str, run)) for run in runs) or "none"
+
+
+def _without_comments(files: PackFiles, mjcf: str) -> str:
+    # The author's comments explain the physics; the parser drops them.
+    try:
+        return ET.tostring(ET.fromstring(mjcf), encoding="unicode") + "\n"  # noqa: S314 - our own packs
+    except ET.ParseError as error:
+        raise PackError(files.mjcf, f"not XML: {error}") from error
