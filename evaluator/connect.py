@@ -1,10 +1,12 @@
 """From what `--server` says to connected MCP clients, one session for each episode."""
 
 import contextlib
+import functools
 import json
 import os
 import secrets
 import shlex
+import ssl
 import subprocess
 import sys
 import tempfile
@@ -16,8 +18,10 @@ from typing import IO, Any, Protocol, cast
 
 import anyio
 import httpx
+import httpx2
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
+from mcp.client.streamable_http import streamable_http_client
 
 from evaluator.errors import InfrastructureError, UsageError
 
@@ -60,7 +64,7 @@ class ProcessLaboratory:
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             transport = stdio_client(StdioServerParameters(command=line[0], args=line[1:]), errlog=errors)
             try:
-                async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S) as client:
+                async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
                     yield client
             except InfrastructureError:
                 raise
@@ -79,10 +83,10 @@ class HostLaboratory:
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
-        async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S) as http:
+        async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S, verify=_trust()) as http:
             opened = await self.request_episode(http, {"scene": scene, "seed": seed})
             try:
-                async with Client(opened["mcp_url"], read_timeout_seconds=_CALL_TIMEOUT_S) as client:
+                async with mcp_client(opened["mcp_url"]) as client:
                     yield client
             except InfrastructureError:
                 raise
@@ -121,6 +125,28 @@ class HostLaboratory:
         raise InfrastructureError(
             f"{self.base_url} is no PhysMent host: it answered {reply.status_code} to POST /episodes"
         )
+
+
+@contextlib.asynccontextmanager
+async def mcp_client(url: str) -> AsyncGenerator[Client]:
+    """A client connected to the MCP endpoint of an episode.
+
+    It keeps no cache: whatever an episode lists is asked for once, and the copies would cost more than the asking.
+    """
+    patience = httpx2.Timeout(_START_TIMEOUT_S, read=_CALL_TIMEOUT_S)
+    async with (
+        httpx2.AsyncClient(verify=_trust(), timeout=patience) as http,
+        Client(
+            streamable_http_client(url, http_client=http), read_timeout_seconds=_CALL_TIMEOUT_S, cache=None
+        ) as client,
+    ):
+        yield client
+
+
+@functools.cache
+def _trust() -> ssl.SSLContext:
+    """The authorities that HTTP clients trust: read once, since reading them takes 20 ms of processor time."""
+    return httpx.create_ssl_context()
 
 
 @dataclass(slots=True)

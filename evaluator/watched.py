@@ -8,10 +8,9 @@ from typing import Any
 import anyio
 import httpx
 import mcp_types as types
-from mcp import Client
 from pydantic import BaseModel, ValidationError
 
-from evaluator.connect import HostLaboratory
+from evaluator.connect import HostLaboratory, mcp_client
 from evaluator.episode import unrecordable
 from evaluator.errors import InfrastructureError
 from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
@@ -62,7 +61,7 @@ class WatchedEpisode:
         """
         arguments = {"prompting": key.prompting, "protocol": key.protocol}
         try:
-            async with Client(self.mcp_url, read_timeout_seconds=_TIMEOUT_S) as client:
+            async with mcp_client(self.mcp_url) as client:
                 said = await client.get_prompt("scene", arguments)
         except Exception as error:
             raise InfrastructureError(f"the opening prompt could not be read: {error!r}") from error

@@ -33,7 +33,7 @@ def test_shards_are_the_same_on_every_machine_and_of_like_size() -> None:
     sizes = [sum(Shard(index, 8).takes(key) for key in PLAN.matrix()) for index in range(1, 9)]
     # Frozen: a change would make machines of different versions play episodes twice or never.
     assert sizes[:3] == [210, 199, 217]
-    assert min(sizes) > 0.8 * max(sizes)
+    assert min(sizes) > 0.75 * max(sizes)
 
 
 @pytest.mark.parametrize(
