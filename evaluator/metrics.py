@@ -14,6 +14,8 @@ from typing import Literal, NamedTuple, TypeVar
 from pydantic import ConfigDict
 
 from evaluator.dimensions import WEIGHTS, EpisodeScores, dimensions, final_score, non_repetition
+from evaluator.failures.counting import FailureCount, failure_counts
+from evaluator.failures.findings import Failure, FailureMode
 from evaluator.grouping import Condition, condition, modality, problem_kind, quadrant
 from evaluator.records import Episode, Grade, Outcome, Record, Verdict
 from evaluator.statistics.attempts import Attempts, attempts
@@ -45,6 +47,7 @@ class ScoredEpisode:
     category: str
     problem_type: str
     disabled_tools: frozenset[str] = frozenset()
+    failures: tuple[Failure, ...] = ()
 
 
 class GroupSummary(Record):
@@ -89,6 +92,8 @@ class GroupSummary(Record):
     r_undefined: float | None
     """Share of scored episodes without visible reasoning."""
     disabled_calls: int
+    failures: dict[FailureMode, FailureCount]
+    """Failure modes: `n` is of `n_scored`, `n_incorrect` of those that are not correct."""
     outcomes: dict[Outcome, int]
 
 
@@ -260,6 +265,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         v_undefined=v_undefined,
         r_undefined=r_undefined,
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
+        failures=failure_counts((row.source.grade, row.source.failures) for row in scored),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )
 

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping
 from pydantic import JsonValue
 
 from evaluator.answer_key import KeyRing
+from evaluator.failures.detect import failures_of
+from evaluator.failures.findings import form_of
 from evaluator.grading import GRADER_VERSION, AnswerKey, grade_episode
 from evaluator.metrics import RunSummary, ScoredEpisode, summarise
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Verdict
@@ -84,6 +86,7 @@ def scored(episodes: Iterable[Episode], grades: Iterable[GradeRecord], keys: Key
                 category=facts.category,
                 problem_type=facts.problem_type,
                 disabled_tools=facts.disabled_tools,
+                failures=failures_of(episode, by_key[episode.key], form_of(keys.key(episode.key.scene, 0))),
             )
         )
     return rows

@@ -2,8 +2,9 @@
 
 import re
 
-from evaluator.answer_forms import plain_number
-from evaluator.answer_strict import AnswerKey, strict_parts
+from pydantic import JsonValue
+
+from evaluator.answer_forms import Item, as_item, plain_number, strict_items
 from evaluator.failures.course import (
     DEEDS,
     MOTION_READINGS,
@@ -14,7 +15,7 @@ from evaluator.failures.course import (
     step_duration,
     succeeded,
 )
-from evaluator.failures.findings import Evidence, Failure, FailureMode, answering_turn, quote_at
+from evaluator.failures.findings import AnswerForm, Evidence, Failure, FailureMode, answering_turn, quote_at
 from evaluator.records import Episode, Grade, Verdict
 from evaluator.spoken_numbers import spoken_numbers
 from evaluator.units import parse_unit
@@ -101,7 +102,7 @@ def _less_than_a_period(episode: Episode, simulated: float) -> Failure | None:
     return None
 
 
-def answer_format(episode: Episode, grade: Grade, key: AnswerKey) -> Failure | None:
+def answer_format(episode: Episode, grade: Grade, form: AnswerForm) -> Failure | None:
     """Answered, strictly wrong, in a form that the question does not ask for.
 
     A right value in another form (normalised grading forgives it), a wrong count of values, words for numbers, or a
@@ -109,7 +110,7 @@ def answer_format(episode: Episode, grade: Grade, key: AnswerKey) -> Failure | N
     """
     if not has_answered(episode) or grade.strict is not Verdict.INCORRECT:
         return None
-    why = _misfit(episode, grade, key)
+    why = _misfit(episode, grade, form)
     if not why:
         return None
     turn = answering_turn(episode)
@@ -121,19 +122,28 @@ def answer_format(episode: Episode, grade: Grade, key: AnswerKey) -> Failure | N
     )
 
 
-def _misfit(episode: Episode, grade: Grade, key: AnswerKey) -> str:
+def _misfit(episode: Episode, grade: Grade, form: AnswerForm) -> str:
+    """How the form of an answer differs from the one asked for; empty if it does not."""
     if grade.normalisation is not None:
         return f"right, but for its form ({grade.normalisation.value.replace('_', ' ')})"
-    items = strict_parts(episode.answer, key)
+    items = _items(episode.answer, form)
     if items is None:
-        asked = "one value" if len(key.parts) == 1 else f"{len(key.parts)} values"
-        return f"{asked} were asked for" if len(key.parts) > 1 else f"{asked} was asked for"
-    if key.spec.options:
-        options = {one.strip().lower() for one in key.spec.options}
-        return "" if all(str(one).strip().lower() in options for one in items) else "none of the options"
-    if key.spec.kind is AnswerKind.OBJECTS:
-        return "" if all(_OBJECT_ID.fullmatch(str(one).strip().lower()) for one in items) else "no id of an object"
-    for item, part in zip(items, key.parts, strict=True):
-        if plain_number(part) is not None and not isinstance(item, int | float) and plain_number(item) is None:
-            return "words, where a number was asked for"
+        return "one value was asked for" if form.parts is None else f"{form.parts} values were asked for"
+    said = [str(one).strip().lower() for one in items]
+    if form.options:
+        options = {one.strip().lower() for one in form.options}
+        return "" if options.issuperset(said) else "none of the options"
+    if form.kind is AnswerKind.OBJECTS:
+        return "" if all(_OBJECT_ID.fullmatch(one) for one in said) else "no id of an object"
+    if form.is_numeric and any(plain_number(one) is None for one in items):
+        return "words, where a number was asked for"
     return ""
+
+
+def _items(answer: JsonValue, form: AnswerForm) -> list[Item] | None:
+    """The parts of an answer; None where it has not as many as were asked for."""
+    if form.parts is None:
+        item = as_item(answer)
+        return None if item is None else [item]
+    items = strict_items(answer)
+    return items if items is not None and len(items) == form.parts else None

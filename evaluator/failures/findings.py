@@ -1,11 +1,16 @@
-"""What a detector says: the mode, a sentence, and the places of the transcript that show it. Knows no rules."""
+"""What detectors are given and say: the form of an answer; a mode, a sentence and its evidence. Knows no rules."""
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from pydantic import Field
 
+from evaluator.answer_forms import plain_number
+from evaluator.answer_strict import AnswerKey
 from evaluator.records import Episode, Record
+from scenes.pack import AnswerKind
 
 _QUOTE_CHARS = 160
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s|\n")
@@ -29,6 +34,31 @@ class FailureMode(StrEnum):
     """Called a tool with arguments that do not fit, or with another mass than was measured."""
     THEORY_OR_SIMULATION = "theory_over_simulation_or_reverse"
     """Took the answer from theory without or against the readings, or from readings held to be wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerForm:
+    """What a question asks for, without what is right: all that the detectors know of a pack."""
+
+    kind: AnswerKind
+    parts: int | None
+    """How many values a list holds; None where a single answer is asked for."""
+    is_numeric: bool
+    """Whether every part of the key is a number, be it a quantity or the number of an object or of a case."""
+    options: tuple[str, ...] = ()
+    objects: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Ids of the scene's objects, such as `object_2`, and their public names."""
+
+
+def form_of(key: AnswerKey) -> AnswerForm:
+    """The form of an answer; the same for the keys of all seeds of a scene."""
+    return AnswerForm(
+        kind=key.spec.kind,
+        parts=len(key.value) if isinstance(key.value, tuple) else None,
+        is_numeric=all(plain_number(part) is not None for part in key.parts),
+        options=key.spec.options,
+        objects=key.objects,
+    )
 
 
 class Evidence(Record):

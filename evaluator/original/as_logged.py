@@ -24,9 +24,9 @@ _ERROR = "ERROR: "
 def as_logged(log: LoggedEpisode, scene: int, epoch: int = 1) -> Episode:
     """The episode that a log tells of.
 
-    A call is matched with the next line of the following prompt that names its tool. What has no such line was not run:
-    so are the calls of the last turn, and those of a reply that the authors' program could not read. The simulated time,
-    told once after each batch, stands in the return of its last call that succeeded.
+    A call is matched with the next line of the following prompt that names its tool. What has no such line was not run,
+    as are the calls of the last turn and those of a reply that the authors' program could not read. The simulated
+    time, told once after each batch, stands in the return of its last call that succeeded.
 
     Args:
         log: The log; it holds a reply at least.
