@@ -18,6 +18,8 @@ from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions
 
 SCENE_RESOURCE = "physment://scene"
+GONE = "physment/gone"
+"""Key in `_meta` of a result by which a host says that it has no such episode any more."""
 _MAX_NESTING = 64
 """Levels of lists and objects in a call; JSON readers give up at 200, and a record must be readable again."""
 
@@ -181,6 +183,8 @@ async def _run(client: Client, call: ToolCall) -> Exchange:
         result = await client.call_tool(call.tool, call.arguments)
     except Exception as error:
         raise InfrastructureError(f"{call.tool} did not return: {error!r}") from error
+    if (result.meta or {}).get(GONE):
+        raise InfrastructureError("the host closed the episode, or was started anew, before it ended")
     return Exchange(
         call=call,
         returned=True,

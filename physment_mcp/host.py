@@ -189,8 +189,8 @@ class Host:
 
     def _owns(self, request: Request, episode: _Open) -> bool:
         """Tell whether a request comes from who opened the episode."""
-        if self.token is None and episode.owner_token is None:
-            return True
+        if episode.owner_token is None and not self.exposed:
+            return self._may_play(request, episode)  # who opened it has its URL, and gave it to nobody
         return bears(request, self.token, episode.owner_token)
 
     async def _health(self, _request: Request) -> Response:

@@ -279,7 +279,9 @@ async def test_clients_are_given_something_to_show(open_lab: Callable[..., Any],
         assert info.description
         assert prompt.title
         assert all(one.title for one in prompt.arguments)
-        for (icon,) in (info.icons or [], prompt.icons or []):
+        for icons in (info.icons, prompt.icons):
+            assert icons is not None
+            (icon,) = icons
             head, _, body = icon.src.partition(",")
             assert head == "data:image/png;base64"
             picture = base64.b64decode(body, validate=True)
@@ -309,7 +311,7 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: Laboratory) -> None:
         assert "No scene is open yet" in (client.instructions or "")
         assert len((await client.list_tools()).tools) == 26
         (prompt,) = (await client.list_prompts()).prompts
-        assert [one.name for one in prompt.arguments if one.required] == ["scene_id"]
+        assert [one.name for one in prompt.arguments or [] if one.required] == ["scene_id"]
         early = await client.call_tool("get_position", {"object_id": "object_1"})
         assert early.is_error
         assert early.content[0].text == "no scene is open yet: use the prompt `scene` with a scene_id to open one"
