@@ -1,0 +1,116 @@
+"""Budget curves of made-up runs whose truth is known."""
+
+import numpy as np
+import pytest
+
+from evaluator.statistics.budget_curve import BudgetCurve, Cell, Shape, budget_curve
+from evaluator.statistics.paired import PairedTest
+
+BUDGETS = (5, 10, 15, 20)
+
+
+def curve_of(*chances: float, scenes: int = 105, seeds: int = 1, seed: int = 1) -> BudgetCurve:
+    """A run on scenes of all difficulties: one is solved where its difficulty and some luck stay below the chance."""
+    rng = np.random.default_rng(seed)
+    hardness = rng.random(scenes)
+    cells = [
+        Cell(scene, tuple(bool((0.7 * hardness[scene] + 0.3 * rng.random()) < chance) for chance in chances))
+        for scene in range(scenes)
+        for _ in range(seeds)
+    ]
+    return budget_curve(BUDGETS[: len(chances)], cells)
+
+
+def cells(*counts: int, scenes: int) -> list[Cell]:
+    """As many scenes right at each budget as counted, the same ones first."""
+    return [Cell(scene, tuple(scene < count for count in counts)) for scene in range(scenes)]
+
+
+def test_a_curve_by_hand() -> None:
+    found = budget_curve(BUDGETS, cells(40, 60, 62, 62, scenes=100))
+    assert (found.n, found.n_scenes) == (100, 100)
+    assert [point.budget for point in found.points] == [5, 10, 15, 20]
+    assert [point.accuracy.n_correct for point in found.points] == [40, 60, 62, 62]
+    first, second, third, fourth = (point.gain for point in found.points)
+    assert first is None
+    assert second is not None
+    assert third is not None
+    assert fourth is not None
+    assert (second.difference, second.only_first, second.only_second) == (pytest.approx(0.2), 0, 20)
+    assert second.p_value == pytest.approx(2 / 2**20)
+    assert (third.difference, fourth.difference) == (pytest.approx(0.02), 0)
+    # Six pairs: the largest gain, 22 scenes of 22, is adjusted sixfold.
+    assert found.shape is Shape.RISING
+    assert found.certainty == pytest.approx(1 - 6 * 2 / 2**22)
+    # After 10 iterations no budget gains more than 5 points; two of a hundred resampled above five is rare.
+    assert found.enough == 10
+    assert found.enough_certainty is not None
+    assert found.enough_certainty > 0.95
+
+
+def test_gains_that_have_not_ended_are_said_to_go_on() -> None:
+    found = budget_curve(BUDGETS, cells(20, 40, 60, 80, scenes=100))
+    assert (found.shape, found.enough, found.enough_certainty) == (Shape.RISING, 20, None)
+
+
+def test_a_gain_of_just_the_margin_does_not_count() -> None:
+    found = budget_curve((5, 10), cells(80, 85, scenes=100))
+    assert found.enough == 5
+    assert found.shape is Shape.FLAT  # five of five is p = 0.06
+
+
+def test_shapes_are_told() -> None:
+    falling = curve_of(0.7, 0.5, 0.4, 0.3)
+    mixed = curve_of(0.3, 0.7, 0.7, 0.4)
+    assert (falling.shape, falling.enough) == (Shape.FALLING, 5)
+    assert mixed.shape is Shape.MIXED
+    assert falling.certainty is not None
+    assert falling.certainty > 0.99
+    assert mixed.certainty is not None
+    assert 0.95 <= mixed.certainty <= 1
+
+
+def test_a_flat_curve_is_the_more_certain_the_more_was_played() -> None:
+    few, many = curve_of(0.5, 0.5, 0.5, 0.5, scenes=30), curve_of(0.5, 0.5, 0.5, 0.5, scenes=300, seeds=5)
+    assert few.shape is many.shape is Shape.FLAT
+    assert few.certainty is not None
+    assert many.certainty is not None
+    assert few.certainty < 0.7 < many.certainty
+
+
+def test_a_flat_curve_is_rarely_taken_for_another() -> None:
+    """At most 5 % of 150 runs of 60 scenes with the same chances at all budgets."""
+    shapes = [curve_of(0.5, 0.5, 0.5, 0.5, scenes=60, seed=seed).shape for seed in range(150)]
+    assert sum(shape is not Shape.FLAT for shape in shapes) <= 7
+
+
+def test_seeds_of_a_scene_do_not_count_as_scenes() -> None:
+    # Two of ten scenes become solvable, on all of twenty seeds: two scenes, not forty episodes.
+    played = [Cell(scene, (scene < 4, scene < 6)) for scene in range(10) for _ in range(20)]
+    found = budget_curve((5, 20), played)
+    assert found.points[1].gain is not None
+    assert (found.points[1].gain.test, found.points[1].gain.p_value) == (PairedTest.SIGN_FLIP, 0.5)
+    assert found.shape is Shape.FLAT
+
+
+def test_a_few_scenes_are_not_resampled() -> None:
+    found = budget_curve((5, 20), cells(2, 2, scenes=5))
+    assert (found.shape, found.certainty, found.enough, found.enough_certainty) == (Shape.FLAT, None, 5, None)
+
+
+def test_within_one_scene_its_episodes_are_resampled() -> None:
+    found = budget_curve((5, 20), [Cell(7, (False, seed < 15)) for seed in range(20)])
+    assert (found.shape, found.n_scenes) == (Shape.RISING, 1)
+    alike = budget_curve((5, 20), [Cell(7, (seed < 15, seed < 15)) for seed in range(20)])
+    assert (alike.shape, alike.certainty) == (Shape.FLAT, 1.0)
+
+
+@pytest.mark.parametrize("budgets", [(5,), (20, 5), (5, 5)])
+def test_budgets_must_be_several_and_ascend(budgets: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="two or more budgets, ascending"):
+        budget_curve(budgets, [Cell(7, tuple(True for _ in budgets))])
+
+
+def test_a_curve_without_episodes_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one pair"):
+        budget_curve((5, 10), [])
