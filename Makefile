@@ -33,7 +33,7 @@ test: $(STAMP) ## set up, then run the whole test suite
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
-verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (about VERIFYTIME on 2 cores)
+verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (some minutes; see docs/decisions/0011)
 	@$(BIN)/physment-eval verify
 
 check: $(STAMP) ## format, lint, types
