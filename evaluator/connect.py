@@ -86,7 +86,7 @@ class HostLaboratory:
         async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S, verify=_trust()) as http:
             opened = await self.request_episode(http, {"scene": scene, "seed": seed})
             try:
-                async with mcp_client(opened["mcp_url"]) as client:
+                async with mcp_client(opened["mcp_url"], self._bearing(opened["mcp_url"])) as client:
                     yield client
             except InfrastructureError:
                 raise
@@ -94,7 +94,7 @@ class HostLaboratory:
                 raise InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}") from error
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
-                    await http.delete(f"/episodes/{opened['episode_id']}")
+                    await http.delete(f"/episodes/{opened['episode_id']}", headers=self._bearing(self.base_url))
 
     async def request_episode(self, http: httpx.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
         """Ask for an episode.
@@ -109,9 +109,8 @@ class HostLaboratory:
         Raises:
             InfrastructureError: The host cannot be reached, or opened none.
         """
-        bearing = {} if self.token is None else {"Authorization": f"Bearer {self.token}"}
         try:
-            reply = await http.post("/episodes", json=wanted, headers=bearing)
+            reply = await http.post("/episodes", json=wanted, headers=self._bearing(self.base_url))
         except httpx.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
         said: Any = {}
@@ -126,16 +125,22 @@ class HostLaboratory:
             f"{self.base_url} is no PhysMent host: it answered {reply.status_code} to POST /episodes"
         )
 
+    def _bearing(self, url: str) -> dict[str, str]:
+        """The headers that bear the token, for a URL of this host; no other host is to see it."""
+        own, other = httpx.URL(self.base_url), httpx.URL(url)
+        ours = (own.scheme, own.host, own.port) == (other.scheme, other.host, other.port)
+        return {"Authorization": f"Bearer {self.token}"} if self.token is not None and ours else {}
+
 
 @contextlib.asynccontextmanager
-async def mcp_client(url: str) -> AsyncGenerator[Client]:
-    """A client connected to the MCP endpoint of an episode.
+async def mcp_client(url: str, headers: Mapping[str, str] | None = None) -> AsyncGenerator[Client]:
+    """A client connected to the MCP endpoint of an episode, which sends these headers with every request.
 
     It keeps no cache: whatever an episode lists is asked for once, and the copies would cost more than the asking.
     """
     patience = httpx2.Timeout(_START_TIMEOUT_S, read=_CALL_TIMEOUT_S)
     async with (
-        httpx2.AsyncClient(verify=_trust(), timeout=patience) as http,
+        httpx2.AsyncClient(verify=_trust(), timeout=patience, headers=headers) as http,
         Client(
             streamable_http_client(url, http_client=http), read_timeout_seconds=_CALL_TIMEOUT_S, cache=None
         ) as client,
