@@ -14,6 +14,7 @@ from evaluator.commands.base import Commands, own_version, unwrapped, whole
 from evaluator.connect import connect
 from evaluator.display import ProgressDisplay
 from evaluator.errors import UsageError
+from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import LoggedEpisode, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
@@ -59,10 +60,17 @@ def add(commands: Commands) -> None:
     command.add_argument(
         "--keep", type=Path, metavar="DIR", help="keep the episodes as a run folder, for grade, report and replay"
     )
+    command.add_argument(
+        "--as-logged",
+        action="store_true",
+        help="keep with --keep what the logs tell, with the returns that the models read, and not what came of playing",
+    )
     command.add_argument("--out", type=Path, metavar="FILE", help="write the tables to FILE as Markdown")
 
 
 def _replay(args: argparse.Namespace) -> int:
+    if args.as_logged and not args.keep:
+        raise UsageError("--as-logged says what --keep keeps; give a folder with --keep DIR")
     packs = parse_scenes(None, args.scenes_dir)
     names = {files.scene_id: read_pack(files).metadata.scene_name for files in packs}
     hashes = {files.scene_id: pack_hash(files) for files in packs}
@@ -78,13 +86,16 @@ def _replay(args: argparse.Namespace) -> int:
             async with laboratory.open(packs[0].scene_id, 0) as client:
                 said = await server_facts(client)
             if folder is not None:
-                plan = Plan(scenes=tuple(names), agents=("original-logs",), budgets=(), seeds=(0,), protocols=("text",))
+                agent = "original-logs-as-logged" if args.as_logged else "original-logs"
+                plan = Plan(scenes=tuple(names), agents=(agent,), budgets=(), seeds=(0,), protocols=("text",))
                 folder.write_run(run_facts(plan, packs, args.server, said))
             with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter())) as display:
 
                 def ended(one: PlayedLog) -> None:
                     if one.episode is not None and folder is not None:
-                        folder.append_episode(one.episode)
+                        folder.append_episode(
+                            as_logged(one.log, one.episode.key, one.episode.versions) if args.as_logged else one.episode
+                        )
                     if one.episode is not None and sys.stderr.isatty():
                         display.ended(one.episode)
 

@@ -21,7 +21,7 @@ _TIME = re.compile(r"^\[sim_time=([0-9.eE+-]+)\]", re.MULTILINE)
 _ERROR = "ERROR: "
 
 
-def as_logged(log: LoggedEpisode, scene: int, epoch: int = 1) -> Episode:
+def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episode:
     """The episode that a log tells of.
 
     A call is matched with the next line of the following prompt that names its tool. What has no such line was not run,
@@ -30,29 +30,24 @@ def as_logged(log: LoggedEpisode, scene: int, epoch: int = 1) -> Episode:
 
     Args:
         log: The log; it holds a reply at least.
-        scene: The scene it is of.
-        epoch: Tells logs of one model, budget and scene apart.
+        key: What the episode is kept under.
+        versions: Versions to record: those of the pack it is graded with.
     """
     last = len(log.replies) - 1
     turns = [_turn(reply, _read_next(log, index), is_last=index == last) for index, reply in enumerate(log.replies)]
     answers = [one.call.arguments.get("answer") for one in turns[-1].exchanges if one.call.tool == ANSWER]
     answered = bool(answers) and answers[-1] is not None
+    used_up = len(turns) >= key.budget
     return Episode(
-        key=EpisodeKey(
-            scene=scene,
-            seed=0,
-            agent=log.model,
-            budget=max(log.budget, len(log.replies)),
-            protocol="text",
-            epoch=epoch,
-        ),
-        outcome=Outcome.ANSWERED if answered else Outcome.BUDGET_EXHAUSTED,
+        key=key,
+        outcome=Outcome.ANSWERED if answered else Outcome.BUDGET_EXHAUSTED if used_up else Outcome.AGENT_ERROR,
         answer=answers[-1] if answered else None,
         prompt=log.prompts[0],
         turns=tuple(turns),
+        error=None if answered or used_up else "the log ends here",
         started_at="",
         duration_s=0,
-        versions=Versions(physment="", protocol="", pack=""),
+        versions=versions,
     )
 
 
