@@ -12,26 +12,36 @@ from evaluator.failures.findings import Evidence, Failure, FailureMode, answerin
 from evaluator.records import Episode
 
 _SET_ASIDE = re.compile(
-    r"\btheoretical (?:approach|answer|value|analysis|result)|\btheoretical physics|"
-    r"\bcalculate\b[^.\n]{0,30}\btheoretically|"
-    r"\b(?:calculat|comput|reason|solv|deriv|determin)\w*\b[^.\n]{0,40}\banalytically|\banalytically\b|"
-    r"\btextbook|\bclassic(?:al)? (?:answer|result|problem|interpretation)|\btypical (?:answer|value|problem)|"
-    r"\bbased on (?:(?:the )?(?:object )?names|(?:pure )?(?:physics|theory)|(?:known|standard|general) \w+|"
-    r"(?:the )?(?:physics|physical) (?:principles?|laws?))|\bphysics principles?|\bphysics dictates|"
-    r"\b(?:use|using) the (?:object )?names|\bnames? [^.\n]{0,40}\bimpl(?:y|ies)|"
-    r"\bi(?:'ll| will)? assume\b|\bassuming? (?:a |an |the )?(?:standard|typical|similar|\\?\(|[\w\\]+ ?(?:=|≈))|"
-    r"\bstandard assumption|\b(?:don't|do not) need (?:a |the )?(?:physical )?simulation|"
-    r"\bno (?:\w+ )?simulation (?:is )?(?:needed|necessary|required)",
+    r"\btheoretical(?:ly)? (?:approach|answer|value|analysis|result|calculation|physics|expectation)|"
+    r"\bcalculate\b[^.\n]{0,40}\btheoretically|\banalytical(?:ly)?\b|\bconceptual(?:ly)? |\btextbook|"
+    r"\bclassic(?:al)? (?:answer|result|problem|interpretation)|\bstandard (?:answer|assumption|problem|value)|"
+    r"\btypical(?:ly)? (?:answer|value|problem|simulation|assum\w+|is|are|has|around|used)|"
+    r"\bbased on (?:the )?(?:pure |known |standard |general )?(?:physics|theory|problem (?:setup|statement))|"
+    r"\bphysics (?:principles?|calculations?|theory|dictates|reasoning|laws?)|\benergy principles|"
+    r"\bassum(?:e|ing) (?:a |an |the |that )?(?:standard|typical|similar|default|\\?\(|[\w\\]+ ?(?:=|≈))|"
+    r"\bi(?:'ll| will)? assume\b|\bdefaults?\b[^.\n]{0,30}\bfriction|\bmujoco(?:'s)? defaults?|"
+    r"\b(?:don't|do not) need (?:a |the )?(?:physical )?simulation|"
+    r"\bno (?:\w+ )?simulation (?:is )?(?:needed|necessary|required)|"
+    r"\b(?:using|use|rely on) the (?:problem's )?given (?:values?|parameters)|"
+    r"\bgiven (?:values?|parameters) (?:in|from)\b",
     re.IGNORECASE,
 )
+"""Words of an answer that turns to theory after something was tried."""
+_BY_NAME = re.compile(
+    r"\b(?:given|based on|from|by|using|use|per) (?:the )?(?:objects?'? )?(?:names?|naming|labels?)\b|"
+    r"\b(?:names?|naming)\b[^.\n]{0,40}\b(?:indicat|impl(?:y|ies)|suggest|tell)|\bimplied by (?:the )?names?|"
+    r"\bexplicitly (?:names?|named|labels?|labell?ed)\b",
+    re.IGNORECASE,
+)
+"""Words of an answer that is taken from what objects are called."""
 _AGREES = re.compile(
-    r"\b(?:match(?:es|ed|ing)?|confirm(?:s|ed|ing)?|agree(?:s|d)?|consistent|verif(?:y|ies|ied))\b[^.\n]{0,40}\btheor|"
-    r"\btheor\w+\b[^.\n]{0,30}\b(?:confirmed|matched|verified)",
+    r"\b(?:match(?:es|ed|ing)?|confirm(?:s|ed|ing)?|agree(?:s|d)?|consistent|verif(?:y|ies|ied)|validat\w+)\b"
+    r"[^.\n]{0,40}\btheor|\btheor\w+\b[^.\n]{0,30}\b(?:confirmed|matched|verified)",
     re.IGNORECASE,
 )
 _DOUBTED = re.compile(
-    r"\bcontradict|\bcounter-?intuitive|\bunexpected(?:ly)? (?:result|behavio|position|value|outcome)|"
-    r"\bexpected\b[^.\n]{0,12}\.? but (?:got|measured)|\bphysically impossible|\bnot modell?ed",
+    r"\bcontradict|\bcounter-?intuitive|\bunexpected(?:ly)? |\bcontrary to|\bunusual\b|\banomal|\bunrealistic|"
+    r"\bexpected\b[^.\n]{0,12}\.? but (?:got|measured)|\bphysically impossible|\bnot modell?ed|\bdespite the name",
     re.IGNORECASE,
 )
 
@@ -45,8 +55,9 @@ def theory_or_simulation(episode: Episode) -> Failure | None:
     """Took the answer from theory without readings or after setting them aside, or from readings that it doubted.
 
     Theory: an answer with reasoning before any reading was read; or, after something was tried in the laboratory, an
-    answer whose reasoning turns to formulas, assumptions, names or textbooks. Reverse: the reasoning calls the
-    readings contrary to what is expected, within its last three turns, and answers from them all the same.
+    answer whose reasoning turns to formulas, assumptions or textbooks; or an answer from what objects are called.
+    Reverse: the reasoning calls the readings contrary to what is expected, within its last three turns, and answers
+    from them all the same.
     """
     if not has_answered(episode):
         return None
@@ -54,11 +65,13 @@ def theory_or_simulation(episode: Episode) -> Failure | None:
     text = episode.turns[turn].reasoning
     if not read_before_answer(episode):
         return _failure("It answered from theory, without a reading.", _Cue(turn, 0), episode) if text.strip() else None
-    cue = _first(_SET_ASIDE, text)
-    if cue is not None and _tried(episode) and not _AGREES.search(text):
-        return _failure("It set aside what it tried and answered from theory.", _Cue(turn, cue), episode)
-    if cue is not None and not _AGREES.search(text):
-        return None
+    if not _AGREES.search(text):
+        by_name, cue = _first(_BY_NAME, text), _first(_SET_ASIDE, text)
+        if by_name is not None and _first(_DOUBTED, text) is None:
+            return _failure("It answered from what the objects are called.", _Cue(turn, by_name), episode)
+        if cue is not None:
+            set_aside = "It set aside what it tried and answered from theory."
+            return _failure(set_aside, _Cue(turn, cue), episode) if _tried(episode) else None
     for number in range(turn, max(-1, turn - 3), -1):
         doubt = _first(_DOUBTED, episode.turns[number].reasoning)
         if doubt is not None:
