@@ -7,10 +7,10 @@ CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,phys
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test verify check bench pages lock wheel clean setup
+.PHONY: help demo test ray-test verify check bench pages lock wheel clean setup
 
 help: ## list the commands
-	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1|\2/' | column -t -s '|'
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1|\2/' | column -t -s '|'
 
 setup: $(STAMP) ## create .venv and install everything, locked by hash
 
@@ -32,6 +32,10 @@ test: $(STAMP) ## set up, then run the whole test suite
 	@$(BIN)/python -m pytest --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
+
+ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
+	@$(BIN)/python -m pip install --quiet --group ray
+	@$(BIN)/python -m pytest tests/ray_cluster
 
 verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (some minutes; see docs/decisions/0011)
 	@$(BIN)/physment-eval verify

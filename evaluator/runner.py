@@ -1,4 +1,4 @@
-"""Plays episodes a few at a time in this process; each is on disk before the next counts."""
+"""Plays episodes a few at a time, here or elsewhere; each is on disk before the next counts."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +10,7 @@ from evaluator.connect import Laboratory
 from evaluator.errors import PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Contender, play_key
+from evaluator.study.attempts import Contender, Play, play_key
 from evaluator.study.limits import Meter
 from scenes import PackFiles
 
@@ -31,6 +31,8 @@ class Runner:
     """Wall time of one attempt at an episode [s]."""
     on_start: Callable[[EpisodeKey], None] = field(default=lambda _key: None)
     on_end: Callable[[Episode], None] = field(default=lambda _episode: None)
+    play: Play = play_key
+    """Plays one episode; in this process if nothing else is said."""
 
     async def run(self, keys: Sequence[EpisodeKey]) -> str:
         """Play `keys`, at most `concurrency` at a time; each is on disk when `on_end` is told.
@@ -50,7 +52,7 @@ class Runner:
                     continue
                 self.on_start(key)
                 try:
-                    episode = await play_key(
+                    episode = await self.play(
                         self.contenders[key.agent], self.laboratory, key, self.versions(key.scene), self.timeout_s
                     )
                 except PermanentFailure as failure:
@@ -63,7 +65,7 @@ class Runner:
         async with anyio.create_task_group() as tasks:
             for _ in range(min(self.concurrency, len(keys))):
                 tasks.start_soon(worker)
-        return "; ".join([*given_up.values(), *([self.meter.reached()] if waiting else [])])
+        return "; ".join([*dict.fromkeys(given_up.values()), *([self.meter.reached()] if waiting else [])])
 
 
 def pack_hash(files: PackFiles) -> str:

@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,11 +24,12 @@ from evaluator.records import EpisodeKey, Versions
 from evaluator.runner import Runner, pack_hash
 from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Contender
+from evaluator.study.attempts import Contender, Play, play_key
 from evaluator.study.contenders import Team, agent_facts
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
 from evaluator.study.plan import Plan, missing
+from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.shards import WHOLE, Shard
 from evaluator.study.tally import Tally
 from scenes import PackFiles
@@ -78,8 +79,8 @@ def _run(args: argparse.Namespace) -> int:
         for line in estimate_lines(plan, study.keys(), shard, args.concurrency):
             print(line)
         return 0
-    if args.resume and args.out is None:
-        raise UsageError("--resume needs the folder of the run: --out DIR")
+    if args.executor == "ray":
+        require_ray()
     folder = _folder(args, contenders, shard)
     folder.create(resume=args.resume)
     keys, console = KeyRing(args.scenes_dir), Console(stderr=args.json)
@@ -110,6 +111,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _folder(args: argparse.Namespace, contenders: Mapping[str, Contender], shard: Shard) -> RunFolder:
+    if args.resume and args.out is None:
+        raise UsageError("--resume needs the folder of the run: --out DIR")
     if shard != WHOLE and args.out is None:
         raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
@@ -139,6 +142,7 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
         done = folder.episodes()
         meter.add_all(one.usage for one in done.values())
         todo = missing(study.keys(), done)
+        play = await stack.enter_async_context(_executor(study, hashes))
         with ProgressDisplay(console, len(todo), Tally(keys, meter)) as display:
             runner = Runner(
                 laboratory,
@@ -150,8 +154,24 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
                 args.episode_timeout,
                 display.started,
                 display.ended,
+                play,
             )
             return await runner.run(todo)
+
+
+@contextlib.asynccontextmanager
+async def _executor(study: _Study, packs: Mapping[int, str]) -> AsyncGenerator[Play]:
+    """What plays the episodes, as `--executor` says.
+
+    Args:
+        study: The run.
+        packs: Scene → hash of its pack.
+    """
+    if study.args.executor == "local":
+        yield play_key
+        return
+    async with ray_workers(study.team, study.contenders, packs, study.args.concurrency) as play:
+        yield play
 
 
 async def _said(laboratory: Laboratory, plan: Plan) -> dict[str, Any]:

@@ -94,6 +94,12 @@ def _course(group: "ArgumentGroup") -> None:
         help="episodes played at a time (default %(default)s)",
     )
     group.add_argument(
+        "--executor",
+        choices=("local", "ray"),
+        default="local",
+        help="local: in this process (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
+    )
+    group.add_argument(
         "--episode-timeout", type=seconds, default=7200.0, metavar="S", help="wall time of an attempt [s] (7200)"
     )
     group.add_argument("--max-cost", type=seconds, metavar="USD", help="start no more episodes once this is spent")

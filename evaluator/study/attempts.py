@@ -1,5 +1,6 @@
 """One episode, from the opening of its session to its record; played anew if the infrastructure fails."""
 
+from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 
 import anyio
@@ -18,6 +19,9 @@ _PAUSE_S = 0.5
 
 Contender = Agent | ExternalAgent
 """Who plays: an agent whose turns we see, or a program that drives itself."""
+
+Play = Callable[[Contender, Laboratory, EpisodeKey, Versions, float | None], Awaitable[Episode]]
+"""What plays an episode: `play_key` in this process, or something that has it called in another."""
 
 
 async def play_key(
@@ -49,7 +53,7 @@ async def play_key(
             raise
         except InfrastructureError as error:
             failure = str(error)
-    return _unplayed(key, failure, versions)
+    return unplayed(key, failure, versions)
 
 
 async def _play(contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions) -> Episode:
@@ -59,7 +63,14 @@ async def _play(contender: Contender, laboratory: Laboratory, key: EpisodeKey, v
         return await play_episode(contender, client, key, versions)
 
 
-def _unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
+def unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
+    """The record of an episode that only infrastructure errors ended.
+
+    Args:
+        key: Which episode.
+        failure: What went wrong last, as a sentence.
+        versions: Recorded with it.
+    """
     return Episode(
         key=key,
         outcome=Outcome.INFRASTRUCTURE_ERROR,

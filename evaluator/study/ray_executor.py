@@ -1,0 +1,277 @@
+"""`--executor ray`: episodes played by workers on a Ray cluster, for who has outgrown one machine.
+
+Knows Ray and nothing of run folders: the one process that was started hands episodes out, takes them back and writes.
+Ray itself is loaded when workers are started, never before.
+"""
+
+import contextlib
+import importlib
+import logging
+import math
+import os
+import platform
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import anyio
+
+from evaluator.connect import Laboratory, connect
+from evaluator.errors import PermanentFailure, UsageError
+from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.runner import pack_hash
+from evaluator.study.attempts import MAX_ATTEMPTS, Contender, Play, play_key, unplayed
+from evaluator.study.contenders import Team, agent_facts
+from scenes import find_pack
+
+EXTRA = "physment-mcp[ray]"
+ADDRESS_VARIABLE = "RAY_ADDRESS"
+"""Environment variable with the address of a cluster; without it Ray is started on this machine for the run."""
+_AGAIN_S = 0.5
+"""Pause before a worker that did not reply is asked again whether it is ready [s]."""
+_CLOSE_S = 5.0
+"""Wall time for workers to end the servers they started [s]."""
+PATIENCE_S = 600.0
+"""How long a worker that is not there is waited for [s]: Ray starts it anew as soon as a node has room."""
+
+
+def require_ray() -> None:
+    """Check that Ray is there, without loading it.
+
+    Raises:
+        UsageError: It is not.
+    """
+    if find_spec("ray") is None:
+        raise UsageError(f"--executor ray needs Ray, which is not installed: pip install '{EXTRA}'")
+
+
+@dataclass(slots=True)
+class EpisodeWorker:
+    """What runs on a node: plays the episodes it is asked for, several at a time, in a laboratory of its own."""
+
+    team: Team
+    folder: Path
+    """Where the run was started: what paths in options are relative to, on machines that share it."""
+    version: str
+    """Of this package, where the run was started."""
+    packs: Mapping[int, str]
+    """Scene → hash of the pack that the run is recorded with; empty where the packs are a host's."""
+    _contenders: Mapping[str, Contender] = field(default_factory=dict[str, Contender])
+    _laboratory: Laboratory | None = None
+    _open: contextlib.AsyncExitStack = field(default_factory=contextlib.AsyncExitStack)
+
+    async def prepare(self) -> UsageError | None:
+        """Get ready to play; what stands in the way, as a value, since Ray wraps what is raised."""
+        if self._laboratory is not None:
+            return None
+        try:
+            with contextlib.suppress(OSError):
+                os.chdir(self.folder)
+            if (here := metadata.version("physment-mcp")) != self.version:
+                return UsageError(f"a Ray worker on {platform.node()} has version {here}, not {self.version}")
+            for scene, known in self.packs.items():
+                if pack_hash(find_pack(scene, self.team.scenes_dir)) != known:
+                    return UsageError(f"a Ray worker on {platform.node()} has another pack of scene {scene}")
+            self._contenders = self.team.build()
+            for contender in self._contenders.values():
+                if isinstance(contender, contextlib.AbstractAsyncContextManager):
+                    await self._open.enter_async_context(contender)
+            self._laboratory = await self._open.enter_async_context(connect(self.team.server, self.team.scenes_dir))
+        except Exception as error:  # noqa: BLE001 - whatever a node lacks is told to the operator, by the node's name
+            return UsageError(f"a Ray worker on {platform.node()} cannot play: {error}")
+        return None
+
+    async def play(
+        self, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    ) -> Episode | PermanentFailure | UsageError:
+        """Play one episode; errors that end more than the episode come back as values."""
+        assert self._laboratory is not None
+        try:
+            return await play_key(self._contenders[key.agent], self._laboratory, key, versions, timeout_s)
+        except (PermanentFailure, UsageError) as error:
+            return error
+
+    async def close(self) -> None:
+        """End the servers that were started and close connections."""
+        await self._open.aclose()
+
+
+@dataclass(slots=True, eq=False)
+class _Seat:
+    """A worker as the run sees it. Its actor stays the same when Ray starts it anew on another node."""
+
+    actor: Any
+    places: int
+    """Episodes it plays at a time."""
+    there: bool = False
+    life: int = 0
+    """How often it was lost; a place of an earlier life is worth nothing."""
+
+
+class RayWorkers:
+    """Hands episodes out to workers; one that its worker took along when it was lost is played again.
+
+    An async context of a `Play`.
+    """
+
+    def __init__(self, ray: Any, seats: Sequence[_Seat], patience_s: float) -> None:
+        self._ray = ray
+        self._seats = list(seats)
+        self._patience_s = patience_s
+        self._tasks = anyio.create_task_group()
+        self._give, self._take = anyio.create_memory_object_stream[tuple[_Seat, int]](math.inf)
+
+    async def __aenter__(self) -> Play:
+        """Tell the workers to get ready; each plays as soon as it is."""
+        await self._tasks.__aenter__()
+        for seat in self._seats:
+            self._tasks.start_soon(self._wait_for, seat)
+        return self._play
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        """Wait no longer for workers that are not there, and have the others end their servers."""
+        self._tasks.cancel_scope.cancel()
+        with anyio.move_on_after(_CLOSE_S, shield=True):
+            async with anyio.create_task_group() as closing:
+                for seat in self._seats:
+                    if seat.there:
+                        closing.start_soon(self._close, seat)
+        self._give.close()
+        self._take.close()
+        return await self._tasks.__aexit__(kind, error, trace)
+
+    async def _play(
+        self,
+        contender: Contender,  # noqa: ARG002 - the worker has its own
+        laboratory: Laboratory,  # noqa: ARG002 - as above
+        key: EpisodeKey,
+        versions: Versions,
+        timeout_s: float | None,
+    ) -> Episode:
+        for lost in range(MAX_ATTEMPTS):
+            try:
+                seat, life = await self._take.receive()
+                while life != seat.life:
+                    seat, life = await self._take.receive()
+            except anyio.EndOfStream:
+                raise PermanentFailure(f"no Ray worker was there for {self._patience_s:g} s") from None
+            try:
+                played = await seat.actor.play.remote(key, versions, timeout_s)
+            except self._ray.exceptions.RayTaskError:
+                # A fault of our own code on the worker: playing again would only repeat it.
+                raise
+            except self._ray.exceptions.RayError:
+                self._lose(seat, life)
+                continue
+            if life == seat.life:
+                self._give.send_nowait((seat, life))
+            if isinstance(played, Exception):
+                raise played
+            return played.model_copy(update={"attempts": played.attempts + lost})
+        return unplayed(key, f"{MAX_ATTEMPTS} Ray workers were lost while they played it", versions)
+
+    def _lose(self, seat: _Seat, life: int) -> None:
+        """Take a worker for lost; all of its episodes tell so, and the first counts."""
+        if life == seat.life:
+            seat.life += 1
+            seat.there = False
+            self._tasks.start_soon(self._wait_for, seat)
+
+    async def _wait_for(self, seat: _Seat) -> None:
+        """Ask a worker until it is ready, and give its places out.
+
+        Raises:
+            UsageError: Something that only the operator can mend stands in its way.
+        """
+        with anyio.move_on_after(self._patience_s):
+            while not seat.there:
+                try:
+                    problem = await seat.actor.prepare.remote()
+                except self._ray.exceptions.RayActorError:
+                    await anyio.sleep(_AGAIN_S)
+                    continue
+                if problem is not None:
+                    raise problem
+                seat.there = True
+            for _ in range(seat.places):
+                self._give.send_nowait((seat, seat.life))
+            return
+        self._seats.remove(seat)
+        if not self._seats:
+            self._give.close()
+
+    async def _close(self, seat: _Seat) -> None:
+        with contextlib.suppress(self._ray.exceptions.RayError):
+            await seat.actor.close.remote()
+
+
+@contextlib.asynccontextmanager
+async def ray_workers(
+    team: Team,
+    contenders: Mapping[str, Contender],
+    packs: Mapping[int, str],
+    concurrency: int,
+    patience_s: float = PATIENCE_S,
+) -> AsyncGenerator[Play]:
+    """Workers on the cluster at `RAY_ADDRESS`, or on this machine: one for each processor, as long as they are needed.
+
+    Args:
+        team: Who plays; must be possible to build on every node.
+        contenders: The same, built here: they know the limits of the providers, which the workers share.
+        packs: Scene → hash of the pack that the run is recorded with.
+        concurrency: Episodes at a time, over all workers.
+        patience_s: How long a worker that is not there is waited for [s].
+
+    Raises:
+        UsageError: There is no Ray, no cluster at that address, or a worker lacks something.
+    """
+    ray = _connected()
+    seats: list[_Seat] = []
+    try:
+        lanes = _lanes(team, contenders)
+        count = max(1, min(int(ray.cluster_resources().get("CPU", 1)), concurrency, *lanes.values()))
+        shared = replace(team, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
+        known = packs if team.server in {"stdio", "host"} else dict[int, str]()
+        for number in range(count):
+            places = concurrency // count + (number < concurrency % count)
+            # Two calls more than episodes: getting ready, and closing. Ray repeats none by itself, we count them.
+            actor = ray.remote(EpisodeWorker).options(
+                num_cpus=1,
+                max_concurrency=places + 2,
+                max_restarts=-1,
+                max_task_retries=0,
+                scheduling_strategy="SPREAD",
+            )
+            seats.append(_Seat(actor.remote(shared, Path.cwd(), metadata.version("physment-mcp"), known), places))
+        async with RayWorkers(ray, seats, patience_s) as play:
+            yield play
+    finally:
+        for seat in seats:
+            ray.kill(seat.actor, no_restart=True)
+        ray.shutdown()
+
+
+def _connected() -> Any:
+    require_ray()
+    # Ray reports use to its makers unless told not to; what a lab evaluates is its own affair.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    ray: Any = importlib.import_module("ray")
+    address = os.environ.get(ADDRESS_VARIABLE)
+    where = {"address": address} if address else {"address": "local", "include_dashboard": False}
+    try:
+        ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise UsageError(f"--executor ray: no cluster at {ADDRESS_VARIABLE}={address}: {error}") from error
+    return ray
+
+
+def _lanes(team: Team, contenders: Mapping[str, Contender]) -> dict[str, int]:
+    """Provider → requests under way, for every provider that is asked."""
+    facts = [agent_facts(one) for one in contenders.values()]
+    return {**team.lanes, **{one["provider"]: one["concurrency"] for one in facts if "provider" in one}}

@@ -1,0 +1,124 @@
+"""Episodes played by Ray workers: on a cluster of several nodes on this machine, with nodes killed in mid-run.
+
+Ray is a large package that few need: where it is not installed these are skipped. `make ray-test` installs and runs.
+"""
+
+import importlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+
+from evaluator.__main__ import main
+
+HAS_RAY = importlib.util.find_spec("ray") is not None
+needs_ray = pytest.mark.skipif(not HAS_RAY, reason="Ray is not installed; `make ray-test` installs it")
+STORE_BYTES = 80 * 2**20
+"""Of a node's object store: about the least that Ray accepts."""
+WORDS = ("--agent", "random", "--scenes", "7,21", "--seeds", "0-9", "--executor", "ray", "--concurrency", "4")
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """A cluster whose head plays nothing; nodes are added by the test."""
+    head = {"num_cpus": 0, "object_store_memory": STORE_BYTES, "include_dashboard": False}
+    made = importlib.import_module("ray.cluster_utils").Cluster(initialize_head=True, head_node_args=head)
+    try:
+        yield made
+    finally:
+        made.shutdown()
+
+
+def add_node(cluster: Any) -> Any:
+    return cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES)
+
+
+@contextmanager
+def started(cluster: Any, folder: Path, *words: str, **environ: str) -> Generator[subprocess.Popen[str]]:
+    """The command, on that cluster; ended for certain."""
+    command = [sys.executable, "-m", "evaluator", *WORDS, "--out", "run", *words]
+    environ = os.environ | {"RAY_ADDRESS": cluster.address} | environ
+    with subprocess.Popen(
+        command, cwd=folder, env=environ, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        watchdog = threading.Timer(120, process.kill)
+        watchdog.start()
+        try:
+            yield process
+        finally:
+            watchdog.cancel()
+            process.kill()
+
+
+def read_until(stream: IO[str] | None, count: int) -> None:
+    """Read what the command prints until so many episodes have ended."""
+    assert stream is not None
+    assert any(line.startswith(f"[{count}/") for line in stream), "the command ended before"
+
+
+def episodes(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "run" / "episodes.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+@needs_ray
+def test_nodes_that_die_cost_no_episode_and_double_none(cluster: Any, tmp_path: Path) -> None:
+    first, second = add_node(cluster), add_node(cluster)
+    with started(cluster, tmp_path) as process:
+        read_until(process.stdout, 3)
+        cluster.remove_node(first, allow_graceful=False)
+        read_until(process.stdout, 6)
+        # The last place where workers run: from here on all depends on those that Ray starts anew.
+        add_node(cluster)
+        cluster.remove_node(second, allow_graceful=False)
+        said, _ = process.communicate()
+        assert process.returncode == 0, said
+    played = episodes(tmp_path)
+    keys = [(one["key"]["scene"], one["key"]["seed"]) for one in played]
+    assert sorted(keys) == sorted((scene, seed) for scene in (7, 21) for seed in range(10))
+    assert {one["outcome"] for one in played} <= {"answered", "budget_exhausted"}
+    assert max(one["attempts"] for one in played) > 1, "no node that was killed had an episode under way"
+
+
+@needs_ray
+def test_an_interrupted_run_on_ray_goes_on_without_it(cluster: Any, tmp_path: Path) -> None:
+    add_node(cluster)
+    with started(cluster, tmp_path) as process:
+        read_until(process.stdout, 2)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate()
+        assert process.returncode == 130, said
+    assert "go on with: --out run --resume" in said
+    kept = len(episodes(tmp_path))
+    assert 2 <= kept < 20
+    words = [*WORDS, "--executor", "local", "--server", "host", "--out", str(tmp_path / "run"), "--resume"]
+    assert main(words) == 0
+    keys = [(one["key"]["scene"], one["key"]["seed"]) for one in episodes(tmp_path)]
+    assert len(keys) == len(set(keys)) == 20
+
+
+@needs_ray
+def test_what_a_node_lacks_is_told_in_one_sentence(cluster: Any, tmp_path: Path) -> None:
+    add_node(cluster)
+    # The key is in the environment of whoever starts the run, and not in that of the nodes.
+    with started(cluster, tmp_path, "--agent", "model:gpt-5.5", OPENAI_API_KEY="sk-loopback") as process:
+        said, _ = process.communicate()
+    assert process.returncode == 2, said
+    assert "cannot play: model:gpt-5.5: OPENAI_API_KEY is not set" in said
+    assert "Traceback" not in said
+    assert "sk-loopback" not in said
+
+
+@pytest.mark.skipif(HAS_RAY, reason="Ray is installed")
+def test_without_ray_one_sentence_says_how_to_get_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--executor", "ray", "--scenes", "7", "--out", str(tmp_path / "run")]) == 2
+    assert "pip install 'physment-mcp[ray]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
