@@ -1,0 +1,142 @@
+"""`physment-eval compare`: two runs on their common episodes."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from evaluator import scoring
+from evaluator.answer_key import KeyRing
+from evaluator.commands.base import Commands, wide_console
+from evaluator.comparison import CONDITIONS, Comparison, Side, compare, points
+from evaluator.errors import UsageError
+from evaluator.selection import parse_numbers
+from evaluator.statistics.paired import PairedDifference
+from evaluator.store import RunFolder
+
+_DESCRIPTION = """\
+Say which of two runs is better on the episodes they have in common, by how much, and with what certainty.
+
+  physment-eval compare runs/one runs/other
+  physment-eval compare runs/study runs/study --a agent=model:x --b agent=model:y
+  physment-eval compare runs/study runs/study --a budget=5 --b budget=20
+
+Episodes are paired by scene, seed, epoch, and each of agent, budget, prompting, protocol of which a run has several.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `compare`."""
+    command = commands.add_parser(
+        "compare",
+        help="say which of two runs is better, and with what certainty",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_compare)
+    command.add_argument("first", type=Path, metavar="DIR", help="run folder A")
+    command.add_argument("second", type=Path, metavar="DIR", help="run folder B")
+    for side in ("a", "b"):
+        command.add_argument(
+            f"--{side}",
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help=f"take only such episodes of {side.upper()}: {', '.join(CONDITIONS)} (may be repeated)",
+        )
+    command.add_argument("--without", metavar="N,…", help="scenes to leave out, such as 7 or 7,20-30")
+    command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the runs")
+    command.add_argument("--json", action="store_true", help="print everything as JSON instead of a table")
+
+
+def _compare(args: argparse.Namespace) -> int:
+    keys = KeyRing(args.scenes_dir)
+    without = parse_numbers(args.without, "--without", 0) if args.without else ()
+    a = _side(args.first, _chosen(args.a, "--a"), without, keys)
+    b = _side(args.second, _chosen(args.b, "--b"), without, keys)
+    found = compare(a, b)
+    if args.json:
+        print(found.model_dump_json())
+    else:
+        _print(found, args.first, args.second)
+    return 0
+
+
+def _chosen(words: Sequence[str], option: str) -> dict[str, str]:
+    """What `NAME=VALUE` words say.
+
+    Raises:
+        UsageError: A word has another form, or the name is none of a condition.
+    """
+    pairs = [word.partition("=") for word in words]
+    for name, equals, value in pairs:
+        if name not in CONDITIONS or not equals or not value:
+            raise UsageError(f"{option} {name}{equals}{value}: write NAME=VALUE, NAME one of {', '.join(CONDITIONS)}")
+    return {name: value for name, _, value in pairs}
+
+
+def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: KeyRing) -> Side:
+    """One run, or what is chosen of it.
+
+    Raises:
+        UsageError: It is not graded whole, or a pack is missing.
+        StoreError: The folder cannot be read.
+    """
+    folder = RunFolder(path)
+    folder.read_run()
+    episodes, grades = folder.episodes(), folder.grades()
+    if set(grades) != set(episodes):
+        raise UsageError(f"{path}: not every episode is graded; run `physment-eval grade {path}` first")
+    wanted = [
+        one
+        for key, one in episodes.items()
+        if key.scene not in without and all(str(getattr(key, name)) == value for name, value in chosen.items())
+    ]
+    return Side(str(path), scoring.scored(wanted, grades.values(), keys), grades)
+
+
+def _print(found: Comparison, first: Path, second: Path) -> None:
+    console = wide_console()
+    console.print(escape(found.sentence), highlight=False)
+    console.print(escape(f"\nA = {found.a} [{first}]\nB = {found.b} [{second}]"), highlight=False)
+    table = Table("", "scenes", "A right", "B right", "only A", "only B", "B − A", "95 % interval", "p", box=None)
+    table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.justify = "right"
+    table.add_row("strict", *_cells(found.strict, found.strict.p_value))
+    table.add_row("normalised", *_cells(found.normalised, found.normalised.p_value))
+    before = ""
+    for one in found.groups:
+        if one.grouping != before:
+            table.add_row(f"[bold]{escape(one.grouping)}[/]")
+            before = one.grouping
+        table.add_row(f"  {escape(one.group)}", *_cells(one.difference, one.p_adjusted))
+    console.print(table)
+    left = [
+        f"{count} {what}"
+        for count, what in (
+            (found.only_a, "episodes of A without a counterpart"),
+            (found.only_b, "episodes of B without a counterpart"),
+            (found.unscored, "pairs that an infrastructure error ended"),
+        )
+        if count
+    ]
+    notes = ["differences in points of strict accuracy; p of groups adjusted within their grouping (Holm)"]
+    notes += [f"left out: {', '.join(left)}"] if left else []
+    for note in notes:
+        console.print(note, highlight=False)
+
+
+def _cells(one: PairedDifference, p_value: float) -> tuple[str, ...]:
+    interval = "–" if one.interval is None else f"{points(one.interval.low)} to {points(one.interval.high)}"
+    return (
+        str(one.n_scenes),
+        *(f"{right}/{one.n} {100 * right / one.n:5.1f} %" for right in (one.first_correct, one.second_correct)),
+        str(one.only_first),
+        str(one.only_second),
+        points(one.difference),
+        interval,
+        f"{p_value:.3f}" if p_value >= 0.0005 else "< 0.001",
+    )
