@@ -6,12 +6,13 @@ from pydantic import JsonValue
 
 from evaluator.answer_forms import Item, as_item, plain_number, strict_items
 from evaluator.failures.course import (
-    DEEDS,
     MOTION_READINGS,
+    PUSHES,
     Place,
     exchanges,
     has_answered,
     read_before_answer,
+    shows_motion,
     step_duration,
     succeeded,
 )
@@ -52,22 +53,30 @@ def premature_answer(episode: Episode) -> Failure | None:
 
 
 def too_little_time(episode: Episode) -> Failure | None:
-    """Answered after acting on objects or reading motion, with next to no simulated time; or with less than a period.
+    """Judged motion before there was any, or a period before it was over.
 
-    The first needs less than `LEAST_TIME_S` in all. The second needs a period in the reasoning of the answer that is
+    The first: less than `LEAST_TIME_S` was simulated in all, and either everything read of motion was 0, or something
+    was pushed or given a speed and nothing read of it. The second: the reasoning of the answer tells a period that is
     longer than all simulated time.
     """
     if not has_answered(episode):
         return None
     simulated = sum(step_duration(one) or 0.0 for one in exchanges(episode))
-    about_motion = [one for one in exchanges(episode) if succeeded(one) and one.tool in DEEDS | MOTION_READINGS]
-    if simulated < LEAST_TIME_S and about_motion:
+    about_motion = [
+        one
+        for one in exchanges(episode)
+        # What stands beside the answer was not read before it.
+        if one.turn < answering_turn(episode) and succeeded(one) and one.tool in PUSHES | MOTION_READINGS
+    ]
+    if simulated < LEAST_TIME_S and about_motion and not any(map(shows_motion, about_motion)):
         return _rash(simulated, about_motion[-1])
     return _less_than_a_period(episode, simulated) if simulated > 0 else None
 
 
 def _rash(simulated: float, last: Place) -> Failure:
-    how_long = f"after {simulated:.3g} s of simulated time" if simulated else "though no time had passed"
+    how_long = (
+        f"after {simulated:.3g} s of simulated time, in which nothing moved" if simulated else "before time passed"
+    )
     return Failure(
         mode=FailureMode.TOO_LITTLE_TIME,
         explanation=f"It judged motion {how_long}.",

@@ -16,6 +16,9 @@ DEEDS = frozenset(
 )
 """Tools that change the laboratory; what they return is what was asked for, not a reading."""
 
+PUSHES = frozenset({"apply_force", "apply_torque", "set_velocity"})
+"""The deeds that set something in motion, once time passes."""
+
 MOTION_READINGS = frozenset(
     {
         *("get_velocity", "get_acceleration", "get_displacement", "get_momentum", "get_angular_momentum"),
@@ -24,6 +27,8 @@ MOTION_READINGS = frozenset(
 )
 """Tools that tell of motion or contact, which say little before time passes."""
 
+_STILL = 1e-9
+"""Size of a reading that is 0 but for rounding."""
 _NO_READINGS = DEEDS | {ANSWER, STEP, "quat_to_rot_matrix"}
 _ID_ARGUMENTS = ("object_id", "obj1_id", "obj2_id", "object1_id", "object2_id")
 
@@ -62,6 +67,24 @@ def succeeded(place: Place) -> bool:
 def is_reading(place: Place) -> bool:
     """Tell whether a call told something of the laboratory that was not asked into it."""
     return succeeded(place) and place.tool not in _NO_READINGS
+
+
+def shows_motion(place: Place) -> bool:
+    """Tell whether a reading of motion is of something that moves or touches: not all of it is 0."""
+    content = place.exchange.content or {}
+    told = {name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}}
+    return place.tool in MOTION_READINGS and any(abs(value) > _STILL for value in _numbers(told))
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """All numbers inside JSON; true counts as 1."""
+    if isinstance(value, dict):
+        value = list(value.values())  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
+    if isinstance(value, list):
+        for one in value:  # pyright: ignore[reportUnknownVariableType] - JSON
+            yield from _numbers(one)
+    elif isinstance(value, int | float):
+        yield float(value)
 
 
 def has_answered(episode: Episode) -> bool:

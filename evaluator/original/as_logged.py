@@ -25,8 +25,9 @@ def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episod
     """The episode that a log tells of.
 
     A call is matched with the next line of the following prompt that names its tool. What has no such line was not run,
-    as are the calls of the last turn and those of a reply that the authors' program could not read. The simulated
-    time, told once after each batch, stands in the return of its last call that succeeded.
+    as are those of a reply that the authors' program could not read. Calls before the answer in the last batch ran, but
+    what they returned was told to nobody. The simulated time, told once after each batch, stands in the return of its
+    last call that succeeded.
 
     Args:
         log: The log; it holds a reply at least.
@@ -66,7 +67,7 @@ def _turn(text: str, told: str, *, is_last: bool) -> Turn:
         elif lines and lines[0][0] == call.tool:
             exchanges.append(_exchange(call, lines.pop(0)[2]))
         else:
-            exchanges.append(Exchange(call=call, returned=False))
+            exchanges.append(Exchange(call=call, returned=is_last and any(one.tool == ANSWER for one in reply.calls)))
     time = _TIME.search(told)
     note = reply.malformed or ("" if exchanges else "no call")
     return Turn(reasoning=reply.reasoning, exchanges=_timed(exchanges, time and time[1]), note=note)

@@ -66,6 +66,7 @@ LOOK = call("get_position", {"position": [1.0, 0.0, 0.0]}, object_id="object_1")
 WAIT = call("step", {"sim_time": 1.0}, duration=1.0)
 PUSH = call("apply_force", object_id="object_1", force_vector=[1.0, 0.0, 0.0])
 SPEED = call("get_velocity", {"velocity": [5.0, 0.0, 0.0]}, object_id="object_1")
+REST = call("get_velocity", {"velocity": [0.0, 0.0, 0.0], "sim_time": 0.05}, object_id="object_1")
 SOUND = (turn(PUSH, WAIT), turn(SPEED, said="I read the speed."))
 
 
@@ -113,10 +114,12 @@ def test_the_last_iteration_is_not_too_early() -> None:
 @pytest.mark.parametrize(
     ("turns", "simulated"),
     [
-        ((turn(SPEED),), 0.0),
+        ((turn(REST),), 0.0),
         ((turn(PUSH), turn(LOOK)), 0.0),
-        ((turn(PUSH, call("step", duration=0.05), SPEED),), 0.05),
-        ((turn(PUSH, refused("step", "step: duration must be positive", duration=9.0), SPEED),), 0.0),
+        ((turn(PUSH, call("step", duration=0.05), REST),), 0.05),
+        ((turn(PUSH, refused("step", "step: duration must be positive", duration=9.0), REST),), 0.0),
+        ((turn(call("detect_collision", {"collision_detected": False, "sim_time": 0.0})),), 0.0),
+        ((turn(call("get_momentum", {"momentum": {"x": 0.0, "y": 1e-17, "z": 0.0}})),), 0.0),
     ],
 )
 def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float) -> None:
@@ -131,8 +134,13 @@ def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float
     "turns",
     [
         (turn(LOOK),),
-        (turn(PUSH, call("step", duration=0.1), SPEED),),
-        (turn(PUSH, call("step", duration=0.06), call("step", duration=0.06), SPEED),),
+        # What moves after a moment may well be judged at that moment.
+        (turn(SPEED),),
+        (turn(PUSH, call("step", duration=0.01), SPEED, REST),),
+        (turn(call("detect_collision", {"collision_detected": True})),),
+        (turn(PUSH, call("step", duration=0.1), REST),),
+        (turn(PUSH, call("step", duration=0.06), call("step", duration=0.06), REST),),
+        (turn(call("create_objects", name="probe"), call("attach_objects")),),
     ],
 )
 def test_statics_and_enough_time_are_not_rash(turns: tuple[Turn, ...]) -> None:
@@ -157,7 +165,7 @@ def test_a_period_longer_than_was_watched_is_rash(said: str, *, rash: bool) -> N
 
 
 def test_an_episode_without_an_answer_judged_nothing() -> None:
-    assert found(unanswered(turn(SPEED))) == {}
+    assert found(unanswered(turn(REST))) == {}
     assert found(unanswered()) == {}
 
 
