@@ -1,6 +1,7 @@
 """Everything that can go wrong in the laboratory, and who reads it.
 
 PhysMentError
+├─ UsageError            the command line asks for what cannot be           → the operator, before serving
 ├─ SceneError            the scene cannot be loaded                         → the operator, before serving
 └─ RefusedCall           the agent can do better: its message is all it sees → the agent, as an error result
    ├─ UnknownObject      no such object, as far as the agent may know
@@ -21,6 +22,10 @@ from collections.abc import Iterable
 
 class PhysMentError(Exception):
     """Root of the errors this package raises on purpose."""
+
+
+class UsageError(PhysMentError):
+    """A command asks for what cannot be; one sentence for the operator."""
 
 
 class SceneError(PhysMentError):

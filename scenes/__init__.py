@@ -5,6 +5,7 @@ Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and 
 
 from scenes.draw import KnobValue, draw_knobs, drawn_mjcf, write_values
 from scenes.errors import PackError
+from scenes.export import export_packs
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
 from scenes.pack import (
     CANARY,
@@ -18,7 +19,7 @@ from scenes.pack import (
     Scalar,
     SceneObject,
 )
-from scenes.public import PublicPack, export_pack, read_hosted, read_public
+from scenes.public import PublicPack, read_hosted, read_public
 
 __all__ = [
     "CANARY",
@@ -38,7 +39,7 @@ __all__ = [
     "default_folder",
     "draw_knobs",
     "drawn_mjcf",
-    "export_pack",
+    "export_packs",
     "find_pack",
     "list_packs",
     "read_hosted",

@@ -1,13 +1,10 @@
 """The public half of a pack: what a laboratory needs to host a scene, and nothing that tells its answer.
 
-An exported pack is this half and the model drawn for some seeds, as a host on another machine needs them:
-`Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
+An exported pack (`scenes.export`) is this half and the model drawn for some seeds, as a host on another machine needs
+them: `Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
 """
 
-import json
 import re
-import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
 
@@ -105,7 +102,7 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
         PackError: A file is missing, malformed or outside the folder of packs, or the seed was not exported.
     """
     if exported_json(files).is_file():
-        public, path = read_public(files), _exported_mjcf(files, seed)
+        public, path = read_public(files), exported_mjcf(files, seed)
         files.check_inside(path)
         if not path.is_file():
             known = _ranges(_seeds(files))
@@ -121,33 +118,13 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
     return public, mjcf
 
 
-def export_pack(files: PackFiles, seeds: Iterable[int], folder: Path) -> None:
-    """Write a pack without its private half.
-
-    Args:
-        files: The whole pack.
-        seeds: For which variants to write the model.
-        folder: Folder of exported packs; `Scene{N}` is made in it.
-
-    Raises:
-        PackError: The pack is malformed.
-    """
-    pack = read_pack(files)
-    target = PackFiles(files.scene_id, folder / f"Scene{files.scene_id}")
-    target.folder.mkdir(parents=True)
-    written = PublicPack.of(files.scene_id, pack).model_dump(mode="json", exclude_defaults=True)
-    exported_json(target).write_text(json.dumps(written, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    for seed in seeds:
-        drawn = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
-        _exported_mjcf(target, seed).write_text(_without_comments(files, drawn), encoding="utf-8")
-
-
 def exported_json(files: PackFiles) -> Path:
     """The file that makes a pack an exported one."""
     return files.folder / f"scene{files.scene_id}.public.json"
 
 
-def _exported_mjcf(files: PackFiles, seed: int) -> Path:
+def exported_mjcf(files: PackFiles, seed: int) -> Path:
+    """The file with the model of an exported pack for one seed."""
     return files.folder / f"scene{files.scene_id}.seed{seed}.xml"
 
 
@@ -165,11 +142,3 @@ def _ranges(numbers: list[int]) -> str:
         else:
             runs.append([number])
     return ", ".join("-".join(map(str, run)) for run in runs) or "none"
-
-
-def _without_comments(files: PackFiles, mjcf: str) -> str:
-    # The author's comments explain the physics; the parser drops them.
-    try:
-        return ET.tostring(ET.fromstring(mjcf), encoding="unicode") + "\n"  # noqa: S314 - our own packs
-    except ET.ParseError as error:
-        raise PackError(files.mjcf, f"not XML: {error}") from error

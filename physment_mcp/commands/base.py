@@ -1,0 +1,71 @@
+"""What commands share: how they are declared, options they have in common, and numbers on the command line."""
+
+import argparse
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+_MOST = 10_000
+"""Longest range of numbers; longer ones are a slip of the finger."""
+
+
+class Commands(Protocol):
+    """Where a command is declared: what `add_subparsers` returns, a type argparse keeps to itself."""
+
+    def add_parser(self, name: str, **kwargs: Any) -> argparse.ArgumentParser:
+        """Declare a command."""
+        ...
+
+
+def common_options(*, again: bool = False) -> argparse.ArgumentParser:
+    """Options that stand before and after the name of a command.
+
+    Args:
+        again: For a command, where an option that is not given must not undo what was given before the name.
+    """
+    common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS if again else None)
+    common.add_argument(
+        "--scenes-dir",
+        type=Path,
+        metavar="DIR",
+        help="folder of scene packs (Scene7/scene7.json, …); default: the suite",
+    )
+    common.add_argument(
+        "--log-level",
+        choices=["debug", "info", "warning", "error"],
+        default=argparse.SUPPRESS if again else "warning",
+        help="to stderr",
+    )
+    return common
+
+
+def numbers(text: str) -> list[int]:
+    """The whole numbers of a list such as `7,21-30`."""
+    found: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        last = last if dash else first
+        if not (first.isdecimal() and last.isdecimal() and len(last) < 10 and 0 <= int(last) - int(first) < _MOST):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a list of whole numbers, such as 7,21-30")
+        found |= set(range(int(first), int(last) + 1))
+    return sorted(found)
+
+
+def port(text: str) -> int:
+    """A TCP port; 0 lets the system choose."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
+    return int(text)
+
+
+def positive(kind: type[int] | type[float]) -> "partial[int | float]":
+    """What reads a finite number above 0."""
+
+    def parse(kind: type[int] | type[float], text: str) -> int | float:
+        value = kind(text)
+        if not (value > 0 and math.isfinite(value)):
+            raise argparse.ArgumentTypeError(f"{text} is not above 0")
+        return value
+
+    return partial(parse, kind)

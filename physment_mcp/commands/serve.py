@@ -1,0 +1,79 @@
+"""`physment-mcp serve`: many episodes over HTTP, and who may reach them."""
+
+import argparse
+import os
+import socket
+
+from physment_mcp.commands.base import Commands, common_options, port, positive
+from physment_mcp.errors import UsageError
+
+
+def add(commands: Commands) -> None:
+    """Declare `serve`."""
+    serve = commands.add_parser(
+        "serve",
+        parents=[common_options(again=True)],
+        help="host many episodes over HTTP",
+        description='Host many episodes over HTTP. POST /episodes {"scene": 7, "seed": 0} opens one and returns its'
+        " mcp_url; DELETE /episodes/ID closes it; GET /healthz tells how many are open.",
+    )
+    serve.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
+    )
+    serve.add_argument(
+        "--port", type=port, default=8000, help="port (default 8000; 0: any free one, printed at the start)"
+    )
+    serve.add_argument(
+        "--max-episodes", type=positive(int), default=1000, metavar="N", help="most open episodes (1000)"
+    )
+    serve.add_argument(
+        "--idle-timeout",
+        type=positive(float),
+        default=1800.0,
+        metavar="S",
+        help="close an episode unused for S s (1800)",
+    )
+    serve.add_argument(
+        "--token-env",
+        metavar="NAME",
+        help="environment variable with a token; only requests that bear it open episodes (default: all do)",
+    )
+    serve.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="name that the host answers to besides its addresses, as behind a proxy; may be given again",
+    )
+    serve.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until interrupted.
+
+    Raises:
+        UsageError: The address or the token will not do.
+        SceneError: There are no scenes.
+    """
+    # --help need not wait for the engine.
+    from physment_mcp.gate import is_loopback  # noqa: PLC0415
+    from physment_mcp.host import Host, serve  # noqa: PLC0415
+    from physment_mcp.scene import scene_ids  # noqa: PLC0415
+
+    exposed = not is_loopback(args.host)
+    if exposed and args.token_env is None:
+        raise UsageError(
+            f"--host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1) is served"
+            " without a token: put a secret into an environment variable and name it with --token-env"
+        )
+    token = None if args.token_env is None else os.environ.get(args.token_env, "").strip()
+    if token == "":
+        raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
+    scene_ids(args.scenes_dir)
+    names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
+    host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token, exposed, names)
+    try:
+        serve(host, args.host, args.port)
+    except OSError as error:
+        raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
+    return 0
