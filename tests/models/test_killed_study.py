@@ -1,0 +1,109 @@
+"""A study of a model, killed twice while its requests are under way, ends as if it never had been."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from evaluator.store import RunFolder
+from evaluator.study.plan import Plan
+
+SCENES, BUDGETS = (7, 12, 21, 45, 60, 99), (2, 5)
+EPISODES = len(SCENES) * len(BUDGETS)
+WORDS = ("--server", "host", "--scenes", ",".join(map(str, SCENES)), "--budgets", "2,5", "--concurrency", "3", "--json")
+
+
+class Physicist:
+    """A model without memory: lets time pass, looks, then answers with the speed it read. Calls out at one request."""
+
+    def __init__(self, said: Callable[..., Any]) -> None:
+        self._said = said
+        self._asked = 0
+        self._call_at = 0
+        self.called = threading.Event()
+
+    def call_out(self, after: int) -> None:
+        """Set `called` when so many requests more have come in."""
+        self.called.clear()
+        self._call_at = self._asked + after
+
+    def __call__(self, seen: Any) -> Any:
+        self._asked += 1
+        if self._asked == self._call_at:
+            self.called.set()
+        velocities = [json.loads(one)["velocity"] for one in seen.returns if '"velocity"' in one]
+        if velocities:
+            return self._said("That is its speed.", [("answer", {"answer": abs(velocities[0][2])})])
+        if seen.returns:
+            return self._said("I look.", [("get_velocity", {"object_id": "object_1"})])
+        look = [("get_velocity", {"object_id": "object_1"})] if "2 iterations" in seen.last else []
+        return self._said("I wait.", [("step", {"duration": 0.8}), *look])
+
+
+def start(service: Any, folder: Path, *words: str) -> subprocess.Popen[str]:
+    agent = f"model:{service.dialect.name}:{service.dialect.model}"
+    command = [sys.executable, "-m", "evaluator", "--agent", agent, *WORDS, *words]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        env=os.environ | service.environ,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> Any:
+    """Wait for the end of a run, and return its summary."""
+    with process:
+        out, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    return json.loads(out)
+
+
+def verdicts(folder: RunFolder) -> dict[Any, tuple[Any, ...]]:
+    return {key: (one.grade, one.answer_key) for key, one in folder.grades().items()}
+
+
+def recorded(folder: Path) -> list[Any]:
+    """The keys of whole lines, as they are on disk."""
+    file = folder / "episodes.jsonl"
+    lines: Sequence[bytes] = file.read_bytes().split(b"\n")[:-1] if file.exists() else []
+    return [json.dumps(json.loads(line)["key"]) for line in lines]
+
+
+def test_a_study_killed_while_a_model_is_asked_is_completed_as_if_it_never_was(
+    openai: Any, said: Callable[..., Any], tmp_path: Path
+) -> None:
+    service, model, random, kept = openai, Physicist(said), Random(4), 0
+    service.latency_s = 0.02
+    for _ in range(500):
+        service.compute(model)
+    for _ in range(2):
+        model.call_out(after=random.randint(1, 12))
+        with start(service, tmp_path, "--out", "run", "--resume") as process:
+            # At a request, so that it falls into the midst of an episode.
+            called = model.called.wait(timeout=60)
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate(timeout=60)
+        assert called
+        assert process.returncode == -signal.SIGKILL
+        assert kept <= len(recorded(tmp_path / "run")) < EPISODES
+        kept = len(recorded(tmp_path / "run"))
+    resumed = finish(start(service, tmp_path, "--out", "run", "--resume"))
+    keys = recorded(tmp_path / "run")
+    agent = f"model:{service.dialect.name}:{service.dialect.model}"
+    matrix = Plan(scenes=SCENES, agents=(agent,), budgets=BUDGETS).matrix()
+    assert sorted(keys) == sorted(json.dumps(json.loads(key.model_dump_json())) for key in matrix)
+    whole = finish(start(service, tmp_path, "--out", "whole"))
+    assert resumed == whole
+    assert 0 < whole["overall"]["n_correct"] < EPISODES
+    assert verdicts(RunFolder(tmp_path / "run")) == verdicts(RunFolder(tmp_path / "whole"))
