@@ -231,24 +231,19 @@ def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | No
     """Who is better on what, by how much, and with what certainty."""
     episodes = f"{found.n} common episode{'s' if found.n != 1 else ''}"
     scenes = f"{found.n_scenes} scene{'s' if found.n_scenes != 1 else ''}"
-    one, two = (f"{100 * right / found.n:.1f} %" for right in (found.first_correct, found.second_correct))
-    sign = 1 if better != "a" else -1
+    # Told from the side that is ahead, so that the difference reads as a gain.
+    ahead = 0 if found.difference < 0 else 1
+    sign = 1 if ahead else -1
+    shares = [f"{100 * right / found.n:.1f} %" for right in (found.first_correct, found.second_correct)]
     gap = f"{points(sign * found.difference)} points"
     if found.interval is not None:
-        ends = sorted((sign * found.interval.low, sign * found.interval.high))
-        gap += f" (95 % interval {points(ends[0])} to {points(ends[1])})"
+        low, high = sorted((sign * found.interval.low, sign * found.interval.high))
+        gap += f" (95 % interval {points(low)} to {points(high)})"
     chance = f"p = {found.p_value:.2g}" if found.p_value >= 1e-4 else "p < 0.0001"
-    because = f"{chance}, {_TESTS[found.test]}"
+    tail = f"{shares[ahead]} against {shares[1 - ahead]} right, {gap}; {chance}, {_TESTS[found.test]}."
     if better is None:
-        return (
-            f"{labels[0]} and {labels[1]} cannot be told apart on {episodes} of {scenes}: {one} against {two} right,"
-            f" {gap} for {labels[1]}; chance alone makes a difference as large often enough ({because})."
-        )
-    (winner, loser), (high, low) = (labels, (one, two)) if better == "a" else (labels[::-1], (two, one))
-    return (
-        f"{winner} is better than {loser} on {episodes} of {scenes}: {high} against {low} right, {gap};"
-        f" chance alone would rarely make a difference as large ({because})."
-    )
+        return f"{labels[ahead]} and {labels[1 - ahead]} cannot be told apart on {episodes} of {scenes}: {tail}"
+    return f"{labels[ahead]} is better than {labels[1 - ahead]} on {episodes} of {scenes}: {tail}"
 
 
 def points(value: float) -> str:

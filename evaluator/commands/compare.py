@@ -99,8 +99,8 @@ def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: K
 
 def _print(found: Comparison, first: Path, second: Path) -> None:
     console = wide_console()
-    console.print(escape(found.sentence), highlight=False)
-    console.print(escape(f"\nA = {found.a} [{first}]\nB = {found.b} [{second}]"), highlight=False)
+    console.print(escape(found.sentence), highlight=False, soft_wrap=True)
+    console.print(escape(f"\nA = {found.a} [{first}]\nB = {found.b} [{second}]"), highlight=False, soft_wrap=True)
     table = Table("", "scenes", "A right", "B right", "only A", "only B", "B − A", "95 % interval", "p", box=None)
     table.columns[0].no_wrap = True
     for column in table.columns[1:]:
@@ -126,7 +126,7 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
     notes = ["differences in points of strict accuracy; p of groups adjusted within their grouping (Holm)"]
     notes += [f"left out: {', '.join(left)}"] if left else []
     for note in notes:
-        console.print(note, highlight=False)
+        console.print(note, highlight=False, soft_wrap=True)
 
 
 def _cells(one: PairedDifference, p_value: float) -> tuple[str, ...]:
