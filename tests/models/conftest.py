@@ -288,9 +288,12 @@ class Service:
     steps: list[Step] = field(default_factory=list)
     seen: list[Seen] = field(default_factory=list)
     latency_s: float = 0.0
+    crowd: int = 0
+    """Nothing is answered before so many requests have been under way at once."""
     closed: bool = False
     under_way: int = 0
     most_under_way: int = 0
+    _crowded: anyio.Event = field(default_factory=anyio.Event)
 
     @property
     def environ(self) -> dict[str, str]:
@@ -373,6 +376,9 @@ class Service:
         if isinstance(step, Bare):
             await step.serve(*connection)
             return
+        if self.most_under_way >= self.crowd:
+            self._crowded.set()
+        await self._crowded.wait()
         await anyio.sleep(self.latency_s)
         reply = self.dialect.reply(step.make(seen) if isinstance(step, Computed) else step)
         if isinstance(self.dialect, Anthropic) and seen.body.get("stream"):
