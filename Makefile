@@ -4,10 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/episode.py,evaluator/grading.py,evaluator/answer_strict.py,evaluator/answer_forgiven.py,evaluator/metrics.py,evaluator/dimensions.py,evaluator/records.py
+MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test ray-test verify check bench pages lock wheel clean setup
+.PHONY: help demo test ray-test verify check bench pages lock mcpb wheel clean setup
 
 help: ## list the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1|\2/' | column -t -s '|'
@@ -50,6 +51,12 @@ bench: $(STAMP) ## speed, as ratios measured in one run
 
 pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws them)
 	@$(BIN)/physment-eval scenes pages --out docs
+
+mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; its own tool checks it where npx is installed
+	@$(BIN)/physment-mcp bundle dist/physment.mcpb
+	@if command -v npx >/dev/null; then \
+	  rm -rf build/mcpb && mkdir -p build && $(MCPB) unpack dist/physment.mcpb build/mcpb && $(MCPB) validate build/mcpb; \
+	else echo "npx is not installed: the bundle was not checked by its own tool"; fi
 
 wheel: $(STAMP) ## build the wheel into dist/
 	@$(BIN)/python -m build --wheel --no-isolation

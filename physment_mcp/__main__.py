@@ -9,7 +9,7 @@ from functools import partial
 import anyio
 
 from physment_mcp import __version__
-from physment_mcp.commands import config, export, serve
+from physment_mcp.commands import bundle, config, export, serve
 from physment_mcp.commands.base import common_options
 from physment_mcp.errors import SceneError, UsageError
 
@@ -48,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
     parser.set_defaults(run=_stdio)
     commands = parser.add_subparsers(metavar="COMMAND")
-    for command in (serve, export, config):
+    for command in (serve, export, config, bundle):
         command.add(commands)
     return parser
 

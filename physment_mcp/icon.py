@@ -7,8 +7,8 @@ import mcp_types as types
 
 _PICTURES = files("physment_mcp") / "icons"
 
-LARGE_PNG = (_PICTURES / "256.png").read_bytes()
-"""The picture for a page of a catalogue, 256 × 256."""
+LARGE_PNG = (_PICTURES / "512.png").read_bytes()
+"""The picture for a page of a catalogue, 512 × 512."""
 # In the URL itself, so that no client fetches anything; small, because the protocol sends it with every result.
 ICON = types.Icon(
     src="data:image/png;base64," + base64.b64encode((_PICTURES / "48.png").read_bytes()).decode("ascii"),

@@ -1,0 +1,154 @@
+"""The laboratory as a bundle for Claude Desktop (`.mcpb`): a zip that the application installs with one click.
+
+It holds our code, the exported scenes (so that no key lies on the machine where the model works) and a manifest. The
+application brings Python and our dependencies by `uv`, which is why one file serves every system.
+
+Source: the MCP Bundle manifest, version 0.4.
+"""
+
+import json
+import re
+import tempfile
+import zipfile
+from collections.abc import Collection, Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import physment_mcp
+import scenes
+from physment_mcp.icon import LARGE_PNG
+from physment_mcp.server import published_tools
+from scenes import export_packs
+
+_NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pydantic", "simpleeval")
+"""What of our dependencies an episode on stdio needs; the others are for hosts and evaluators."""
+_STARTER = '''\
+"""Starts the laboratory on stdio."""
+
+import sys
+
+from physment_mcp.__main__ import main
+
+sys.exit(main())
+'''
+_MAIN = "main.py"
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+"""Date of every file in the bundle, so that the same content gives the same file."""
+
+
+def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None = None) -> None:
+    """Write the bundle.
+
+    Args:
+        target: File to write; an older one is replaced.
+        seeds: Variants of each scene that it holds.
+        scenes_dir: Folder of whole packs; the suite by default.
+
+    Raises:
+        PackError: A pack is malformed.
+        OSError: The file cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        packs = Path(place) / "packs"
+        export_packs(packs, seeds, source=scenes_dir)
+        files = {
+            "manifest.json": json.dumps(manifest(max(seeds)), indent=2, ensure_ascii=False).encode(),
+            "icon.png": LARGE_PNG,
+            "pyproject.toml": _project().encode(),
+            _MAIN: _STARTER.encode(),
+            **dict(_code()),
+            **{f"scenes/{one.relative_to(packs).as_posix()}": one.read_bytes() for one in packs.rglob("*.*")},
+        }
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as bundle:
+        for name, content in sorted(files.items()):
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            bundle.writestr(entry, content)
+
+
+def manifest(last_seed: int) -> dict[str, Any]:
+    """What the application shows and starts.
+
+    Args:
+        last_seed: The greatest seed a person may choose.
+    """
+    return {
+        "manifest_version": "0.4",
+        "name": "physment-mcp",
+        "display_name": "PhysMent laboratory",
+        "version": physment_mcp.__version__,
+        "description": "A physics laboratory: find quantities by experiment in MuJoCo scenes.",
+        "long_description": "Choose the prompt `scene` and a number. The model is told a task, experiments with 26"
+        " tools (push, wait, measure, create, reveal, attach), and answers once. The right answers are not in here.",
+        "author": {"name": "The PhysMent MCP authors"},
+        "license": "MIT",
+        "icon": "icon.png",
+        "keywords": ["physics", "mujoco", "simulation", "benchmark"],
+        "server": {
+            "type": "uv",
+            "entry_point": _MAIN,
+            "mcp_config": {
+                "command": "uv",
+                "args": ["run", "--directory", "${__dirname}", _MAIN, "--seed", "${user_config.seed}"],
+            },
+        },
+        "tools": [{"name": tool.name, "description": tool.description} for tool in published_tools()],
+        "prompts_generated": True,
+        "compatibility": {
+            "platforms": ["darwin", "win32", "linux"],
+            "runtimes": {"python": _python()},
+        },
+        "user_config": {
+            "seed": {
+                "type": "number",
+                "title": "Variant",
+                "description": "0 for the scenes as written; another number for other hidden values.",
+                "default": 0,
+                "min": 0,
+                "max": last_seed,
+                "required": False,
+            }
+        },
+    }
+
+
+def _code() -> Iterator[tuple[str, bytes]]:
+    """The modules and pictures of the two packages a laboratory is made of, without any pack."""
+    root = Path(physment_mcp.__file__).parent
+    for path in root.rglob("*"):
+        if path.suffix in {".py", ".png"}:
+            yield f"physment_mcp/{path.relative_to(root).as_posix()}", path.read_bytes()
+    for path in Path(scenes.__file__).parent.glob("*.py"):
+        yield f"scenes/{path.name}", path.read_bytes()
+
+
+def _project() -> str:
+    """The pyproject.toml from which `uv` installs our dependencies."""
+    needed = [one for one in metadata.requires("physment-mcp") or [] if _name(one) in _NEEDED and "extra" not in one]
+    assert {_name(one) for one in needed} == set(_NEEDED)
+    return "\n".join(
+        [
+            "[project]",
+            'name = "physment-mcp-bundle"',
+            f'version = "{physment_mcp.__version__}"',
+            f'requires-python = "{_python()}"',
+            f"dependencies = {json.dumps(sorted(needed))}",
+            "",
+            "[tool.uv]",
+            "package = false",
+            "",
+        ]
+    )
+
+
+def _name(requirement: str) -> str:
+    match = re.match(r"[\w.-]+", requirement)
+    assert match is not None
+    return match[0].lower()
+
+
+def _python() -> str:
+    return metadata.metadata("physment-mcp")["Requires-Python"]

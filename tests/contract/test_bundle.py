@@ -1,0 +1,118 @@
+"""The bundle for Claude Desktop: what its manifest promises is in it, it starts anywhere, and it tells no answer."""
+
+import ast
+import json
+import shutil
+import struct
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+from mcp import Client, StdioServerParameters
+
+from physment_mcp import __version__
+from physment_mcp.__main__ import main
+from scenes import list_packs
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("bundle") / "dist" / "physment.mcpb"
+    assert main(["bundle", str(file)]) == 0
+    return file
+
+
+@pytest.fixture(scope="module")
+def unpacked(packed: Path) -> Path:
+    folder = packed.parent / "installed here"
+    with zipfile.ZipFile(packed) as bundle:
+        bundle.extractall(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def manifest(unpacked: Path) -> dict[str, Any]:
+    return json.loads((unpacked / "manifest.json").read_text(encoding="utf-8"))
+
+
+def test_the_manifest_promises_what_is_in_the_bundle(unpacked: Path, manifest: dict[str, Any]) -> None:
+    assert manifest["version"] == __version__
+    server = manifest["server"]
+    assert (unpacked / server["entry_point"]).is_file()
+    assert server["entry_point"] in server["mcp_config"]["args"]
+    picture = (unpacked / manifest["icon"]).read_bytes()
+    assert picture.startswith(b"\x89PNG\r\n")
+    assert struct.unpack(">II", picture[16:24]) == (512, 512)
+    assert len(manifest["tools"]) == 26
+    last = manifest["user_config"]["seed"]["max"]
+    for files in list_packs():
+        assert (unpacked / "scenes" / f"Scene{files.scene_id}" / f"scene{files.scene_id}.seed{last}.xml").is_file()
+
+
+async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[str, Any], tmp_path: Path) -> None:
+    """As the application starts it, but with our interpreter in place of the one that `uv` would make."""
+    words = [
+        word.replace("${__dirname}", str(unpacked)).replace("${user_config.seed}", "20")
+        for word in manifest["server"]["mcp_config"]["args"]
+    ]
+    place, entry, *options = words[words.index("--directory") + 1 :]
+    server = StdioServerParameters(command=sys.executable, args=[str(Path(place) / entry), *options], cwd=tmp_path)
+    with anyio.fail_after(30):
+        async with Client(server) as client:
+            assert [tool.name for tool in (await client.list_tools()).tools] == [
+                one["name"] for one in manifest["tools"]
+            ]
+            prompt = await client.get_prompt("scene", {"scene_id": "7"})
+            assert "# Scene: " in prompt.messages[0].content.text
+            stepped = await client.call_tool("step", {"duration": 0.1})
+            assert stepped.structured_content == {"sim_time": pytest.approx(0.1), "steps": 20, "results": None}
+            (contents,) = (await client.read_resource("physment://scenes")).contents
+            assert len(json.loads(contents.text)["scenes"]) == len(list_packs())
+
+
+def test_the_bundle_brings_the_dependencies_of_its_own_code(unpacked: Path) -> None:
+    project = tomllib.loads((unpacked / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["uv"]["package"] is False
+    named = [one for one in project["project"]["dependencies"] if one.startswith("mujoco")]
+    assert named == ["mujoco==3.3.3"]  # the benchmark is defined on it
+    brought = {one.split("=")[0].split("<")[0].split(">")[0] for one in project["project"]["dependencies"]}
+    brought |= {"mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
+    own = {"physment_mcp", "scenes"}
+    imported: set[str] = set()
+    for path in unpacked.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {one.name.split(".")[0] for one in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported.add((node.module or "").split(".")[0])
+    assert imported - own - set(sys.stdlib_module_names) - brought == set()
+
+
+def test_the_bundle_holds_no_private_half(packed: Path, unpacked: Path) -> None:
+    names = {path.name for path in (unpacked / "scenes").rglob("*.*") if path.parent.name.startswith("Scene")}
+    assert names
+    assert not [name for name in names if not (name.endswith(".public.json") or ".seed" in name)]
+    assert not list(unpacked.rglob("solution.py"))
+    with zipfile.ZipFile(packed) as bundle:
+        assert {Path(name).suffix for name in bundle.namelist()} == {".json", ".toml", ".py", ".png", ".xml"}
+
+
+def test_the_same_content_gives_the_same_file(packed: Path, tmp_path: Path) -> None:
+    assert main(["bundle", str(tmp_path / "again.mcpb")]) == 0
+    assert (tmp_path / "again.mcpb").read_bytes() == packed.read_bytes()
+
+
+@pytest.mark.skipif(shutil.which("mcpb") is None, reason="the bundle's own tool is not installed; `make mcpb` runs it")
+def test_the_tool_of_the_format_accepts_the_manifest(unpacked: Path) -> None:
+    said = subprocess.run(["mcpb", "validate", str(unpacked)], capture_output=True, text=True, check=False, timeout=60)
+    assert said.returncode == 0, said.stdout
+
+
+def test_a_bundle_has_the_ending_that_the_application_knows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bundle", str(tmp_path / "physment.zip")]) == 2
+    assert "end in .mcpb" in capsys.readouterr().err
