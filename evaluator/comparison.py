@@ -4,8 +4,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from pydantic import ConfigDict
-
 from evaluator.errors import UsageError
 from evaluator.grouping import modality, problem_kind, quadrant
 from evaluator.metrics import ScoredEpisode
@@ -56,8 +54,6 @@ class GroupDifference(Record):
 
 class Comparison(Record):
     """What two runs have to say of each other; differences are those of B over A."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
 
     format: Literal[1] = 1
     a: str

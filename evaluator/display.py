@@ -11,6 +11,7 @@ from rich.text import Text
 
 from evaluator.metrics import RunSummary
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Verdict
+from evaluator.statistics.budget_curve import BudgetCurve, Shape
 from evaluator.study.tally import Tally
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
@@ -123,13 +124,43 @@ def summary_lines(summary: RunSummary) -> list[str]:
         lines[0] += f", 95 % interval {share(whole.strict_interval.low)} to {share(whole.strict_interval.high)}"
     lines[0] += f"; normalised accuracy {share(whole.normalised_accuracy)}"
     if len(summary.by_budget) > 1:
-        parts = (f"{budget}: {share(one.strict_accuracy)}" for budget, one in summary.by_budget.items())
+        parts = (
+            f"{budget}: {share(one.strict_accuracy)} ({one.n_correct}/{one.n_scored})"
+            for budget, one in summary.by_budget.items()
+        )
         lines.append("by budget  " + "   ".join(parts))
+    for one in summary.budget_curves:
+        who = f"{one.agent}, {one.prompting}, {one.protocol}: " if len(summary.budget_curves) > 1 else ""
+        lines.append(who + curve_sentence(one.curve))
     dimensions = (("C", whole.c), ("E", whole.e), ("G", whole.g), ("V", whole.v), ("R", whole.r), ("G′", whole.g_prime))
     score = "–" if whole.final_score is None else f"{whole.final_score:.1f}"
     lines.append("   ".join(f"{name} {decimal(value)}" for name, value in dimensions) + f"   Final Score {score}")
     lines.append("   ".join(f"{outcome.value} {count}" for outcome, count in whole.outcomes.items()))
     return lines
+
+
+def curve_sentence(curve: BudgetCurve) -> str:
+    """What a budget curve shows, where its gains end, and how certain both are."""
+    budgets = [point.budget for point in curve.points]
+    on = f"{curve.n} episodes of {curve.n_scenes} scenes at each budget"
+    if curve.shape is Shape.FLAT:
+        sure = (
+            ""
+            if curve.certainty is None
+            else f"; within {100 * curve.margin:g} points with {_certain(curve.certainty)}"
+        )
+        said = f"no two budgets can be told apart on {on}{sure}"
+    else:
+        said = f"accuracy is {curve.shape.value} with the budget on {on}, with {_certain(curve.certainty)}"
+    if curve.enough == budgets[-1]:
+        return f"{said}; gains have not ended at {curve.enough}"
+    sure = "" if curve.enough_certainty is None else f", with {_certain(curve.enough_certainty)}"
+    return f"{said}; beyond {curve.enough} no budget gains more than {100 * curve.margin:g} points{sure}"
+
+
+def _certain(value: float | None) -> str:
+    """A certainty in whole per cent, never rounded up to all."""
+    return f"{min(99, int(100 * (value or 0.0)))} % certainty"
 
 
 def share(value: float | None) -> str:

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Literal, NamedTuple, TypeVar
 
-from pydantic import ConfigDict
-
 from evaluator.dimensions import WEIGHTS, EpisodeScores, dimensions, final_score, non_repetition
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.findings import Failure, FailureMode
@@ -52,8 +50,6 @@ class ScoredEpisode:
 
 class GroupSummary(Record):
     """The numbers of one group of episodes."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
 
     n: int
     """Episodes."""
@@ -118,8 +114,6 @@ class ConditionAttempts(Record):
 
 class RunSummary(Record):
     """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
-
-    model_config = ConfigDict(use_attribute_docstrings=True)
 
     format: Literal[1] = 1
     """Version of this record; fields are added without changing it, none is changed or taken away."""

@@ -12,7 +12,7 @@ FORMAT = 1
 class Record(BaseModel):
     """Base of all records: frozen, closed, finite numbers only."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Outcome(StrEnum):

@@ -5,8 +5,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 from jsonschema import Draft202012Validator
 
+from evaluator.comparison import Comparison
+from evaluator.metrics import RunSummary
+from evaluator.records import Record
 from physment_mcp.server import published_tools
 from scenes import Pack, list_packs
 
@@ -86,6 +90,21 @@ def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
     }
     text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
     file = DOCS / "reference" / "scene-pack.schema.json"
+    if update_goldens:
+        file.write_text(text, encoding="utf-8")
+    assert file.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(("name", "record"), [("run-summary", RunSummary), ("comparison", Comparison)])
+def test_the_schemas_of_results_are_current(name: str, record: type[Record], update_goldens: bool) -> None:
+    """`summary.json`, and what `physment-eval compare --json` prints: stable records that other programs read."""
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": "Made from the code by `pytest tests/test_docs.py --update-goldens`; do not edit.",
+        **record.model_json_schema(mode="serialization"),
+    }
+    text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    file = DOCS / "reference" / f"{name}.schema.json"
     if update_goldens:
         file.write_text(text, encoding="utf-8")
     assert file.read_text(encoding="utf-8") == text
