@@ -3,7 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/episode.py,evaluator/grading.py,evaluator/answer_strict.py,evaluator/answer_forgiven.py,evaluator/metrics.py,evaluator/dimensions.py,evaluator/records.py
+CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/episode.py,evaluator/grading.py,evaluator/answer_strict.py,evaluator/answer_forgiven.py,evaluator/metrics.py,evaluator/grouping.py,evaluator/comparison.py,evaluator/statistics/*,evaluator/dimensions.py,evaluator/records.py
 MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
