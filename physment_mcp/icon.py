@@ -11,7 +11,7 @@ LARGE_PNG = (_PICTURES / "512.png").read_bytes()
 """The picture for a page of a catalogue, 512 × 512."""
 # In the URL itself, so that no client fetches anything; small, because the protocol sends it with every result.
 ICON = types.Icon(
-    src="data:image/png;base64," + base64.b64encode((_PICTURES / "48.png").read_bytes()).decode("ascii"),
+    src="data:image/png;base64," + base64.b64encode((_PICTURES / "32.png").read_bytes()).decode("ascii"),
     mime_type="image/png",
-    sizes=["48x48"],
+    sizes=["32x32"],
 )

@@ -1,0 +1,88 @@
+"""A long step over HTTP: its progress is seen, and a client that takes it back, or goes away, leaves no trace of it."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Generator
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+from mcp import Client
+
+
+@pytest.fixture(scope="module")
+def base() -> Generator[str]:
+    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())["listening"]
+        finally:
+            process.terminate()
+            process.communicate(timeout=20)
+
+
+async def opened(base: str) -> str:
+    async with httpx.AsyncClient(base_url=base) as http:
+        return (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
+
+
+async def clock(client: Client) -> float:
+    """The time in the laboratory, once whatever is running has ended."""
+    seen = await client.call_tool("quat_to_rot_matrix", {"q": [1, 0, 0, 0]})
+    assert seen.structured_content is not None
+    return seen.structured_content["sim_time"]
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_progress_is_seen_over_http(base: str, mode: Any) -> None:
+    seen: list[tuple[float, float | None]] = []
+
+    async def note(progress: float, total: float | None, message: str | None) -> None:
+        seen.append((progress, total))
+
+    with anyio.fail_after(60):
+        async with Client(await opened(base), mode=mode) as client:
+            result = await client.call_tool("step", {"duration": 20}, progress_callback=note)
+            assert not result.is_error
+    assert seen
+    assert [done for done, _ in seen] == sorted({done for done, _ in seen})
+    assert {total for _, total in seen} == {20.0}
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_a_step_taken_back_over_http_leaves_no_trace(base: str, mode: Any) -> None:
+    with anyio.fail_after(60):
+        async with Client(await opened(base), mode=mode) as client:
+            await client.call_tool("step", {"duration": 0.5})
+            async with anyio.create_task_group() as tasks:
+
+                async def stop(progress: float, total: float | None, message: str | None) -> None:
+                    tasks.cancel_scope.cancel()
+
+                await client.call_tool("step", {"duration": 60}, progress_callback=stop)
+                pytest.fail("60 s are many chunks: the first report of progress comes before the end")
+            assert await clock(client) == pytest.approx(0.5)
+            (contents,) = (await client.read_resource("physment://measurements")).contents
+            assert json.loads(contents.text)["calls"][1] == {
+                "call": 2, "tool": "step", "arguments": {"duration": 60}, "taken_back": True,
+            }  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_a_client_that_goes_away_in_a_step_can_come_back(base: str, mode: Any) -> None:
+    with anyio.fail_after(60):
+        url = await opened(base)
+        async with anyio.create_task_group() as tasks:
+
+            async def leave(progress: float, total: float | None, message: str | None) -> None:
+                tasks.cancel_scope.cancel()
+
+            async with Client(url, mode=mode) as client:
+                await client.call_tool("step", {"duration": 60}, progress_callback=leave)
+        async with Client(url, mode=mode) as client:
+            assert await clock(client) in (0.0, pytest.approx(60))  # nothing of it, or all
+            stepped = await client.call_tool("step", {"duration": 0.5})
+            assert not stepped.is_error
