@@ -181,12 +181,14 @@ class LocalHost:
             "0",
             "--max-episodes",
             str(self.max_episodes),
+            # Its stdin is a pipe of ours, which the system closes even if we are killed.
+            "--end-with-stdin",
         ]
         command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
         command += ["--token-env", TOKEN_VARIABLE] if self.token else []
         environment = os.environ | ({TOKEN_VARIABLE: self.token} if self.token else {})
         self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
-            command, stdout=subprocess.PIPE, stderr=self._errors, stdin=subprocess.DEVNULL, text=True, env=environment
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True, env=environment
         )
         assert self._process.stdout is not None
         line = await anyio.to_thread.run_sync(self._process.stdout.readline)
@@ -203,7 +205,9 @@ class LocalHost:
         self._process.terminate()
         with anyio.CancelScope(shield=True):
             await anyio.to_thread.run_sync(self._process.wait)
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
+        self._process.stdin.close()
         self._process.stdout.close()
         self._errors.close()
 

@@ -2,7 +2,9 @@
 
 import argparse
 import os
+import signal
 import socket
+from threading import Thread
 
 from physment_mcp.commands.base import Commands, common_options, port, positive
 from physment_mcp.errors import UsageError
@@ -45,6 +47,11 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="name that the host answers to besides its addresses, as behind a proxy; may be given again",
     )
+    serve.add_argument(
+        "--end-with-stdin",
+        action="store_true",
+        help="end when stdin does: for a program that starts a host and must leave none behind, however it dies",
+    )
     serve.set_defaults(run=run)
 
 
@@ -71,9 +78,18 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
     scene_ids(args.scenes_dir)
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
+    if args.end_with_stdin:
+        Thread(target=_end_with_stdin, daemon=True).start()
     host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token, exposed, names)
     try:
         serve(host, args.host, args.port)
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
+
+
+def _end_with_stdin() -> None:
+    """Wait until nobody can write to stdin any more, then ask this process to end as it would otherwise."""
+    while os.read(0, 4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
