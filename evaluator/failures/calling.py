@@ -24,7 +24,7 @@ _WORDED = frozenset({"name", "joint", "shape", "type", "answer", "reasoning", "l
 
 
 def object_id_confusion(episode: Episode, objects: Mapping[str, str]) -> Failure | None:
-    """Named an object that does not exist, or one object by the number of another.
+    """Named an object of which it had not been told, or one object by the number of another.
 
     Args:
         episode: As recorded.
@@ -50,10 +50,9 @@ def object_id_confusion(episode: Episode, objects: Mapping[str, str]) -> Failure
 def _which_confusion(evidence: list[Evidence]) -> str:
     unknown = sum(one.exchange is not None for one in evidence)
     if unknown == len(evidence):
-        return f"It named an object that does not exist in {unknown} {'call' if unknown == 1 else 'calls'}."
-    return (
-        "It took one object for another." if unknown == 0 else "It mistook objects and named one that does not exist."
-    )
+        # It may exist and be hidden: no finding tells.
+        return f"It named an object that it did not know of in {unknown} {'call' if unknown == 1 else 'calls'}."
+    return "It took one object for another." if unknown == 0 else "It mistook objects and named one it did not know of."
 
 
 def _names_an_unknown(place: Place, episode: Episode) -> bool:

@@ -29,7 +29,7 @@ class FailureMode(StrEnum):
     ANSWER_FORMAT = "answer_format_mismatch"
     """Answered in another form than was asked for."""
     OBJECT_ID = "object_id_confusion"
-    """Named an object that does not exist, or one object by the number of another."""
+    """Named an object of which it had not been told, or one object by the number of another."""
     WRONG_PARAMETER = "wrong_parameter"
     """Called a tool with arguments that do not fit, or with another mass than was measured."""
     THEORY_OR_SIMULATION = "theory_over_simulation_or_reverse"

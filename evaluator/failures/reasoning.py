@@ -11,6 +11,8 @@ from evaluator.failures.course import DEEDS, STEP, exchanges, has_answered, read
 from evaluator.failures.findings import Evidence, Failure, FailureMode, answering_turn, quote_at
 from evaluator.records import Episode
 
+_FEWEST_WORDS = 5
+"""Words that a theory takes; fewer are a guess."""
 _SET_ASIDE = re.compile(
     r"\btheoretical(?:ly)? (?:approach|answer|value|analysis|result|calculation|physics|expectation)|"
     r"\bcalculate\b[^.\n]{0,40}\btheoretically|\banalytical(?:ly)?\b|\bconceptual(?:ly)? |\btextbook|"
@@ -63,15 +65,27 @@ def theory_or_simulation(episode: Episode) -> Failure | None:
         return None
     turn = answering_turn(episode)
     text = episode.turns[turn].reasoning
-    if not read_before_answer(episode):
-        return _failure("It answered from theory, without a reading.", _Cue(turn, 0), episode) if text.strip() else None
-    if not _AGREES.search(text):
-        by_name, cue = _first(_BY_NAME, text), _first(_SET_ASIDE, text)
-        if by_name is not None and _first(_DOUBTED, text) is None:
-            return _failure("It answered from what the objects are called.", _Cue(turn, by_name), episode)
-        if cue is not None:
-            set_aside = "It set aside what it tried and answered from theory."
-            return _failure(set_aside, _Cue(turn, cue), episode) if _tried(episode) else None
+    if read_before_answer(episode):
+        return _from_theory(episode, turn, text) or _from_doubted_readings(episode, turn, text)
+    if len(text.split()) < _FEWEST_WORDS:
+        return None
+    return _failure("It answered from theory, without a reading.", _Cue(turn, 0), episode)
+
+
+def _from_theory(episode: Episode, turn: int, text: str) -> Failure | None:
+    if _AGREES.search(text):
+        return None
+    by_name, cue = _first(_BY_NAME, text), _first(_SET_ASIDE, text)
+    if by_name is not None and _first(_DOUBTED, text) is None:
+        return _failure("It answered from what the objects are called.", _Cue(turn, by_name), episode)
+    if cue is not None and _tried(episode):
+        return _failure("It set aside what it tried and answered from theory.", _Cue(turn, cue), episode)
+    return None
+
+
+def _from_doubted_readings(episode: Episode, turn: int, text: str) -> Failure | None:
+    if _first(_SET_ASIDE, text) is not None and not _AGREES.search(text):
+        return None  # it speaks of theory: what it doubted, it did not answer from
     for number in range(turn, max(-1, turn - 3), -1):
         doubt = _first(_DOUBTED, episode.turns[number].reasoning)
         if doubt is not None:

@@ -1,10 +1,13 @@
 """The six detectors on episodes made by hand: what each finds, what it passes over, and the evidence it gives."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import JsonValue
 
+from evaluator.__main__ import main
 from evaluator.answer_strict import AnswerKey
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.detect import failures_of
@@ -230,10 +233,10 @@ def test_no_finding_tells_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
         rejected("apply_force", object_id="object_9", force_vector=[1.0]),
     ],
 )
-def test_an_object_that_does_not_exist(exchange: Exchange) -> None:
+def test_an_object_that_the_agent_cannot_know_of(exchange: Exchange) -> None:
     failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.OBJECT_ID]
     assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (0, 1)
-    assert failure.explanation == "It named an object that does not exist in 1 call."
+    assert failure.explanation == "It named an object that it did not know of in 1 call."
 
 
 @pytest.mark.parametrize(
@@ -342,6 +345,7 @@ def test_theory_over_simulation_or_the_reverse(episode: Episode, words: str) -> 
     [
         answered(*SOUND, said="This matches the theoretical value: 5."),
         answered(turn(LOOK), said="I'll assume a standard angle, so 5."),
+        answered(said="I guess."),
         answered(),
         unanswered(turn(said="By theory it is 5.")),
         answered(turn(said="An unexpected result."), *SOUND, turn(LOOK), turn(LOOK), said="It is 5."),
@@ -372,3 +376,20 @@ def test_a_quote_is_the_sentence_at_a_place_and_short() -> None:
     assert quote_at("") == ""
     assert len(quote_at("word " * 500, 1200)) <= 160
     assert "word" in quote_at("word " * 500, 1200)
+
+
+# A whole run.
+def test_the_reference_shows_no_failure_and_the_summary_counts_them_all(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert main(["run", "--agent", "reference", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) == 0
+    overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
+    assert overall["n_scored"] == 2
+    assert overall["failures"] == {mode.value: {"n": 0, "n_incorrect": 0} for mode in FailureMode}
+
+
+def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert main(["run", "--agent", "blind", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) in {0, 1}
+    overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
+    wrong = overall["n_scored"] - overall["n_correct"]
+    assert overall["failures"]["premature_answer"] == {"n": 2, "n_incorrect": wrong}
