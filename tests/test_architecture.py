@@ -25,6 +25,7 @@ FORBIDDEN = {
     "evaluator/grading.py": {"mcp", "pathlib", "os", "json"},
     "evaluator/metrics.py": {"mcp", "pathlib", "os"},
     "evaluator/grounding.py": {"mcp", "pathlib", "os"},
+    "evaluator/failures": {"mcp", "pathlib", "os", "evaluator.answer_key", "evaluator.store"},
     "scenes": {"mcp", "mcp_types", "mujoco", "physment_mcp", "evaluator"},
 }
 """Part of the tree → modules nothing in it may import."""

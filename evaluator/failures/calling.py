@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import islice
 
 from evaluator.failures.course import ANSWER, Place, exchanges, objects_named, succeeded
 from evaluator.failures.findings import Evidence, Failure, FailureMode, quote_at
@@ -10,6 +11,9 @@ from evaluator.records import Episode
 
 MASS_TOLERANCE = 0.05
 """Relative difference above which a mass in a call is another than the one measured."""
+
+MAX_EVIDENCE = 20
+"""Places of one kind that a finding shows; an agent may go on for ever."""
 
 _ID = re.compile(r"\bobject_\d+\b")
 _UNKNOWN = re.compile(r"there is no object\b|\bbody (?:with name|named) '.*' not found", re.IGNORECASE)
@@ -30,29 +34,24 @@ def object_id_confusion(episode: Episode, objects: Mapping[str, str]) -> Failure
         episode: As recorded.
         objects: Ids of the scene's objects and their public names; names that several objects share say nothing.
     """
-    evidence = [
+    unknown = [
         Evidence(
             turn=one.turn, exchange=one.position, quote=quote_at(one.exchange.text or ", ".join(objects_named(one)))
         )
         for one in exchanges(episode)
         if one.exchange.is_error and _names_an_unknown(one, episode)
     ]
-    evidence += _mistaken(episode, objects)
-    if not evidence:
+    mistaken = list(islice(_mistaken(episode, objects), MAX_EVIDENCE))
+    if not unknown and not mistaken:
         return None
+    # What is unknown may exist and be hidden: no finding tells.
+    calls = f"named an object that it did not know of in {len(unknown)} {'call' if len(unknown) == 1 else 'calls'}"
+    told = [calls] * bool(unknown) + ["took one object for another"] * bool(mistaken)
     return Failure(
         mode=FailureMode.OBJECT_ID,
-        explanation=_which_confusion(evidence),
-        evidence=tuple(evidence),
+        explanation=f"It {' and '.join(told)}.",
+        evidence=(*unknown[:MAX_EVIDENCE], *mistaken),
     )
-
-
-def _which_confusion(evidence: list[Evidence]) -> str:
-    unknown = sum(one.exchange is not None for one in evidence)
-    if unknown == len(evidence):
-        # It may exist and be hidden: no finding tells.
-        return f"It named an object that it did not know of in {unknown} {'call' if unknown == 1 else 'calls'}."
-    return "It took one object for another." if unknown == 0 else "It mistook objects and named one it did not know of."
 
 
 def _names_an_unknown(place: Place, episode: Episode) -> bool:
@@ -76,20 +75,18 @@ def _told(episode: Episode, before: Place) -> set[str]:
     }
 
 
-def _mistaken(episode: Episode, objects: Mapping[str, str]) -> list[Evidence]:
+def _mistaken(episode: Episode, objects: Mapping[str, str]) -> Iterator[Evidence]:
     """Places of the reasoning that give an id with the name of another object."""
     counts = Counter(name.lower() for name in objects.values())
     ids = {name.lower(): one for one, name in objects.items() if counts[name.lower()] == 1}
-    found: list[Evidence] = []
     for number, turn in enumerate(episode.turns):
         pairs = [(at.start(), at[1], at[2]) for at in _ID_THEN_NAME.finditer(turn.reasoning)]
         pairs += [(at.start(), at[2], at[1]) for at in _NAME_THEN_ID.finditer(turn.reasoning)]
-        found.extend(
+        yield from (
             Evidence(turn=number, quote=quote_at(turn.reasoning, start))
             for start, written, name in sorted(pairs)
             if ids.get(name.lower(), written) != written
         )
-    return found
 
 
 def wrong_parameter(episode: Episode) -> Failure | None:
@@ -122,7 +119,7 @@ def wrong_parameter(episode: Episode) -> Failure | None:
     return Failure(
         mode=FailureMode.WRONG_PARAMETER,
         explanation=f"It made {calls} with arguments that do not fit the tool or the object.",
-        evidence=tuple(evidence),
+        evidence=tuple(evidence[:MAX_EVIDENCE]),
     )
 
 

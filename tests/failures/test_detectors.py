@@ -1,6 +1,7 @@
 """The six detectors on episodes made by hand: what each finds, what it passes over, and the evidence it gives."""
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -376,6 +377,38 @@ def test_a_quote_is_the_sentence_at_a_place_and_short() -> None:
     assert quote_at("") == ""
     assert len(quote_at("word " * 500, 1200)) <= 160
     assert "word" in quote_at("word " * 500, 1200)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        "cart (object_2), ",
+        "object_1 (wall) ",
+        "the name 1",
+        "match ",
+        "period 1",
+        "expected ",
+        "assume ",
+        "given the ",
+        "x",
+    ],
+)
+def test_long_reasoning_is_judged_in_no_time(piece: str) -> None:
+    said = piece * (100_000 // len(piece))
+    began = time.process_time()
+    found(answered(*SOUND, turn(LOOK, said=said), said=said))
+    assert time.process_time() - began < 5
+
+
+def test_a_finding_shows_no_more_places_than_can_be_read() -> None:
+    unknown = refused("get_position", "there is no object 'object_9'", object_id="object_9")
+    misfit = rejected("step", duration="long")
+    failures = found(answered(turn(*[unknown] * 50, *[misfit] * 50), said="The cart (object_2) moves. " * 50))
+    assert failures[FailureMode.OBJECT_ID].explanation == (
+        "It named an object that it did not know of in 50 calls and took one object for another."
+    )
+    assert len(failures[FailureMode.OBJECT_ID].evidence) == 40
+    assert len(failures[FailureMode.WRONG_PARAMETER].evidence) == 20
 
 
 # A whole run.
