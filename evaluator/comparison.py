@@ -135,8 +135,8 @@ def _difference(pairs: Iterable[_Pair], verdict: Callable[[Grade], Verdict]) -> 
 def _grouped(pairs: Sequence[_Pair], name: str, group: Callable[[ScoredEpisode], str]) -> list[GroupDifference]:
     groups: defaultdict[str, list[_Pair]] = defaultdict(list)
     for a, b in pairs:
-        if group(a) == group(b):  # not where it is what is compared
-            groups[group(a)].append((a, b))
+        groups[group(a)].append((a, b))
+    # One group alone is the whole; so is a condition in which the runs differ as a whole.
     if len(groups) < 2:
         return []
     named = sorted(groups, key=lambda one: (len(one), one) if one.isdecimal() else (0, one))

@@ -59,6 +59,14 @@ def test_a_gain_of_just_the_margin_does_not_count() -> None:
     assert found.shape is Shape.FLAT  # five of five is p = 0.06
 
 
+def test_a_peak_between_counts_against_the_end_of_gains() -> None:
+    # 10 gains four scenes of a hundred, 15 loses them: with other scenes it might well have been six.
+    found = budget_curve((5, 10, 15), cells(50, 54, 50, scenes=100))
+    assert found.enough == 5
+    assert found.enough_certainty is not None
+    assert 0.6 < found.enough_certainty < 0.9
+
+
 def test_shapes_are_told() -> None:
     falling = curve_of(0.7, 0.5, 0.4, 0.3)
     mixed = curve_of(0.3, 0.7, 0.7, 0.4)
