@@ -133,8 +133,9 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
         agents = {name: agent_facts(one) for name, one in study.contenders.items()}
         shard = None if study.shard == WHOLE else f"{study.shard.index}/{study.shard.count}"
         facts = run_facts(study.plan, study.packs, args.server, said, agents, shard)
-        folder.write_run(_continued(folder, facts))
         hashes = {files.scene_id: pack_hash(files) for files in study.packs}
+        play = await stack.enter_async_context(_executor(study, hashes))
+        folder.write_run(_continued(folder, facts))
         versions = {
             scene: Versions(physment=own_version(), protocol=said["protocol"], pack=one)
             for scene, one in hashes.items()
@@ -142,7 +143,6 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
         done = folder.episodes()
         meter.add_all(one.usage for one in done.values())
         todo = missing(study.keys(), done)
-        play = await stack.enter_async_context(_executor(study, hashes))
         with ProgressDisplay(console, len(todo), Tally(keys, meter)) as display:
             runner = Runner(
                 laboratory,

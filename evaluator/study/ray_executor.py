@@ -10,12 +10,12 @@ import logging
 import math
 import os
 import platform
+import socket
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import anyio
@@ -35,6 +35,8 @@ _AGAIN_S = 0.5
 """Pause before a worker that did not reply is asked again whether it is ready [s]."""
 _CLOSE_S = 5.0
 """Wall time for workers to end the servers they started [s]."""
+_KNOCK_S = 5.0
+"""Wall time for a cluster to accept a connection [s]."""
 PATIENCE_S = 600.0
 """How long a worker that is not there is waited for [s]: Ray starts it anew as soon as a node has room."""
 
@@ -113,38 +115,38 @@ class _Seat:
 
 
 class RayWorkers:
-    """Hands episodes out to workers; one that its worker took along when it was lost is played again.
-
-    An async context of a `Play`.
-    """
+    """Hands episodes out to workers; one that its worker took along when it was lost is played again."""
 
     def __init__(self, ray: Any, seats: Sequence[_Seat], patience_s: float) -> None:
         self._ray = ray
         self._seats = list(seats)
         self._patience_s = patience_s
         self._tasks = anyio.create_task_group()
+        self._known = anyio.Event()
+        """Whether anybody will play at all is known."""
         self._give, self._take = anyio.create_memory_object_stream[tuple[_Seat, int]](math.inf)
 
-    async def __aenter__(self) -> Play:
-        """Tell the workers to get ready; each plays as soon as it is."""
-        await self._tasks.__aenter__()
-        for seat in self._seats:
-            self._tasks.start_soon(self._wait_for, seat)
-        return self._play
+    @contextlib.asynccontextmanager
+    async def at_work(self) -> AsyncGenerator[Play]:
+        """Have the workers get ready, wait for the first, and have them end their servers in the end.
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool | None:
-        """Wait no longer for workers that are not there, and have the others end their servers."""
-        self._tasks.cancel_scope.cancel()
-        with anyio.move_on_after(_CLOSE_S, shield=True):
-            async with anyio.create_task_group() as closing:
+        Raises:
+            UsageError: Something that only the operator can mend stands in their way.
+        """
+        with self._give, self._take:
+            async with self._tasks:
                 for seat in self._seats:
-                    if seat.there:
-                        closing.start_soon(self._close, seat)
-        self._give.close()
-        self._take.close()
-        return await self._tasks.__aexit__(kind, error, trace)
+                    self._tasks.start_soon(self._wait_for, seat)
+                await self._known.wait()
+                try:
+                    yield self._play
+                finally:
+                    self._tasks.cancel_scope.cancel()
+                    with anyio.move_on_after(_CLOSE_S, shield=True):
+                        async with anyio.create_task_group() as closing:
+                            for seat in self._seats:
+                                if seat.there:
+                                    closing.start_soon(self._close, seat)
 
     async def _play(
         self,
@@ -201,10 +203,12 @@ class RayWorkers:
                 seat.there = True
             for _ in range(seat.places):
                 self._give.send_nowait((seat, seat.life))
+            self._known.set()
             return
         self._seats.remove(seat)
         if not self._seats:
             self._give.close()
+            self._known.set()
 
     async def _close(self, seat: _Seat) -> None:
         with contextlib.suppress(self._ray.exceptions.RayError):
@@ -249,7 +253,7 @@ async def ray_workers(
                 scheduling_strategy="SPREAD",
             )
             seats.append(_Seat(actor.remote(shared, Path.cwd(), metadata.version("physment-mcp"), known), places))
-        async with RayWorkers(ray, seats, patience_s) as play:
+        async with RayWorkers(ray, seats, patience_s).at_work() as play:
             yield play
     finally:
         for seat in seats:
@@ -265,10 +269,26 @@ def _connected() -> Any:
     address = os.environ.get(ADDRESS_VARIABLE)
     where = {"address": address} if address else {"address": "local", "include_dashboard": False}
     try:
+        if address:
+            _knock(address)
         ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise UsageError(f"--executor ray: no cluster at {ADDRESS_VARIABLE}={address}: {error}") from error
     return ray
+
+
+def _knock(address: str) -> None:
+    """See whether anybody listens: Ray itself would try for minutes.
+
+    Raises:
+        OSError: Nobody does.
+        ValueError: It is not an address for programs that run on the cluster.
+    """
+    if "://" in address:
+        raise ValueError("write host:port, and start the run on a machine of the cluster")
+    host, colon, port = address.rpartition(":")
+    if colon:
+        socket.create_connection((host.strip("[]"), int(port)), _KNOCK_S).close()
 
 
 def _lanes(team: Team, contenders: Mapping[str, Contender]) -> dict[str, int]:

@@ -115,6 +115,27 @@ def test_what_a_node_lacks_is_told_in_one_sentence(cluster: Any, tmp_path: Path)
     assert "cannot play: model:gpt-5.5: OPENAI_API_KEY is not set" in said
     assert "Traceback" not in said
     assert "sk-loopback" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_ray
+@pytest.mark.parametrize(
+    ("address", "problem"),
+    [
+        ("127.0.0.1:9", "Connection refused"),
+        ("nonsense", "nonsense"),
+        ("ray://127.0.0.1:10001", "start the run on a machine of the cluster"),
+    ],
+)
+def test_an_address_without_a_cluster_is_one_sentence(address: str, problem: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "evaluator", *WORDS, "--server", "host", "--out", "run"]
+    environ = os.environ | {"RAY_ADDRESS": address}
+    done = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith(f"physment-eval: --executor ray: no cluster at RAY_ADDRESS={address}")
+    assert problem in line
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(HAS_RAY, reason="Ray is installed")
