@@ -118,7 +118,8 @@ class HostLaboratory:
             said = reply.json()
         if isinstance(said, dict):
             if not reply.is_success and "error" in said:
-                raise InfrastructureError(f"the host {self.base_url} opened no episode: {said['error']}")
+                hint = f" ({TOKEN_VARIABLE} is where we look for it)" if reply.status_code == 401 else ""
+                raise InfrastructureError(f"the host {self.base_url} opened no episode: {said['error']}{hint}")
             if reply.is_success and {"episode_id", "mcp_url"} <= said.keys():
                 return cast(dict[str, str], said)
         raise InfrastructureError(

@@ -25,7 +25,7 @@ Without a command it serves one episode on stdin and stdout, for an MCP client t
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 usage or a scene that cannot be loaded."""
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     logging.basicConfig(stream=sys.stderr, level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s")
     try:
         return args.run(args)
@@ -36,21 +36,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The command line: what stdio takes, and the commands."""
+    words = argparse.ArgumentParser(
         "physment-mcp",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[common_options()],
     )
-    parser.add_argument("--version", action="version", version=f"physment-mcp {__version__}")
-    parser.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
-    parser.set_defaults(run=_stdio)
-    commands = parser.add_subparsers(metavar="COMMAND")
+    words.add_argument("--version", action="version", version=f"physment-mcp {__version__}")
+    words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
+    words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
+    words.set_defaults(run=_stdio)
+    commands = words.add_subparsers(metavar="COMMAND")
     for command in (serve, export, config, bundle):
         command.add(commands)
-    return parser
+    return words
 
 
 def _stdio(args: argparse.Namespace) -> int:

@@ -48,7 +48,7 @@ _GONE = (
     "there is no such episode: it has expired, was closed, or never was; open one with"
     ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
 )
-_WANTED = "send the token of this host as a bearer token: Authorization: Bearer ..."
+_WANTED = "send the token of this host as a bearer token (Authorization: Bearer ...)"
 
 
 class EpisodeRequest(BaseModel):

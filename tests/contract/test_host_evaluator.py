@@ -67,7 +67,10 @@ async def test_without_the_right_token_the_evaluator_says_so_in_one_sentence(
     guarded: str, monkeypatch: pytest.MonkeyPatch, token: str
 ) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, token)
-    with anyio.fail_after(30), pytest.raises(InfrastructureError, match=r"opened no episode: .*token") as failed:
+    with (
+        anyio.fail_after(30),
+        pytest.raises(InfrastructureError, match=rf"opened no episode: .*{TOKEN_VARIABLE}") as failed,
+    ):
         async with connect(guarded, None) as laboratory, laboratory.open(7, 0):
             pytest.fail("it has no right to an episode")
     assert len(str(failed.value).splitlines()) == 1
