@@ -118,6 +118,30 @@ def test_what_a_node_lacks_is_told_in_one_sentence(cluster: Any, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+NOBODY = """
+import anyio
+from evaluator.study.contenders import Team
+from evaluator.study.ray_executor import ray_workers
+from evaluator.records import EpisodeKey, Versions
+
+async def run():
+    team = Team(("random",))
+    async with ray_workers(team, team.build(), {}, 2, patience_s=3) as play:
+        key = EpisodeKey(scene=7, seed=0, agent="random", budget=5)
+        await play(team.build()["random"], None, key, Versions(physment="0", protocol="0", pack="0"), None)
+
+anyio.run(run)
+"""
+
+
+@needs_ray
+def test_a_cluster_without_room_is_not_waited_for_for_ever(cluster: Any) -> None:
+    environ = os.environ | {"RAY_ADDRESS": cluster.address}
+    command = [sys.executable, "-c", NOBODY]
+    done = subprocess.run(command, env=environ, capture_output=True, text=True, check=False, timeout=90)
+    assert "PermanentFailure: no Ray worker was there for 3 s" in done.stderr
+
+
 @needs_ray
 @pytest.mark.parametrize(
     ("address", "problem"),
