@@ -26,12 +26,15 @@ def configured(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any
     return servers["physment"]
 
 
-@pytest.mark.parametrize("client", CLIENTS)
-async def test_a_pasted_configuration_starts_the_laboratory(
-    client: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    server = configured(capsys, client, "--scene", "7", "--seed", "3")
-    assert server.pop("type", None) == (None if client == "claude-desktop" else "stdio")
+def test_each_client_is_configured_in_its_own_form(capsys: pytest.CaptureFixture[str]) -> None:
+    servers = {client: configured(capsys, client, "--scene", "7") for client in CLIENTS}
+    transports = {client: server.pop("type", None) for client, server in servers.items()}
+    assert transports == dict.fromkeys(CLIENTS, "stdio") | {"claude-desktop": None}
+    assert all(server == servers["cursor"] for server in servers.values())
+
+
+async def test_a_pasted_configuration_starts_the_laboratory(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    server = configured(capsys, "claude-desktop", "--scene", "7", "--seed", "3")
     assert server.keys() == {"command", "args"}
     assert Path(server["command"]).is_absolute()
     with anyio.fail_after(30):
