@@ -1,0 +1,26 @@
+"""A laboratory in this process: the same server and client, without a process or a socket between them."""
+
+import contextlib
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcp import Client
+
+from physment_mcp.scene import load_scene
+from physment_mcp.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryLaboratory:
+    """Serves the packs of a folder."""
+
+    folder: Path | None = None
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """A connected client of a fresh episode."""
+        server = build_server(Laboratory(Session(load_scene(scene, seed, self.folder))))
+        async with Client(server, cache=None) as client:
+            yield client
