@@ -96,8 +96,8 @@ async def test_an_instrument_that_leaks_fails_the_twins(
 ) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.edit(files, lambda pack: pack["apply"].update({"geom[object_1_geom].size": ["m / 10", "0.1", "0.1"]}))
-    (reason,) = failed(await proven(files, laboratory))["twins"].reasons
-    assert "get_parameters(object_1)" in reason
+    reasons = failed(await proven(files, laboratory))["twins"].reasons
+    assert any("get_parameters(object_1)" in reason for reason in reasons), reasons
 
 
 async def test_a_scene_without_hidden_values_fails_the_twins(
