@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import compare, models, play, replay, replay_original, results, run, scenes, verify
+from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
 from evaluator.commands.base import own_version
 from evaluator.commands.run_options import options_of
 from evaluator.errors import InfrastructureError, StoreError, UsageError
@@ -22,7 +22,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval run --out runs/mine --resume       go on with a run that was interrupted
   physment-eval merge runs/mine --out runs/whole   put its shards together
   physment-eval grade runs/mine                    grade a stored run again
-  physment-eval report runs/mine                   write its report.html again
+  physment-eval report runs/mine runs/base --out o  write report.html, here of two runs side by side
   physment-eval compare runs/one runs/other        who is better, by how much, and how sure that is
   physment-eval play 7                             solve a scene yourself
   physment-eval replay runs/mine                   play its transcripts again and compare every return
@@ -49,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     run.add(commands, _DESCRIPTION)
     results.add(commands)
+    report.add(commands)
     compare.add(commands)
     play.add(commands)
     verify.add(commands)

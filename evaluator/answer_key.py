@@ -24,13 +24,14 @@ class KeyRing:
     """Answer keys of one folder of packs, computed once each."""
 
     def __init__(self, scenes_dir: Path | None = None) -> None:
-        self._folder = scenes_dir
+        self.folder = scenes_dir
+        """Folder of the packs; None for the suite's own."""
         self.key = functools.cache(self._key)
         self.facts = functools.cache(self._facts)
 
     def _open(self, scene: int) -> tuple[PackFiles, Pack]:
         try:
-            files = find_pack(scene, self._folder)
+            files = find_pack(scene, self.folder)
             return files, read_pack(files)
         except PackError as error:
             raise UsageError(str(error)) from error

@@ -17,11 +17,11 @@ from evaluator import scoring
 from evaluator.agents.human import HumanAgent
 from evaluator.answer_key import KeyRing
 from evaluator.commands.base import Commands, own_version, unwrapped, whole
+from evaluator.commands.report import report_on
 from evaluator.connect import connect
 from evaluator.episode import play_episode
 from evaluator.provenance import run_facts, server_facts
 from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
-from evaluator.report.page import write_report
 from evaluator.runner import pack_hash
 from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
@@ -87,7 +87,7 @@ def _play(args: argparse.Namespace) -> int:
     folder.append_episode(episode)
     scoring.grade_run(folder, folder.episodes(), keys)
     grades = folder.grades()
-    write_report(folder, folder.read_run(), scoring.scored([episode], grades.values(), keys), grades)
+    report_on(folder, keys)
     console.print(_verdict(episode, grades[episode.key].grade), markup=False, highlight=False)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
     return 0

@@ -1,4 +1,4 @@
-"""`physment-eval grade`, `report` and `merge`: what is made of recorded episodes."""
+"""`physment-eval grade` and `merge`: what is made of recorded episodes."""
 
 import argparse
 import sys
@@ -9,10 +9,9 @@ from rich.console import Console
 from evaluator import scoring
 from evaluator.answer_key import KeyRing
 from evaluator.commands.base import Commands
+from evaluator.commands.report import report_on
 from evaluator.display import print_results
-from evaluator.errors import UsageError
 from evaluator.records import Outcome
-from evaluator.report.page import write_report
 from evaluator.store import RunFolder
 from evaluator.study.merging import expand, merge
 
@@ -27,20 +26,15 @@ holds shards stands for all of them.
 
 
 def add(commands: Commands) -> None:
-    """Declare `grade`, `report` and `merge`."""
+    """Declare `grade` and `merge`."""
     grade = commands.add_parser("grade", help="grade a stored run again", description=_GRADE)
     grade.set_defaults(run=_grade)
-    report = commands.add_parser(
-        "report", help="write the report of a stored run again", description="Write the report of a stored run again."
-    )
-    report.set_defaults(run=_report)
     merging = commands.add_parser("merge", help="put shards or parts together", description=_MERGE)
     merging.set_defaults(run=_merge)
     merging.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders, or folders of shards")
     merging.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new run folder")
-    for command in (grade, report):
-        command.add_argument("folder", type=Path, help="run folder")
-    for command in (grade, report, merging):
+    grade.add_argument("folder", type=Path, help="run folder")
+    for command in (grade, merging):
         command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
         command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
 
@@ -49,17 +43,6 @@ def _grade(args: argparse.Namespace) -> int:
     folder = RunFolder(args.folder)
     folder.read_run()
     return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json)
-
-
-def _report(args: argparse.Namespace) -> int:
-    folder = RunFolder(args.folder)
-    facts, episodes, grades = folder.read_run(), folder.episodes(), folder.grades()
-    if set(grades) != set(episodes):
-        raise UsageError(f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first")
-    rows = scoring.scored(episodes.values(), grades.values(), KeyRing(args.scenes_dir))
-    write_report(folder, facts, rows, grades)
-    print(folder.report_file)
-    return 0
 
 
 def _merge(args: argparse.Namespace) -> int:
@@ -80,8 +63,8 @@ def finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool,
     """
     episodes = folder.episodes()
     changes, summary = scoring.grade_run(folder, episodes, keys)
+    report_on(folder, keys)
     grades = folder.grades()
-    write_report(folder, folder.read_run(), scoring.scored(episodes.values(), grades.values(), keys), grades)
     print_results(console, episodes, grades, summary)
     for line in changes:
         console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -1,13 +1,17 @@
 """One episode as the report shows it: a label, its reasoning in passages, its returns in lines. Knows no page."""
 
+import base64
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from evaluator.grounding import Assertion, Support, grounding_of
 from evaluator.metrics import EpisodeScores, ScoredEpisode, dimensions
-from evaluator.records import EpisodeKey, Exchange, GradeRecord, Turn
+from evaluator.records import EpisodeKey, Exchange, GradeRecord
+from evaluator.report.charts import Chart
+from evaluator.report.contenders import Contender
+from evaluator.report.motion import motion_charts
 
 _LINE = 92
 """Characters of JSON that stay on one line."""
@@ -25,11 +29,27 @@ class Passage(NamedTuple):
 class Entry:
     """An episode with its grade and scores."""
 
+    number: int
+    """Place in the report, from 1."""
     row: ScoredEpisode
     record: GradeRecord
     scores: EpisodeScores
     assertions: Sequence[Assertion]
     label: str
+    """Scene, seed, and what else tells it from others of its contender."""
+    contender: int
+    """Index of its contender."""
+    who: str
+    """Label of its contender."""
+    picture: str
+    """The scene's start as a PNG in base64; empty if there is none."""
+    charts: Sequence[Chart]
+    """How what moved moved."""
+
+    @property
+    def id(self) -> str:
+        """Its anchor in the page."""
+        return f"episode-{self.number}"
 
     def passages(self, turn: int) -> Iterator[Passage]:
         """The reasoning of a turn, cut at the numbers it states."""
@@ -42,28 +62,29 @@ class Entry:
         yield Passage(text[done:], asserted=False, support=None)
 
 
-def entries(rows: Sequence[ScoredEpisode], records: Mapping[EpisodeKey, GradeRecord]) -> list[Entry]:
+def entries(who: Sequence[Contender]) -> Iterator[Entry]:
     """The episodes in order of scene, seed and budget, labelled by what tells them apart."""
-    ordered = sorted(rows, key=lambda row: _order(row.episode.key))
-    varying = [
-        name
-        for name in ("agent", "budget", "prompting", "protocol", "epoch")
-        if len({getattr(row.episode.key, name) for row in rows}) > 1
-    ]
-    return [
-        Entry(
+    found = [(index, row) for index, one in enumerate(who) for row in one.rows]
+    found.sort(key=lambda pair: (_order(pair[1].episode.key), pair[0]))
+    varying = [name for name in ("budget", "epoch") if len({getattr(row.episode.key, name) for _, row in found}) > 1]
+    for number, (index, row) in enumerate(found, start=1):
+        run, key = who[index].run, row.episode.key
+        yield Entry(
+            number=number,
             row=row,
-            record=records[row.episode.key],
+            record=run.grades[key],
             scores=dimensions(row.episode, row.grade, row.disabled_tools),
             assertions=grounding_of(row.episode).assertions,
-            label=_label(row.episode.key, varying),
+            label=_label(key, varying),
+            contender=index,
+            who=who[index].label,
+            picture=base64.b64encode(run.pictures.get(key.scene, b"")).decode(),
+            charts=motion_charts(row.episode.turns),
         )
-        for row in ordered
-    ]
 
 
-def _order(key: EpisodeKey) -> tuple[Any, ...]:
-    return (key.scene, key.seed, key.budget, key.epoch, key.agent, key.prompting, key.protocol)
+def _order(key: EpisodeKey) -> tuple[int, ...]:
+    return (key.scene, key.seed, key.budget, key.epoch)
 
 
 def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
@@ -92,8 +113,3 @@ def laid_out(value: Any, indent: str = "") -> str:
         return "{\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}}}"
     parts = [laid_out(one, deeper) for one in cast(list[Any], value)]
     return "[\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}]"
-
-
-def calls_made(turns: Sequence[Turn]) -> int:
-    """How many calls the agent wrote."""
-    return sum(len(turn.exchanges) for turn in turns)

@@ -18,6 +18,7 @@ from evaluator.records import (
     Verdict,
     Versions,
 )
+from evaluator.report.contenders import Run
 from evaluator.report.page import render
 
 EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
@@ -56,7 +57,7 @@ def page(*rows: ScoredEpisode) -> str:
         )
         for one in rows
     }
-    return render(FACTS, rows, records)
+    return render([Run("run", FACTS, rows, records, {})]).page
 
 
 class _Tags(HTMLParser):

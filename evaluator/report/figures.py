@@ -1,0 +1,147 @@
+"""Figures for papers and slides, drawn by matplotlib (the extra `report`); the page itself does without it."""
+
+# matplotlib leaves the types of its keyword arguments open:
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evaluator.errors import StoreError, UsageError
+from evaluator.failures.findings import FailureMode
+from evaluator.metrics import WEIGHTS
+from evaluator.report import tables
+from evaluator.report.contenders import Contender
+from evaluator.report.tables import Share, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLOURS = ("#1f5fbf", "#b4541a", "#17703c", "#9c3587", "#7a6400", "#0b7285", "#b02a37", "#566070")
+_LINES = ("-", "--", ":", "-.")
+
+
+def write_figures(folder: Path, who: Sequence[Contender], form: str) -> list[Path]:
+    """Draw the figures of a report and return where they are.
+
+    Args:
+        folder: Where to; made if missing.
+        who: The contenders.
+        form: `svg` or `pdf`.
+
+    Raises:
+        UsageError: matplotlib is not installed.
+        StoreError: A file cannot be written.
+    """
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise UsageError(
+            "figures are drawn by matplotlib: install it with `pip install physment-mcp[report]`"
+        ) from error
+    settings: Any = {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "physment",  # the same figures give the same file
+        "pdf.fonttype": 42,
+        "font.size": 9,
+        "text.parse_math": False,  # names of agents are no formulas
+    }
+    metadata: dict[str, str | None] = {"Date": None} if form == "svg" else {"CreationDate": None}
+    written: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with mpl.rc_context(settings):
+            for name, figure in _figures(who):
+                written.append(folder / f"{name}.{form}")
+                figure.savefig(written[-1], format=form, metadata=metadata, bbox_inches="tight")
+    except OSError as error:
+        raise StoreError(f"{folder} cannot be written: {error.strerror}") from error
+    return written
+
+
+def _figures(who: Sequence[Contender]) -> Iterator[tuple[str, "Figure"]]:
+    yield "budget", _budget(who)
+    yield "categories", _matrix(tables.by_category(who))
+    yield "dimensions", _bars(who, ["C", "E", "G", "V", "R", "G′"], _dimensions, "mean, 0 to 1")
+    modes = [mode.value.replace("_", " ") for mode in FailureMode]
+    yield "failure_modes", _bars(who, modes, _failures, "share of scored episodes")
+
+
+def _dimensions(one: Contender) -> list[float | None]:
+    return [getattr(one.whole, name) for name in WEIGHTS]
+
+
+def _failures(one: Contender) -> list[float | None]:
+    n = one.whole.n_scored
+    return [one.whole.failures[mode].n / n if n else None for mode in FailureMode]
+
+
+def _panels(columns: int, width: float, height: float) -> tuple["Figure", list["Axes"]]:
+    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra; the figure alone needs no screen
+
+    figure = Figure(figsize=(width * columns, height), layout="constrained")
+    return figure, list(np.atleast_1d(np.asarray(figure.subplots(1, columns, sharey=True), dtype=object)))
+
+
+def _budget(who: Sequence[Contender]) -> "Figure":
+    """Accuracy against budget with 95 % intervals, a panel for each group of categories."""
+    picks = tables.group_picks(who)
+    figure, panels = _panels(len(picks), 2.6, 2.8)
+    for axes, (name, wanted) in zip(panels, picks, strict=True):
+        for index, one in enumerate(who):
+            cells = tables.accuracies(one.rows, lambda row: row.episode.key.budget, wanted)
+            shares = [cell.share for cell in cells.values()]
+            ends = [(cell.interval.low, cell.interval.high) for cell in cells.values()]
+            axes.errorbar(
+                list(cells),
+                [100 * share for share in shares],
+                yerr=[
+                    [100 * max(0.0, share - low) for share, (low, _) in zip(shares, ends, strict=True)],
+                    [100 * max(0.0, high - share) for share, (_, high) in zip(shares, ends, strict=True)],
+                ],
+                label=one.label,
+                color=_COLOURS[index % len(_COLOURS)],
+                linestyle=_LINES[index % len(_LINES)],
+                marker="o",
+                markersize=3,
+                linewidth=1.2,
+                elinewidth=0.7,
+            )
+        axes.set(title=name, xlabel="iteration budget", ylim=(-3, 103))
+        axes.set_xticks(sorted({row.episode.key.budget for one in who for row in one.rows}))
+    panels[0].set_ylabel("strict accuracy [%]")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _matrix(table: Table) -> "Figure":
+    """Rows against contenders, tinted by accuracy."""
+    figure, (axes,) = _panels(1, 2.2 + 0.9 * (len(table.columns) - 1), 1.2 + 0.32 * len(table.rows))
+    values = [[cell.value if isinstance(cell, Share) else np.nan for cell in row[1:]] for row in table.rows]
+    axes.imshow(np.array(values, dtype=float), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
+    axes.set_xticks(range(len(table.columns) - 1), table.columns[1:], rotation=30, ha="right")
+    axes.set_yticks(range(len(table.rows)), [str(row[0]) for row in table.rows])
+    for y, row in enumerate(values):
+        for x, value in enumerate(row):
+            axes.text(x, y, "–" if np.isnan(value) else f"{100 * value:.0f}", ha="center", va="center")
+    axes.set_title(f"{table.title} [%]")
+    return figure
+
+
+def _bars(
+    who: Sequence[Contender], names: Sequence[str], values: Callable[[Contender], Sequence[float | None]], label: str
+) -> "Figure":
+    """Groups of bars, one bar for each contender."""
+    figure, (axes,) = _panels(1, 7.0, 3.0)
+    width = 0.8 / max(1, len(who))
+    for index, one in enumerate(who):
+        at = [place + width * (index - (len(who) - 1) / 2) for place in range(len(names))]
+        heights = [value or 0.0 for value in values(one)]
+        axes.bar(at, heights, width * 0.92, label=one.label, color=_COLOURS[index % len(_COLOURS)])
+    axes.set_xticks(range(len(names)), names, rotation=20, ha="right")
+    axes.set(ylabel=label, ylim=(0, 1))
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure

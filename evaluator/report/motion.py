@@ -1,0 +1,111 @@
+"""What an episode's returns say of how things moved: position, velocity and energy against simulated time.
+
+Only what the agent read is plotted, at the times it read it: nothing is played again.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, TypeGuard
+
+from evaluator.records import Exchange, Turn
+from evaluator.report.charts import Chart, Point, Series, chart
+
+_AXES = ("x", "y", "z")
+_READINGS = {
+    "get_position": ("position", "position"),
+    "move_object": ("position", "position"),
+    "change_position": ("position", "new_position"),
+    "get_velocity": ("velocity", "velocity"),
+    "set_velocity": ("velocity", "velocity"),
+    "get_kinetic_energy": ("energy", "kinetic_energy"),
+    "get_potential_energy": ("energy", "potential_energy"),
+    "get_rotational_energy": ("energy", "rotational_energy"),
+}
+"""Tool → quantity and the field of its result."""
+_UNITS = {"position": "m", "velocity": "m/s", "energy": "J"}
+_MOST = 6
+"""Charts shown of an episode: the objects read most often come first."""
+
+
+class _Reading(NamedTuple):
+    quantity: str
+    body: str
+    component: str
+    time: float
+    value: float
+
+
+def motion_charts(turns: Sequence[Turn]) -> list[Chart]:
+    """A chart for each quantity of each object that was seen to change, those read most often first."""
+    found: defaultdict[tuple[str, str], defaultdict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
+    for one in _readings(turns):
+        found[one.body, one.quantity][one.component].append(Point(one.time, one.value))
+    moved = {
+        key: series
+        for key, series in found.items()
+        if any(len({point.x for point in points}) > 1 and _changes(points) for points in series.values())
+    }
+    weight = {key: sum(map(len, series.values())) for key, series in moved.items()}
+    order = sorted(moved, key=lambda key: (-weight[key], key))[:_MOST]
+    order.sort(key=lambda key: (key[0], list(_UNITS).index(key[1])))
+    return [_drawn(body, quantity, moved[body, quantity]) for body, quantity in order]
+
+
+def _drawn(body: str, quantity: str, series: dict[str, list[Point]]) -> Chart:
+    title = f"{body}: {quantity} [{_UNITS[quantity]}] against time [s]"
+    return chart(title, [Series(name, list(_segments(points))) for name, points in sorted(series.items())])
+
+
+def _segments(points: Sequence[Point]) -> Iterator[Sequence[Point]]:
+    """Points in the order they were read, parted where the clock was set back."""
+    begin = 0
+    for index in range(1, len(points)):
+        if points[index].x < points[index - 1].x:
+            yield points[begin:index]
+            begin = index
+    yield points[begin:]
+
+
+def _changes(points: Sequence[Point]) -> bool:
+    values = [point.y for point in points]
+    return max(values) - min(values) > 1e-6 * max(1e-3, *map(abs, values))
+
+
+def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
+    clock = 0.0
+    for exchange in (one for turn in turns for one in turn.exchanges):
+        content = exchange.content
+        if not exchange.returned or exchange.is_error or content is None:
+            continue
+        clock = _clock(exchange, content, clock)
+        body = exchange.call.arguments.get("object_id")
+        if exchange.call.tool not in _READINGS or not isinstance(body, str | int):
+            continue
+        quantity, field = _READINGS[exchange.call.tool]
+        named = f"object_{body}" if str(body).isdecimal() else str(body)
+        for component, value in _components(field, content.get(field)):
+            yield _Reading(quantity, named[:40], component, clock, value)
+
+
+def _clock(exchange: Exchange, content: dict[str, Any], before: float) -> float:
+    """Simulated time after a call [s]: as returned, else by the durations of the steps so far."""
+    for name in ("sim_time", "time"):
+        told = content.get(name)
+        if _is_number(told):
+            return float(told)
+    duration = exchange.call.arguments.get("duration")
+    return before + float(duration) if exchange.call.tool == "step" and _is_number(duration) else before
+
+
+def _components(field: str, value: Any) -> Iterator[tuple[str, float]]:
+    if _is_number(value):
+        yield field.removesuffix("_energy"), float(value)
+    elif isinstance(value, list):
+        parts: list[Any] = value  # pyright: ignore[reportUnknownVariableType] - JSON
+        if len(parts) == len(_AXES) and all(_is_number(part) for part in parts):
+            yield from zip(_AXES, map(float, parts), strict=True)
+
+
+def _is_number(value: Any) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e9

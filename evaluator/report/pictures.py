@@ -1,0 +1,30 @@
+"""Pictures of scenes for notebooks: those kept in the documentation, and only of the very packs that were played."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from evaluator.runner import pack_hash
+from scenes import default_folder, list_packs
+
+
+def pictures(facts: Mapping[str, Any], scenes_dir: Path | None = None) -> dict[int, bytes]:
+    """Scene → PNG, for the scenes of a run whose packs are those of the folder, byte for byte.
+
+    The pictures stand in `docs/reference/scenes` beside the folder of packs. An installed package has none; a report
+    without pictures is whole all the same.
+
+    Args:
+        facts: What `run.json` holds.
+        scenes_dir: Folder of packs; the suite's own if None.
+    """
+    kept = (scenes_dir or default_folder()).resolve().parent / "docs" / "reference" / "scenes"
+    played = facts.get("packs", {})
+    if not kept.is_dir():
+        return {}
+    found: dict[int, bytes] = {}
+    for files in list_packs(scenes_dir):
+        picture = kept / f"scene{files.scene_id}.png"
+        if played.get(str(files.scene_id)) == pack_hash(files) and picture.is_file():
+            found[files.scene_id] = picture.read_bytes()
+    return found

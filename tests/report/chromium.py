@@ -1,0 +1,115 @@
+"""A page in headless Chromium, driven through its DevTools protocol: what a reader sees, clicks and types."""
+
+import base64
+import itertools
+import json
+import subprocess
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",  # CI runs as root, where Chromium starts in no other way
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--remote-debugging-port=0",
+)
+KEYS = {"Tab": 9, "Enter": 13, "End": 35, "Home": 36, "ArrowUp": 38, "ArrowDown": 40}
+
+
+class Page:
+    """One tab."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self._ids = itertools.count(1)
+        self.complaints: list[str] = []
+        """What the console was told as an error, exceptions, and what the page's policy refused."""
+
+    def send(self, method: str, **params: Any) -> dict[str, Any]:
+        number = next(self._ids)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": params}))
+        while True:
+            message = json.loads(self._socket.recv(timeout=20))
+            if message.get("id") == number:
+                assert "error" not in message, message
+                return message["result"]
+            self._note(message)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        said = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(json.dumps(said["exceptionDetails"]))
+        if message.get("method") == "Runtime.consoleAPICalled" and said["type"] in {"error", "warning", "assert"}:
+            self.complaints.append(json.dumps(said["args"]))
+        if message.get("method") == "Log.entryAdded" and said["entry"]["level"] in {"error", "warning"}:
+            self.complaints.append(said["entry"]["text"])
+
+    def open(self, file: Path, anchor: str = "") -> None:
+        """Open a file from disk, and wait until it is all there."""
+        self.send("Page.navigate", url="about:blank")
+        self.send("Page.navigate", url=file.resolve().as_uri() + anchor)
+        self.wait("location.protocol === 'file:' && document.readyState === 'complete'")
+
+    def run(self, script: str) -> Any:
+        """The value of an expression in the page."""
+        found = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def wait(self, condition: str) -> None:
+        """Wait until an expression holds; the page itself looks at every frame."""
+        for _ in range(200):
+            if self.run(condition):
+                return
+            self.run("new Promise((done) => setTimeout(done, 50))")
+        raise AssertionError(f"never came true: {condition}")
+
+    def press(self, key: str) -> None:
+        """Press a key as a person would."""
+        text = {"text": "\r"} if key == "Enter" else {}
+        code = KEYS[key]
+        for kind in ("keyDown", "keyUp"):
+            self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
+
+    def look(self, width: int, scheme: str, height: int = 900) -> None:
+        """Set the width of the window and the colours that the reader prefers."""
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+
+    def picture(self, file: Path, *, whole: bool = True) -> None:
+        """A screenshot."""
+        found = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
+        file.write_bytes(base64.b64decode(found["data"]))
+
+
+@contextmanager
+def chromium(program: str, profile: Path) -> Generator[Page]:
+    """A tab of a browser of its own, ended with the block."""
+    command = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            told = next(line for line in process.stderr if line.startswith("DevTools listening on "))
+            with connect(told.split()[-1], max_size=None, proxy=None) as browser:
+                tab = Page(browser).send("Target.createTarget", url="about:blank")["targetId"]
+                address = f"{told.split()[-1].split('/devtools/')[0]}/devtools/page/{tab}"
+                with connect(address, max_size=None, proxy=None) as socket:
+                    page = Page(socket)
+                    for domain in ("Page", "Runtime", "Log"):
+                        page.send(f"{domain}.enable")
+                    yield page
+                Page(browser).send("Browser.close")
+            process.wait(timeout=10)
+        finally:
+            process.kill()
