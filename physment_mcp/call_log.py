@@ -21,30 +21,34 @@ class LoggedCall:
     """One tool call that reached the laboratory."""
 
     tool: str
-    arguments: dict[str, Any]
-    """As they came; NaN and infinities as text, for which JSON has no numbers."""
-    result: types.CallToolResult | None
-    """None where the client took the call back before it ended."""
+    written: bytes
+    """The arguments as they came, in JSON; NaN and infinities as text, for which it has no numbers."""
+    text: str | None
+    """What the client was given: a result in JSON, or the sentence of a refusal; None if it took the call back."""
+    is_error: bool
     started_s: float
     """Wall time since the episode was opened [s]."""
     duration_s: float
 
     @property
-    def text(self) -> str:
-        """What the result says in words: its JSON, or the sentence of a refusal."""
-        content = self.result.content if self.result else []
-        return "\n".join(one.text for one in content if isinstance(one, types.TextContent))
+    def arguments(self) -> dict[str, Any]:
+        """The arguments; read again each time, for most are never asked for."""
+        return json.loads(self.written)
+
+    @property
+    def content(self) -> dict[str, Any] | None:
+        """The structured result; None if there is none."""
+        return None if self.text is None or self.is_error else json.loads(self.text)
 
     def as_json(self) -> dict[str, Any]:
         """The call as the log publishes it."""
-        result = self.result
         return {
             "tool": self.tool,
             "arguments": self.arguments,
-            "returned": result is not None,
-            "is_error": result is not None and bool(result.is_error),
-            "content": result and result.structured_content,
-            "text": self.text,
+            "returned": self.text is not None,
+            "is_error": self.is_error,
+            "content": self.content,
+            "text": self.text or "",
             "started_s": round(self.started_s, 6),
             "duration_s": round(self.duration_s, 6),
         }
@@ -52,9 +56,9 @@ class LoggedCall:
     def as_note(self) -> dict[str, Any]:
         """The call as a line of the agent's own notes: what it saw, and no wall-clock times."""
         said = {"tool": self.tool, "arguments": self.arguments}
-        if self.result is None:
+        if self.text is None:
             return said | {"taken_back": True}
-        return said | ({"refused": self.text} if self.result.is_error else {"result": self.result.structured_content})
+        return said | ({"refused": self.text} if self.is_error else {"result": self.content})
 
 
 @dataclass(slots=True)
@@ -77,11 +81,15 @@ class CallLog:
             started_at: When it began, by the monotonic clock [s].
         """
         written = to_json(params.arguments or {}, inf_nan_mode="strings")
-        arguments = json.loads(written)
         if self.kept is not None and len(written) > _MAX_NOTED:
-            arguments = {"left_out": f"{len(written)} bytes"}
-        now = time.monotonic()
-        self.calls.append(LoggedCall(params.name, arguments, result, started_at - self.opened_at, now - started_at))
+            written = to_json({"left_out": f"{len(written)} bytes"})
+        # Texts alone: to hold on to the results themselves made every later call slower by a tenth, through the
+        # collector of garbage, which goes through them again and again.
+        said = (one.text for one in result.content if isinstance(one, types.TextContent)) if result else ()
+        text = next(iter(said), "") if result else None
+        is_error = result is not None and bool(result.is_error)
+        took = time.monotonic() - started_at
+        self.calls.append(LoggedCall(params.name, written, text, is_error, started_at - self.opened_at, took))
         if self.kept is not None and len(self.calls) > self.kept:
             self.left_out += 1
             del self.calls[0]
