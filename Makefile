@@ -8,7 +8,7 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test ray-test verify check bench pages lock mcpb wheel clean setup
+.PHONY: help demo test ray-test clients inspect-test verify check bench pages lock mcpb wheel clean setup
 
 help: ## list the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1|\2/' | column -t -s '|'
@@ -20,7 +20,7 @@ $(STAMP): requirements.lock pyproject.toml
 	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
 	done); \
 	if [ -z "$$python" ]; then echo "physment-mcp needs Python 3.11, 3.12 or 3.13, and finds none on this machine." >&2; exit 1; fi; \
-	echo "Creating $(VENV) with $$($$python --version)"; $$python -m venv --clear $(VENV)
+	echo "Creating $(VENV) with $$($$python --version)"; rm -rf $(VENV); $$python -m venv $(VENV)
 	@echo "Installing the locked dependencies (a minute or two)"
 	@$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
@@ -37,6 +37,14 @@ test: $(STAMP) ## set up, then run the whole test suite
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --group ray
 	@$(BIN)/python -m pytest tests/ray_cluster
+
+clients: $(STAMP) ## install eight third-party MCP clients (1.4 GB, into ~/.cache) and play a scene through each of them
+	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md
+
+inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
+	@test -d .inspect || python3 -m venv .inspect
+	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest
+	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
 
 verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (some minutes; see docs/decisions/0011)
 	@$(BIN)/physment-eval verify
