@@ -181,6 +181,13 @@ def _compact(value: object) -> str:
     return "–" if value is None else json.dumps(value, ensure_ascii=False)
 
 
+def _brief(value: object) -> str:
+    """An answer in a line of the list: six digits of a float, eighty characters of anything."""
+    rounded = json.loads(json.dumps(value), parse_float=lambda text: float(f"{float(text):.6g}"))
+    text = _compact(rounded)
+    return text if len(text) <= 80 else f"{text[:79]}…"
+
+
 def _words(value: str) -> str:
     return value.replace("_", " ")
 
@@ -194,6 +201,7 @@ _FILTERS: dict[str, Any] = {
     "decimal": decimal,
     "score": _score,
     "compact": _compact,
+    "brief": _brief,
     "words": _words,
     "options": _options,
     "shown": shown,
