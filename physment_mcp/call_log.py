@@ -7,7 +7,7 @@ Knows MCP results, and neither transports nor physics.
 import json
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import mcp_types as types
 from pydantic_core import to_json
@@ -16,8 +16,7 @@ _MAX_NOTED = 20_000
 """Longest arguments that a bounded log keeps [bytes]; longer ones are a mistake or an attack on our memory."""
 
 
-@dataclass(frozen=True, slots=True)
-class LoggedCall:
+class LoggedCall(NamedTuple):
     """One tool call that reached the laboratory."""
 
     tool: str
