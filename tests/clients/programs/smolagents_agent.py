@@ -1,0 +1,28 @@
+"""A smolagents agent that calls the laboratory's tools."""
+
+import shlex
+import sys
+
+from mcp import StdioServerParameters
+from smolagents import MCPClient, OpenAIModel, ToolCallingAgent
+
+laboratory, task = sys.argv[1:]
+
+
+def parameters():
+    if laboratory.startswith("http"):
+        return {"url": laboratory, "transport": "streamable-http"}
+    command, *args = shlex.split(laboratory)
+    return StdioServerParameters(command=command, args=args)
+
+
+with MCPClient(parameters(), structured_output=False) as tools:
+    for tool in tools:
+        for argument in tool.inputs.values():
+            if "anyOf" in argument:  # which the adapter takes for text, and would refuse the number of an answer
+                argument["type"] = "any"
+            if "default" in argument:  # or all arguments are required
+                argument["nullable"] = True
+    # Calls of one reply would run side by side, in any order.
+    agent = ToolCallingAgent(tools, OpenAIModel("gpt-5.5"), max_steps=100, max_tool_threads=1, verbosity_level=0)
+    print(agent.run(task))

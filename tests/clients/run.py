@@ -1,0 +1,155 @@
+"""Runs every third-party client against the laboratory and prints what came of it.
+
+python tests/clients/run.py [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import anyio
+from catalogue import Client, read_clients
+from environments import CannotInstall, Environment, environment_of
+from playing import Played, difference, on_stdio, over_http, rehearse
+from rich.console import Console
+from rich.table import Table
+from scripted_model import app, serving
+
+from evaluator.commands.base import wide_console
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One client over one transport."""
+
+    client: str
+    version: str
+    transport: str
+    protocol: str
+    works: bool
+    why: str
+    """Why not; or what was seen that is not the plain case."""
+    know: str
+
+
+TITLES = ("client", "version", "transport", "MCP protocol", "works", "what its user must know")
+
+
+def rows_of(client: Client, expected: Mapping[int, Played], provider: str) -> list[Row]:
+    """Run a client over all its transports."""
+    try:
+        environment = environment_of(client)
+        version = environment.version(client.package)
+    except CannotInstall as error:
+        return [Row(client.name, "–", "–", "–", False, f"cannot be installed: {error}", client.know)]
+    found = over_http(environment.command(client), client.scenes, provider, environment.path)
+    rows = [_row(client, version, "HTTP", found, expected)]
+    if client.stdio != "none":
+        rows.append(_on_stdio(client, environment, version, expected, provider))
+    return rows
+
+
+def _on_stdio(
+    client: Client, environment: Environment, version: str, expected: Mapping[int, Played], provider: str
+) -> Row:
+    found = {
+        scene: on_stdio(environment.command(client), scene, expected[scene].prompt, provider, environment.path)
+        for scene in client.scenes
+    }
+    if client.stdio == "session":
+        return _row(client, version, "stdio", found, expected)
+    # Held to its word: if it came to keep its process, its row and its page would have to say so.
+    many = all(one.processes > 1 for one in found.values())
+    why = (
+        "no episode: it starts a process for each call" if many else "it keeps one process now: say so in clients.toml"
+    )
+    return Row(client.name, version, "stdio", _protocols(found), many, why, client.know)
+
+
+def _row(
+    client: Client, version: str, transport: str, found: Mapping[int, Played], expected: Mapping[int, Played]
+) -> Row:
+    problems = [
+        f"scene {scene}: {problem}"
+        for scene in client.scenes
+        if (problem := difference(found[scene], expected[scene]) if scene in found else "not played")
+    ]
+    return Row(client.name, version, transport, _protocols(found), not problems, "; ".join(problems), client.know)
+
+
+def _protocols(found: Mapping[int, Played]) -> str:
+    return ", ".join(sorted({one for played in found.values() for one in played.protocols})) or "–"
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row as the table shows it."""
+    works = ("host only" if row.why else "yes") if row.works else "NO"
+    note = row.why if row.why and not row.works else row.know
+    return row.client, row.version, row.transport, row.protocol, works, note
+
+
+def lines_of(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """The rows as the table shows them, what is to be known of a client once."""
+    lines: list[tuple[str, ...]] = []
+    known = ""
+    for row in rows:
+        *facts, note = cells(row)
+        lines.append((*facts, "as above" if note == known else note))
+        known = note
+    return lines
+
+
+def page(rows: Sequence[Row]) -> str:
+    """The table as a document."""
+    lines = [
+        "# Clients that were run",
+        "",
+        "Made by `make clients`; do not edit. Each client played in an environment of its own, driven by a scripted"
+        " model that is refused three times, then finds or creates an object, measures and answers. *Works* means that"
+        " the laboratory saw the same calls and returned the same values as to the evaluator's own client, and that the"
+        " grade is the same. *Host only* means that the client was seen to start a laboratory for each call."
+        " [How to set each of them up](../how-to/clients.md).",
+        "",
+        "| " + " | ".join(TITLES) + " |",
+        "|---" * len(TITLES) + "|",
+        *("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines_of(rows)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run, print, and tell by the exit code whether all of them work."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--out", type=Path, help="write the table there, if all clients were run and work")
+    args = parser.parse_args(argv)
+    console = Console(stderr=True)
+    wanted = [
+        one for one in read_clients() if not args.names or any(name.lower() in one.name.lower() for name in args.names)
+    ]
+
+    async def expectations() -> dict[int, Played]:
+        return {scene: await rehearse(scene) for scene in sorted({one for client in wanted for one in client.scenes})}
+
+    expected = anyio.run(expectations)
+    rows: list[Row] = []
+    with serving(app()) as provider:
+        for client in wanted:
+            with console.status(client.name):
+                rows += rows_of(client, expected, provider)
+            done = [f"{one.transport}: {cells(one)[4]}" for one in rows if one.client == client.name]
+            console.print(f"{client.name}: {', '.join(done)}")
+    table = Table(*TITLES, show_lines=True)
+    for line in lines_of(rows):
+        table.add_row(*line)
+    wide_console().print(table)
+    working = all(row.works for row in rows)
+    if args.out and working and not args.names:
+        args.out.write_text(page(rows), encoding="utf-8")
+    return 0 if working and rows else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,218 @@
+"""What `make clients` is made of: the page shows what is run, the model reads whatever clients show it, faults show."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+from catalogue import PROGRAMS, Client, read_clients
+from environments import CannotInstall
+from how_to import PAGE, current
+from playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
+from run import Row, cells, rows_of
+from run import page as table_page
+from scripted_model import WRONG, WRONG_CALLS, Asked, app, next_call, read_gemini, read_openai, reading, serving
+
+from evaluator.records import Verdict
+
+RESULT: dict[str, Any] = {"sim_time": 1.5, "displacement": 0.08}
+TEXT = json.dumps(RESULT, separators=(",", ":"))
+REFUSED = "there is no object 'object_99'; the objects you can use are object_1"
+
+SMALL = """
+import json
+import sys
+import urllib.request
+
+import anyio
+from mcp import Client, StdioServerParameters, stdio_client
+
+laboratory, task = sys.argv[1:]
+where = laboratory
+if not laboratory.startswith("http"):
+    command, *args = laboratory.split()
+    where = stdio_client(StdioServerParameters(command=command, args=args))
+
+
+async def main():
+    import os
+
+    said = [{"role": "user", "content": task}]
+    async with Client(where) as client:
+        while True:
+            body = json.dumps({"messages": said}).encode()
+            url = os.environ["OPENAI_BASE_URL"] + "/chat/completions"
+            with urllib.request.urlopen(urllib.request.Request(url, body)) as reply:
+                message = json.load(reply)["choices"][0]["message"]
+            if "tool_calls" not in message:
+                return print(message["content"])
+            function = message["tool_calls"][0]["function"]
+            arguments = json.loads(function["arguments"])
+            FAULT
+            result = await client.call_tool(function["name"], arguments)
+            said += [message, {"role": "tool", "content": result.content[0].text}]
+
+
+anyio.run(main)
+"""
+
+
+@pytest.fixture(scope="module")
+def expected() -> Played:
+    return anyio.run(rehearse, 23)
+
+
+@pytest.fixture(scope="module")
+def provider() -> Any:
+    with serving(app()) as url:
+        yield url
+
+
+def program(folder: Path, fault: str = "pass") -> list[str]:
+    file = folder / "small.py"
+    file.write_text(SMALL.replace("FAULT", fault), encoding="utf-8")
+    return [sys.executable, str(file)]
+
+
+def test_the_page_shows_the_programs_that_are_run(update_goldens: bool) -> None:
+    if update_goldens:
+        PAGE.write_text(current(), encoding="utf-8")
+    assert PAGE.read_text(encoding="utf-8") == current()
+    assert {one.program for one in read_clients()} == {file.name for file in PROGRAMS.iterdir() if file.is_file()}
+
+
+def test_the_rehearsal_is_refused_finds_measures_and_is_right(expected: Played) -> None:
+    tools = [one["tool"] for one in expected.transcript]
+    assert tools == ["get_position"] * 3 + ["find_objects", "apply_force", "step", "get_displacement", "answer"]
+    assert expected.grade is not None
+    assert expected.grade.strict is Verdict.CORRECT
+
+
+@pytest.mark.parametrize(
+    "returned",
+    [
+        TEXT,
+        f"Observation:\n{TEXT}",
+        [{"type": "text", "text": TEXT}],
+        json.dumps({"type": "text", "text": TEXT, "annotations": None}),
+        {"name": "get_displacement", "response": {"content": [{"type": "text", "text": TEXT}], "isError": False}},
+        f"meta=None content=[TextContent(type='text', text='{TEXT}', annotations=None)] isError=False",
+        [["1. it moved", {"result": TEXT}]],
+    ],
+)
+def test_the_model_finds_a_result_in_whatever_a_client_makes_of_it(returned: Any) -> None:
+    assert reading(returned) == RESULT
+
+
+@pytest.mark.parametrize(
+    "returned", [REFUSED, f"Error: {REFUSED}", {"error": REFUSED}, [{"type": "text", "text": REFUSED}]]
+)
+def test_the_model_reads_a_refusal(returned: Any) -> None:
+    assert "object_99" in reading(returned)["error"]
+
+
+def test_the_model_goes_on_only_if_it_is_told_why_it_was_refused(expected: Played) -> None:
+    told = Asked(expected.prompt, (REFUSED,) * WRONG_CALLS, frozenset())
+    assert next_call(Asked(expected.prompt, (), frozenset())) == WRONG
+    after = next_call(told)
+    assert after is not None
+    assert after.tool == "find_objects"
+    with pytest.raises(ValueError, match="not told why"):
+        next_call(Asked(expected.prompt, ("tool failed",), frozenset()))
+    with pytest.raises(ValueError, match="tells of no scene"):
+        next_call(Asked("Hello.", (REFUSED,) * WRONG_CALLS, frozenset()))
+    with pytest.raises(ValueError, match="makes nothing of"):
+        next_call(Asked(expected.prompt, (*(REFUSED,) * WRONG_CALLS, "no such tool"), frozenset()))
+
+
+def test_both_wire_formats_say_the_same() -> None:
+    chat = {
+        "messages": [
+            {"role": "system", "content": "Act."},
+            {"role": "user", "content": [{"type": "text", "text": "Task"}]},
+            {"role": "assistant", "tool_calls": [{"id": "1"}], "content": None},
+            {"role": "tool", "tool_call_id": "1", "content": TEXT},
+        ],
+        "tools": [{"type": "function", "function": {"name": "step"}}],
+    }
+    response = {"functionResponse": {"name": "step", "response": {"result": TEXT}}}
+    gemini = {
+        "contents": [
+            {"role": "user", "parts": [{"text": "Act.\n\nTask"}]},
+            {"role": "model", "parts": [{"functionCall": {"name": "step", "args": {}}}]},
+            {"role": "user", "parts": [response]},
+        ],
+        "tools": [{"functionDeclarations": [{"name": "step"}]}],
+    }
+    one, other = read_openai(chat), read_gemini(gemini)
+    assert one.task == other.task == "Act.\n\nTask"
+    assert one.tools == other.tools == {"step"}
+    assert [reading(each) for each in one.returns] == [reading(each) for each in other.returns] == [RESULT]
+
+
+def test_a_client_is_held_to_the_rehearsal_over_http(tmp_path: Path, provider: str, expected: Played) -> None:
+    seen = over_http(program(tmp_path), [23], provider, "/usr/bin:/bin")[23]
+    assert difference(seen, expected) == ""
+    assert seen.protocols == {"2026-07-28"}
+
+
+def test_a_client_is_held_to_the_rehearsal_on_stdio(tmp_path: Path, provider: str, expected: Played) -> None:
+    seen = on_stdio(program(tmp_path), 23, expected.prompt, provider, "/usr/bin:/bin")
+    assert difference(seen, expected) == ""
+    assert (seen.protocols, seen.processes) == ({"2026-07-28"}, 1)
+
+
+def test_a_client_that_changes_a_call_is_caught(tmp_path: Path, provider: str, expected: Played) -> None:
+    fault = 'arguments |= {"duration": 14.0} if function["name"] == "step" else {}'
+    seen = on_stdio(program(tmp_path, fault), 23, expected.prompt, provider, "/usr/bin:/bin")
+    assert difference(seen, expected).startswith('call 6 is {"tool": "step", "arguments": {"duration": 14.0}')
+
+
+def test_a_client_that_breaks_off_is_a_failure_with_its_last_words(
+    tmp_path: Path, provider: str, expected: Played
+) -> None:
+    fault = 'assert function["name"] != "step", "I will not wait"'
+    seen = on_stdio(program(tmp_path, fault), 23, expected.prompt, provider, "/usr/bin:/bin")
+    assert difference(seen, expected).startswith("call 6 is missing")
+    assert "I will not wait" in difference(seen, expected)
+
+
+def test_another_grade_is_a_difference(expected: Played) -> None:
+    assert expected.grade is not None
+    worse = expected.grade.model_copy(update={"strict": Verdict.INCORRECT})
+    assert difference(Played(expected.transcript, worse), expected).startswith("the grade is")
+
+
+def test_processes_and_versions_are_read_from_the_messages() -> None:
+    def said(process: int, speaker: str, **message: Any) -> dict[str, Any]:
+        return {"process": process, "speaker": speaker, "message": {"jsonrpc": "2.0", **message}}
+
+    result = {"content": [{"type": "text", "text": TEXT}], "structuredContent": RESULT, "isError": False}
+    messages = [
+        said(1, "client", id=0, method="initialize", params={"protocolVersion": "2025-11-25"}),
+        said(1, "laboratory", id=0, result={"protocolVersion": "2025-06-18"}),
+        said(1, "client", id=1, method="tools/call", params={"name": "step", "arguments": {"duration": 1}}),
+        said(2, "client", id=1, method="tools/list"),
+        said(2, "laboratory", id=1, result={"tools": []}),
+        said(1, "laboratory", id=1, result=result),
+    ]
+    exchanges, versions = read_messages(messages)
+    assert versions == {"2025-06-18"}
+    assert [canonical(one) for one in exchanges] == [{"tool": "step", "arguments": {"duration": 1}, "result": RESULT}]
+
+
+def test_a_client_that_cannot_be_installed_is_a_row_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_client: Client) -> None:
+        raise CannotInstall("pip: no such version")
+
+    monkeypatch.setattr("run.environment_of", fail)
+    client = Client(name="None", package="none", program="mcp_1_client.py", requirements=(), know="Nothing.")
+    (row,) = rows_of(client, {}, "http://127.0.0.1:1")
+    assert cells(row) == ("None", "–", "–", "–", "NO", "cannot be installed: pip: no such version")
+
+
+def test_the_table_says_who_needs_a_host() -> None:
+    row = Row("A | B", "1.0", "stdio", "2025-11-25", works=True, why="starts a process for each call", know="So it is.")
+    assert "| A \\| B | 1.0 | stdio | 2025-11-25 | host only | So it is. |" in table_page([row])

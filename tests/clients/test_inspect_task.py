@@ -1,0 +1,150 @@
+# The optional library is not in the environment in which types are checked.
+# pyright: reportMissingImports=false
+# ruff: noqa: E402 - what needs the library is imported after the look whether it is there
+"""Inspect AI plays and grades as `physment-eval` does: the same turns, returns, outcome, answer and verdicts."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+inspect_ai = pytest.importorskip(
+    "inspect_ai", reason="inspect_ai is not installed here; `make inspect` runs this in an environment of its own"
+)
+
+from inspect_ai.model import ModelOutput, ModelUsage, get_model
+from playing import Rehearsed, canonical, exchanges_of
+from scripted_model import KEY, Asked, app, next_call, serving
+
+from evaluator.agents.base import Agent, Briefing, Feedback, Reply
+from evaluator.answer_key import KeyRing
+from evaluator.connect import ProcessLaboratory
+from evaluator.episode import play_episode
+from evaluator.grading import grade_episode
+from evaluator.inspect_task import EPISODE, physment
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
+
+ROOT = Path(__file__).parents[2]
+USAGE = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
+Outputs = Callable[..., ModelOutput]
+
+pytestmark = pytest.mark.filterwarnings("default")  # those of a library with a hundred dependencies are not ours
+
+
+def rehearsed(messages: list[Any], *_: object) -> ModelOutput:
+    """The scripted model, in Inspect's words."""
+    returns = tuple(one.text for one in messages if one.role == "tool")
+    call = next_call(Asked(messages[0].text, returns, frozenset()))
+    assert call is not None
+    output = ModelOutput.for_tool_call("mockllm", call.tool, call.arguments)
+    output.usage = USAGE
+    return output
+
+
+def wrong(messages: list[Any], *_: object) -> ModelOutput:
+    output = ModelOutput.for_tool_call("mockllm", "answer", {"answer": -1.0})
+    output.usage = USAGE
+    return output
+
+
+def hesitant(messages: list[Any], *_: object) -> ModelOutput:
+    output = ModelOutput.for_tool_call("mockllm", "step", {"duration": "long"})
+    output.usage = USAGE
+    return output
+
+
+class Repeating:
+    """The agent that makes the same call in each turn."""
+
+    def __init__(self, tool: str, arguments: dict[str, Any]) -> None:
+        self.name = "repeating"
+        self._call = ToolCall(tool=tool, arguments=arguments)
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "Repeating":
+        return self
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        return Reply(calls=(self._call,))
+
+
+def play_in_inspect(outputs: Outputs, scene: int, budget: int, log_dir: Path) -> tuple[Episode, Any]:
+    model = get_model("mockllm/model", custom_outputs=outputs)
+    (log,) = inspect_ai.eval(
+        physment(scenes=str(scene), budget=budget), model=model, log_dir=str(log_dir), display="none"
+    )
+    assert log.status == "success", log.error
+    assert log.samples is not None
+    (sample,) = log.samples
+    assert sample.limit is None
+    return Episode.model_validate(sample.store[EPISODE]), sample
+
+
+async def play_here(agent: Agent, scene: int, budget: int) -> Episode:
+    key = EpisodeKey(scene=scene, seed=0, agent=agent.name, budget=budget)
+    async with ProcessLaboratory((sys.executable, "-m", "physment_mcp")).open(scene, 0) as client:
+        return await play_episode(agent, client, key, Versions(physment="0", protocol="0", pack="0"))
+
+
+CASES = {
+    "solved": (23, 20, rehearsed, Rehearsed(), Outcome.ANSWERED, 1.0),
+    "wrong": (7, 20, wrong, Repeating("answer", {"answer": -1.0}), Outcome.ANSWERED, 0.0),
+    "out of budget": (7, 4, hesitant, Repeating("step", {"duration": "long"}), Outcome.BUDGET_EXHAUSTED, 0.0),
+    "out of budget before the answer": (23, 7, rehearsed, Rehearsed(), Outcome.BUDGET_EXHAUSTED, 0.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_episode_counts_in_inspect_what_it_counts_here(case: str, tmp_path: Path) -> None:
+    import anyio
+
+    scene, budget, outputs, agent, outcome, strict = CASES[case]
+    theirs, sample = play_in_inspect(outputs, scene, budget, tmp_path)
+    ours = anyio.run(play_here, agent, scene, budget)
+    assert (theirs.outcome, theirs.answer, theirs.prompt) == (outcome, ours.answer, ours.prompt)
+    assert ours.outcome is outcome
+    assert [canonical(one) for one in exchanges_of(theirs)] == [canonical(one) for one in exchanges_of(ours)]
+    assert [turn.note for turn in theirs.turns] == [turn.note for turn in ours.turns]
+    grade = grade_episode(ours, KeyRing().key(scene, 0))
+    score = sample.scores["laboratory_grade"]
+    assert score.value == {
+        "strict": float(grade.strict is Verdict.CORRECT),
+        "normalised": float(grade.normalised is Verdict.CORRECT),
+        "graded": grade.graded or 0.0,
+    }
+    assert (score.value["strict"], score.explanation) == (strict, grade.reason)
+
+
+def test_a_model_reads_in_inspect_what_models_read_here(tmp_path: Path) -> None:
+    episode, sample = play_in_inspect(rehearsed, 23, 20, tmp_path)
+    said = [one.text for one in sample.messages]
+    assert said[0] == episode.prompt
+    returns = [one.text for one in sample.messages if one.role == "tool"]
+    assert returns == [one.text for one in exchanges_of(episode)][:-1]  # nobody reads what comes after the answer
+    assert said[3] == "Iterations left: 19."
+
+
+def test_nothing_of_the_key_is_in_a_sample_before_it_is_graded() -> None:
+    (sample,) = physment(scenes="23").dataset
+    assert not sample.target
+    assert set(sample.metadata or {}) == {"key", "category", "problem_type"}
+
+
+def test_inspect_eval_plays_the_file_of_the_task(tmp_path: Path) -> None:
+    with serving(app()) as provider:
+        words = ["eval", "evaluator/inspect_task.py", "--model", "openai/gpt-5.5", "-M", "responses_api=false"]
+        words += ["-T", "scenes=20,23", "-T", "budget=15", "--log-dir", str(tmp_path), "--log-format", "json"]
+        environment = os.environ | {"OPENAI_BASE_URL": f"{provider}/v1", "OPENAI_API_KEY": KEY}
+        done = subprocess.run(
+            [str(Path(sys.executable).parent / "inspect"), *words, "--display", "plain"],
+            cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=120,
+        )  # fmt: skip
+    (log,) = tmp_path.glob("*.json")
+    told = json.loads(log.read_text(encoding="utf-8"))
+    assert told["status"] == "success", done.stdout[-2000:]
+    scores = {one["name"]: one["metrics"]["mean"]["value"] for one in told["results"]["scores"]}
+    assert scores == {"strict": 1.0, "normalised": 1.0, "graded": 1.0}
