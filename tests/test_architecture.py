@@ -35,6 +35,7 @@ EXEMPT = {"evaluator": ("evaluator/certify",), "scenes": ("scenes/Scene",)}
 
 ONLY_THERE = {
     "mujoco": ("physment_mcp/world",),
+    "inspect_ai": ("evaluator/inspect_task.py",),
     "pydantic_ai": ("evaluator/models", "evaluator/agents/model.py"),
     "ray": ("evaluator/study/ray_executor.py",),
 }
