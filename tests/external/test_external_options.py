@@ -5,18 +5,22 @@ import sys
 
 import pytest
 
-from evaluator.commands.external import add_options, external_agent
+from evaluator.agents.external import ExternalAgent
+from evaluator.commands.run_options import add_options, team_of
+from evaluator.errors import UsageError
 
 
 def parsed(*words: str) -> argparse.Namespace:
     """As `physment-eval run` parses them: below a sub-command."""
     parser = argparse.ArgumentParser()
-    run = parser.add_subparsers().add_parser("run")
-    run.add_argument("--agent")
-    run.add_argument("--server", default="host")
-    run.add_argument("--scenes-dir", default=None)
-    add_options(run)
-    return parser.parse_args(["run", *words])
+    add_options(parser.add_subparsers().add_parser("run"))
+    return parser.parse_args(["run", "--server", "host", *words])
+
+
+def external_agent(args: argparse.Namespace) -> ExternalAgent:
+    (agent,) = team_of(args).build().values()
+    assert isinstance(agent, ExternalAgent)
+    return agent
 
 
 def test_the_words_after_the_dashes_are_the_programs_own() -> None:
@@ -38,3 +42,11 @@ def test_a_wall_time_that_is_none_is_misuse(value: str, capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         parsed("--max-wall-time", value)
     assert "is not a time above 0" in capsys.readouterr().err
+
+
+def test_a_command_belongs_to_an_external_agent_and_takes_no_advice() -> None:
+    with pytest.raises(UsageError, match="belongs to --agent external"):
+        team_of(parsed("--agent", "random", "--", sys.executable)).build()
+    words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
+    with pytest.raises(UsageError, match="cannot be told when to answer"):
+        team_of(parsed(*words)).build()
