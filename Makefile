@@ -38,7 +38,7 @@ ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster
 	@$(BIN)/python -m pip install --quiet --group ray
 	@$(BIN)/python -m pytest tests/ray_cluster
 
-clients: $(STAMP) ## install eight third-party MCP clients (1.4 GB, into ~/.cache) and play a scene through each of them
+clients: $(STAMP) ## install eight third-party MCP clients (1.6 GB, into ~/.cache) and play a scene through each of them
 	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md
 
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does

@@ -11,7 +11,7 @@ from catalogue import PROGRAMS, Client, read_clients
 from environments import CannotInstall
 from how_to import PAGE, current
 from playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
-from run import Row, cells, rows_of
+from run import Row, cells, main, rows_of
 from run import page as table_page
 from scripted_model import WRONG, WRONG_CALLS, Asked, app, next_call, read_gemini, read_openai, reading, serving
 
@@ -211,6 +211,26 @@ def test_a_client_that_cannot_be_installed_is_a_row_with_its_reason(monkeypatch:
     client = Client(name="None", package="none", program="mcp_1_client.py", requirements=(), know="Nothing.")
     (row,) = rows_of(client, {}, "http://127.0.0.1:1")
     assert cells(row) == ("None", "–", "–", "–", "NO", "cannot be installed: pip: no such version")
+
+
+def test_a_client_that_fails_makes_the_command_fail_and_writes_no_page(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    client = Client(name="X", package="x", program="x.py", requirements=(), scenes=(), know="Nothing.")
+    works = {True: "", False: "call 1 is missing"}
+
+    def run_as(good: bool) -> int:
+        row = Row("X", "1", "HTTP", "2026-07-28", good, works[good], "Nothing.")
+        monkeypatch.setattr("run.rows_of", lambda *_: [row])
+        return main(["--out", str(tmp_path / "page.md")])
+
+    monkeypatch.setattr("run.read_clients", lambda: (client,))
+    assert run_as(good=False) == 1
+    assert "call 1 is missing" in capsys.readouterr().out
+    assert not (tmp_path / "page.md").exists()
+    assert run_as(good=True) == 0
+    assert "| X | 1 | HTTP | 2026-07-28 | yes | Nothing. |" in (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert main(["no such client"]) == 1
 
 
 def test_the_table_says_who_needs_a_host() -> None:
