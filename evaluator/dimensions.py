@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from evaluator.grounding import grounding_of
+from evaluator.grounding import Grounding, grounding_of
 from evaluator.records import Episode, Exchange, Grade, Outcome, Record
 
 WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.10}
@@ -46,20 +46,26 @@ def final_score(c: float, e: float, g: float | None, v: float | None, r: float |
     return 100 * sum(weight * (parts[name] or 0.0) for name, weight in WEIGHTS.items())
 
 
-def dimensions(episode: Episode, grade: Grade, disabled_tools: frozenset[str] = frozenset()) -> EpisodeScores:
+def dimensions(
+    episode: Episode,
+    grade: Grade,
+    disabled_tools: frozenset[str] = frozenset(),
+    grounding: Grounding | None = None,
+) -> EpisodeScores:
     """The dimensions of one episode.
 
     Args:
         episode: As recorded.
         grade: Its grade.
         disabled_tools: Names of the tools that the scene disables.
+        grounding: That of the episode, where it is known already; most of the work goes into it.
     """
     made = [one for turn in episode.turns for one in turn.exchanges if _was_made(one)]
     calls = [one for one in made if one.call.tool not in disabled_tools]
     return EpisodeScores(
         c=grade.graded,
         e=_efficiency(episode),
-        g=grounding_of(episode).share,
+        g=(grounding or grounding_of(episode)).share,
         v=sum(not one.is_error for one in calls) / len(calls) if calls else None,
         r=non_repetition([turn.reasoning for turn in episode.turns]),
         calls=len(calls),

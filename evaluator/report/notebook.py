@@ -68,13 +68,13 @@ def entries(who: Sequence[Contender]) -> Iterator[Entry]:
     found.sort(key=lambda pair: (_order(pair[1].episode.key), pair[0]))
     varying = [name for name in ("budget", "epoch") if len({getattr(row.episode.key, name) for _, row in found}) > 1]
     for number, (index, row) in enumerate(found, start=1):
-        run, key = who[index].run, row.episode.key
+        run, key, grounding = who[index].run, row.episode.key, grounding_of(row.episode)
         yield Entry(
             number=number,
             row=row,
             record=run.grades[key],
-            scores=dimensions(row.episode, row.grade, row.disabled_tools),
-            assertions=grounding_of(row.episode).assertions,
+            scores=dimensions(row.episode, row.grade, row.disabled_tools, grounding),
+            assertions=grounding.assertions,
             label=_label(key, varying),
             contender=index,
             who=who[index].label,

@@ -1,0 +1,95 @@
+"""What is drawn of an episode: only what was read, when it was read, and where it belongs."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluator.records import Exchange, ToolCall, Turn
+from evaluator.report.charts import LEFT, Point, Series, chart, ticks
+from evaluator.report.motion import motion_charts
+
+
+def read(tool: str, content: dict[str, Any], **arguments: Any) -> Exchange:
+    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, content=content)
+
+
+def at(time: float, position: list[Any], body: Any = "object_1") -> Exchange:
+    return read("get_position", {"sim_time": time, "position": position}, object_id=body)
+
+
+def charts(*exchanges: Exchange) -> list[Any]:
+    return motion_charts([Turn(reasoning="", exchanges=exchanges)])
+
+
+def test_what_moved_is_drawn_and_what_rested_is_not() -> None:
+    found = charts(at(0, [0, 0, 2]), at(0, [1, 1, 1], 2), at(0.5, [0, 0, 1]), at(0.5, [1, 1, 1], "object_2"))
+    assert [one.title for one in found] == ["object_1: position [m] against time [s]"]
+    z = found[0].lines[2]
+    assert (z.name, len(z.marks)) == ("z", 2)
+    assert z.marks[0].y < z.marks[1].y  # up is up
+
+
+def test_the_ids_1_and_object_1_are_one_object_and_a_reset_breaks_the_line() -> None:
+    (one,) = charts(at(0, [0, 0, 2], 1), at(1, [0, 0, 1]), at(0, [0, 0, 2]), at(2, [0, 0, 0]))
+    assert [path.count(",") for path in one.lines[2].paths] == [2, 2]
+
+
+def test_without_a_clock_in_the_returns_the_steps_are_added_up() -> None:
+    step = read("step", {"result": "ok"}, duration=0.25)
+    speeds = [read("get_kinetic_energy", {"kinetic_energy": value}, object_id=1) for value in (0.0, 1.0, 4.0)]
+    (one,) = charts(speeds[0], step, speeds[1], step, speeds[2])
+    assert one.lines[0].name == "kinetic"
+    assert [tick.label for tick in one.x_ticks][-1] == "0.6"
+    assert [mark.x for mark in one.lines[0].marks] == pytest.approx([46.0, 148.5, 251.0])  # 246 px for 0.6 s
+
+
+def test_errors_and_odd_returns_draw_nothing() -> None:
+    failed = Exchange(
+        call=ToolCall(tool="get_position", arguments={"object_id": 1}), returned=True, is_error=True, text="no such"
+    )
+    odd: list[list[Any]] = [[0, 0], ["a", "b", "c"], [0, 0, True], [1e300, 0, 0]]
+    assert charts(failed, *(at(time, position) for time, position in enumerate(odd))) == []
+    assert charts(at(0, [0, 0, 1], ["object_1"]), at(1, [0, 0, 0], ["object_1"])) == []
+
+
+def test_an_episode_with_many_objects_shows_those_read_most() -> None:
+    exchanges = [at(time, [0, 0, time], body) for body in range(1, 12) for time in range(2 + (body == 9))]
+    found = charts(*exchanges)
+    assert len(found) == 6
+    assert any(one.title.startswith("object_9:") for one in found)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(0, 1e6))
+def test_ticks_are_round_ascending_and_hold_the_range(low: float, width: float) -> None:
+    found = ticks(low, low + width)
+    assert 2 <= len(found) <= 7
+    assert found == sorted(set(found))
+    slack = 1e-6 * max(abs(low), abs(low + width), 1e-3)
+    assert found[0] <= low + slack
+    assert found[-1] >= low + width - slack
+
+
+@given(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=1, max_size=20))
+def test_every_mark_lies_inside_its_chart(values: list[tuple[float, float]]) -> None:
+    drawn = chart("t", [Series("a", [[Point(x, y) for x, y in values]])])
+    for mark in drawn.lines[0].marks:
+        assert math.isfinite(mark.x)
+        assert LEFT - 0.1 <= mark.x <= drawn.width
+        assert 0 <= mark.y <= drawn.height
+
+
+def test_shares_are_labelled_in_per_cent_and_series_stand_apart() -> None:
+    point = Point(5, 0.5, 0.25, 0.75)
+    drawn = chart(
+        "t", [Series("a", [[point]]), Series("b", [[point]])], x_ticks=[5, 20], y_range=(0, 1), dodge=4, percent=True
+    )
+    assert [tick.label for tick in drawn.x_ticks] == ["5", "20"]
+    assert [tick.label for tick in drawn.y_ticks][-1] == "100 %"
+    a, b = (line.marks[0] for line in drawn.lines)
+    assert b.x - a.x == pytest.approx(4)
+    assert a.low is not None
+    assert a.high is not None
+    assert a.low > a.y > a.high
