@@ -90,13 +90,15 @@ def _budget(who: Sequence[Contender]) -> "Figure":
     """Accuracy against budget with 95 % intervals, a panel for each group of categories."""
     picks = tables.group_picks(who)
     figure, panels = _panels(len(picks), 2.6, 2.8)
+    budgets = sorted({row.episode.key.budget for one in who for row in one.rows})
+    apart = 0.012 * (max(budgets, default=0) - min(budgets, default=0))  # so that intervals do not hide one another
     for axes, (name, wanted) in zip(panels, picks, strict=True):
         for index, one in enumerate(who):
             cells = tables.accuracies(one.rows, lambda row: row.episode.key.budget, wanted)
             shares = [cell.share for cell in cells.values()]
             ends = [(cell.interval.low, cell.interval.high) for cell in cells.values()]
             axes.errorbar(
-                list(cells),
+                [budget + apart * (index - (len(who) - 1) / 2) for budget in cells],
                 [100 * share for share in shares],
                 yerr=[
                     [100 * max(0.0, share - low) for share, (low, _) in zip(shares, ends, strict=True)],
@@ -111,7 +113,7 @@ def _budget(who: Sequence[Contender]) -> "Figure":
                 elinewidth=0.7,
             )
         axes.set(title=name, xlabel="iteration budget", ylim=(-3, 103))
-        axes.set_xticks(sorted({row.episode.key.budget for one in who for row in one.rows}))
+        axes.set_xticks(budgets)
     panels[0].set_ylabel("strict accuracy [%]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -121,7 +123,7 @@ def _matrix(table: Table) -> "Figure":
     """Rows against contenders, tinted by accuracy."""
     figure, (axes,) = _panels(1, 2.2 + 0.9 * (len(table.columns) - 1), 1.2 + 0.32 * len(table.rows))
     values = [[cell.value if isinstance(cell, Share) else np.nan for cell in row[1:]] for row in table.rows]
-    axes.imshow(np.array(values, dtype=float), cmap="Blues", vmin=0, vmax=1.25, aspect="auto")
+    axes.imshow(np.array(values, dtype=float), cmap="Blues", vmin=0, vmax=1.8, aspect="auto")
     axes.set_xticks(range(len(table.columns) - 1), table.columns[1:], rotation=30, ha="right")
     axes.set_yticks(range(len(table.rows)), [str(row[0]) for row in table.rows])
     for y, row in enumerate(values):
