@@ -37,6 +37,7 @@ ONLY_THERE = {
     "mujoco": ("physment_mcp/world",),
     "inspect_ai": ("evaluator/inspect_task.py",),
     "pydantic_ai": ("evaluator/models", "evaluator/agents/model.py"),
+    "matplotlib": ("evaluator/report/figures.py",),
     "ray": ("evaluator/study/ray_executor.py",),
 }
 """Module → the only parts of the tree that may import it."""

@@ -33,6 +33,7 @@ class Page:
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
         self._ids = itertools.count(1)
+        self._loaded = False
         self.complaints: list[str] = []
         """What the console was told as an error, exceptions, and what the page's policy refused."""
 
@@ -48,6 +49,7 @@ class Page:
 
     def _note(self, message: dict[str, Any]) -> None:
         said = message.get("params", {})
+        self._loaded |= message.get("method") == "Page.loadEventFired"
         if message.get("method") == "Runtime.exceptionThrown":
             self.complaints.append(json.dumps(said["exceptionDetails"]))
         if message.get("method") == "Runtime.consoleAPICalled" and said["type"] in {"error", "warning", "assert"}:
@@ -57,9 +59,11 @@ class Page:
 
     def open(self, file: Path, anchor: str = "") -> None:
         """Open a file from disk, and wait until it is all there."""
-        self.send("Page.navigate", url="about:blank")
-        self.send("Page.navigate", url=file.resolve().as_uri() + anchor)
-        self.wait("location.protocol === 'file:' && document.readyState === 'complete'")
+        for url in ("about:blank", file.resolve().as_uri() + anchor):
+            self._loaded = False
+            self.send("Page.navigate", url=url)
+            while not self._loaded:
+                self._note(json.loads(self._socket.recv(timeout=20)))
 
     def run(self, script: str) -> Any:
         """The value of an expression in the page."""

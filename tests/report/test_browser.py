@@ -171,3 +171,14 @@ def test_it_prints_whole_pages_without_controls(browser: Page, report: Path) -> 
     assert not browser.run(f"[...document.querySelectorAll('nav, .filter, .skip')].some({visible})")
     assert browser.run(f"[...document.querySelectorAll('#list > details')].filter({visible}).length") == 50
     browser.send("Emulation.setEmulatedMedia", media="")
+
+
+def test_without_scripts_all_episodes_are_there_to_read(browser: Page, tmp_path: Path, study: Run) -> None:
+    file = write_report(RunFolder(tmp_path), [study])
+    browser.send("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(file)
+        assert browser.run("document.querySelectorAll('#list > details .notebook').length") == 64
+        assert not browser.run("document.getElementById('find').checkVisibility()")
+    finally:
+        browser.send("Emulation.setScriptExecutionDisabled", value=False)
