@@ -3,11 +3,14 @@
 Knows MCP; leaves physics to the session and files to `scene`.
 """
 
+import base64
 import functools
 import logging
 import time
 from typing import Any
 
+import anyio
+import anyio.to_thread
 import mcp_types as types
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
@@ -17,6 +20,7 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp import __version__
 from physment_mcp.calls import call
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
+from physment_mcp.frames import SHOWING_TOOLS, Frames
 from physment_mcp.icon import ICON
 from physment_mcp.laboratory import Laboratory
 from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
@@ -46,6 +50,7 @@ def build_server(laboratory: Laboratory) -> Server[Any]:
             "tools/list": _SAME_FOR_ALL,
             "prompts/list": _SAME_FOR_ALL,
             "resources/list": _SAME_FOR_ALL,
+            "resources/templates/list": _SAME_FOR_ALL,
             "server/discover": CacheHint(),
         },
         get_tool_input_schema=lambda name: _input_schemas().get(name),
@@ -54,6 +59,7 @@ def build_server(laboratory: Laboratory) -> Server[Any]:
         on_list_prompts=service.list_prompts,
         on_get_prompt=service.get_prompt,
         on_list_resources=service.list_resources,
+        on_list_resource_templates=service.list_resource_templates,
         on_read_resource=service.read_resource,
         on_completion=service.complete,
     )
@@ -134,8 +140,11 @@ class _Service:
             logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
             logger.debug("traceback", exc_info=True)
             return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+        content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
+        if self._laboratory.frames is not None and params.name in SHOWING_TOOLS:
+            content += await _frame(self._laboratory.frames)
         return types.CallToolResult(
-            content=[types.TextContent(type="text", text=result.model_dump_json())],
+            content=content,
             structured_content=result.model_dump(mode="json"),
         )
 
@@ -209,6 +218,12 @@ class _Service:
     ) -> types.ListResourcesResult:
         return types.ListResourcesResult(resources=listed_resources())
 
+    async def list_resource_templates(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListResourceTemplatesResult:
+        # Who offers resources is asked for templates too, and an empty list is no error to a client.
+        return types.ListResourceTemplatesResult(resource_templates=[])
+
     async def read_resource(
         self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
@@ -216,7 +231,7 @@ class _Service:
             try:
                 return read(self._laboratory, str(params.uri))
             except LookupError as error:
-                raise _bad_request(str(error)) from None
+                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)}) from None
 
     async def complete(
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
@@ -250,6 +265,15 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
 def _is_count(text: str) -> bool:
     # int() raises on decimal text of more than some thousand digits.
     return text.isdecimal() and len(text) < 10
+
+
+async def _frame(frames: Frames) -> list[types.ImageContent]:
+    png = await anyio.to_thread.run_sync(frames.draw)
+    return [] if png is None else [_image(png)]
+
+
+def _image(png: bytes) -> types.ImageContent:
+    return types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")
 
 
 def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:

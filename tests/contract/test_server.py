@@ -271,6 +271,23 @@ async def test_what_never_changes_may_be_kept_and_what_does_may_not(
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_asked_for_templates_it_says_there_are_none(open_lab: Callable[..., Any], mode: str) -> None:
+    async with open_lab(mode=mode) as lab:
+        found = await lab.client.list_resource_templates()
+    assert found.resource_templates == []
+    if mode == "auto":  # older protocols have no such hints
+        assert found.ttl_ms > 0
+        assert found.cache_scope == "public"
+
+
+async def test_an_unknown_resource_is_named_in_the_error(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        with pytest.raises(MCPError, match="the resources are physment://scene") as refused:
+            await lab.client.read_resource("physment://nothing")
+    assert refused.value.error.data == {"uri": "physment://nothing"}
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
 async def test_clients_are_given_something_to_show(open_lab: Callable[..., Any], mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         info = lab.client.server_info
