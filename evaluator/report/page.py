@@ -14,7 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from evaluator.display import decimal, share
+from evaluator.display import curve_sentence, decimal, share
 from evaluator.errors import StoreError
 from evaluator.failures.findings import FailureMode
 from evaluator.metrics import WEIGHTS
@@ -197,6 +197,7 @@ def _options(values: Iterable[object]) -> list[tuple[object, str]]:
 
 
 _FILTERS: dict[str, Any] = {
+    "curve_sentence": curve_sentence,
     "share": share,
     "decimal": decimal,
     "score": _score,

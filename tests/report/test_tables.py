@@ -10,10 +10,12 @@ from xml.etree import ElementTree as ET
 import pytest
 from conftest import played, run_of
 
+from evaluator.display import curve_sentence
 from evaluator.errors import UsageError
 from evaluator.report.contenders import Run, contenders
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.figures import write_figures
+from evaluator.report.page import render
 from evaluator.report.quoted import PAPER
 from evaluator.report.tables import Count, Share, by_budget, by_category, group_picks, tables
 from evaluator.spending import spending
@@ -46,6 +48,11 @@ def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run)
     assert list(categories) == ["easy-multi-hidden", "easy-single", "hard-multi", "hard-single"]
     assert isinstance(categories["hard-single"], Share)
     assert (categories["hard-single"].value, categories["hard-single"].n) == (0.5, 8)
+
+
+def test_the_page_says_of_a_curve_what_the_terminal_says(study: Run) -> None:
+    (curve,) = contenders([study])[0].summary.budget_curves
+    assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in render([study]).page
 
 
 def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
