@@ -8,7 +8,7 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test ray-test clients inspect-test verify check bench pages lock mcpb wheel clean setup
+.PHONY: help demo test ray-test clients conformance inspect-test verify check bench pages lock mcpb wheel clean setup
 
 help: ## list the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1|\2/' | column -t -s '|'
@@ -40,6 +40,9 @@ ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster
 
 clients: $(STAMP) ## install eight third-party MCP clients (1.6 GB, into ~/.cache) and play a scene through each of them
 	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md
+
+conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only what is listed may fail
+	@$(BIN)/python tests/conformance/run.py --out docs/explanation/conformance.md
 
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
 	@test -d .inspect || python3 -m venv .inspect

@@ -1,0 +1,116 @@
+"""What the suite found, held against the list of what cannot pass."""
+
+import tomllib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from suite import Result
+
+Found = Mapping[str, Mapping[str, Result]]
+"""Protocol → scenario → what it found."""
+
+KINDS = {
+    "fixture": "wants a tool, resource or prompt of the suite's own test server",
+    "option": "wants a part of the protocol that is optional, and that the server does not declare",
+    "fault": "a fault of the server",
+}
+"""Why a scenario does not pass."""
+
+
+class Expected(BaseModel):
+    """A scenario that does not pass."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scenario: str
+    kind: Literal["fixture", "option", "fault"]
+    checks: frozenset[str] = Field(min_length=1)
+    """The checks that fail; all others of the scenario must hold."""
+    reason: str = Field(min_length=10)
+
+
+def read_expected(file: Path) -> dict[str, Expected]:
+    """The list, by scenario.
+
+    Raises:
+        ValueError: It is not well-formed, or names a scenario twice.
+    """
+    entries = TypeAdapter(list[Expected]).validate_python(tomllib.loads(file.read_text(encoding="utf-8"))["expected"])
+    twice = [name for name, count in Counter(one.scenario for one in entries).items() if count > 1]
+    if twice:
+        raise ValueError(f"named twice: {', '.join(twice)}")
+    return {one.scenario: one for one in entries}
+
+
+def differences(found: Found, expected: Mapping[str, Expected]) -> list[str]:
+    """Where the results are not those of the list: failures that it does not name, and names that do not fail."""
+    problems: list[str] = []
+    for revision, results in found.items():
+        for scenario, result in results.items():
+            listed = expected[scenario].checks if scenario in expected else frozenset[str]()
+            problems += [
+                f"{revision} {scenario}: {check} fails and is not in the list"
+                for check in sorted(result.failed - listed)
+            ]
+            problems += [
+                f"{revision} {scenario}: {check} does not fail any more; take it from the list"
+                for check in sorted(listed - result.failed)
+            ]
+            if not result.failed and not result.passed:
+                problems.append(f"{revision} {scenario}: nothing was checked")
+    ran = {scenario for results in found.values() for scenario in results}
+    problems += [
+        f"{scenario}: in the list, but there is no such scenario" for scenario in sorted(expected.keys() - ran)
+    ]
+    return problems
+
+
+def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
+    """The results as a document."""
+    revisions = list(found)
+    ran = list(dict.fromkeys(scenario for results in found.values() for scenario in results))
+    counts = ", ".join(
+        f"{sum(not one.failed for one in results.values())} of {len(results)} in {revision}"
+        for revision, results in found.items()
+    )
+    lines = [
+        "# Conformance to the protocol",
+        "",
+        "Made by `make conformance`; do not edit. It runs every server scenario of the official suite"
+        f" (`{suite}`) against an episode of the host, but for those of extensions (skills, tasks), which the host does"
+        " not offer, in two protocols with sessions and in the stateless one.",
+        "",
+        "The suite was written for a test server: most scenarios call tools, resources and prompts with names such as"
+        " `test_image_content`, which a laboratory with a fixed set of 26 tools does not have. What then fails is in"
+        " `tests/conformance/expected.toml`, check by check, with the reason; whatever else fails, or fails no longer,"
+        " makes the command fail.",
+        "",
+        f"Scenarios that pass whole: {counts}. In brackets, the checks that hold.",
+        "",
+        "A pass means little where a scenario takes any well-formed reply: `tools-call-simple-text` is content with the"
+        " refusal of a tool that is not there. What the 26 tools do is held by `make test`.",
+        "",
+        "| scenario | " + " | ".join(revisions) + " | why not |",
+        "|---" * (len(revisions) + 2) + "|",
+        *(_line(scenario, [found[revision].get(scenario) for revision in revisions], expected) for scenario in ran),
+        "",
+        *(f"- *{kind}*: {meaning}." for kind, meaning in KINDS.items()),
+        "- –: the scenario is not of this protocol.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _line(scenario: str, results: Sequence[Result | None], expected: Mapping[str, Expected]) -> str:
+    why = expected.get(scenario)
+    cells = [scenario, *map(_cell, results), "" if why is None else f"*{why.kind}*: {why.reason}"]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _cell(result: Result | None) -> str:
+    if result is None:
+        return "–"
+    checks = result.passed + len(result.failed)
+    return f"no ({result.passed} of {checks})" if result.failed else f"yes ({checks})"

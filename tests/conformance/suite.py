@@ -1,0 +1,81 @@
+"""The official MCP conformance suite as a program: what is run, and what it says of a server."""
+
+import json
+import re
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+SUITE = "@modelcontextprotocol/conformance@0.2.0-alpha.12"
+"""The newest release; 0.1.16, the last without a suffix, knows nothing of protocol 2026-07-28."""
+NODE = "node@22.23.3"
+REVISIONS = ("2025-06-18", "2025-11-25", "2026-07-28")
+"""Protocols that are run: two with sessions, and the stateless one."""
+_PATIENCE_S = 600.0
+"""For one protocol, download included [s]."""
+_STAMP = re.compile(r"-\d{4}-\d{2}-\d{2}T[\d-]+Z$")
+_ANNOUNCED = re.compile(r"\((\d+) scenarios\)")
+
+
+class CannotRun(Exception):
+    """The suite did not run to its end; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a scenario found."""
+
+    passed: int
+    """Checks that succeeded."""
+    failed: frozenset[str]
+    """Ids of the checks that did not."""
+
+
+def run_suite(url: str, revision: str) -> dict[str, Result]:
+    """Run every server scenario of a protocol that is not of an extension.
+
+    Args:
+        url: The MCP endpoint.
+        revision: The protocol, by its date.
+
+    Returns:
+        What each scenario found, by its name.
+
+    Raises:
+        CannotRun: npx is missing, the suite cannot be had, or it did not run all that it announced.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["npx", "--yes", f"--package={NODE}", f"--package={SUITE}", "--", "conformance", "server"]
+        options = ["--url", url, "--suite", "all", "--spec-version", revision, "--output-dir", folder]
+        try:
+            # Its exit code says only that something failed, which is judged scenario by scenario.
+            done = subprocess.run([*words, *options], capture_output=True, text=True, check=False, timeout=_PATIENCE_S)
+        except FileNotFoundError:
+            raise CannotRun("npx is not installed; it comes with Node.js") from None
+        except subprocess.TimeoutExpired:
+            raise CannotRun(f"{SUITE} did not end in {_PATIENCE_S:g} s") from None
+        announced = _ANNOUNCED.search(done.stdout)
+        if announced is None:
+            said = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
+            raise CannotRun(f"{SUITE} did not start: {said[-1] if said else done.returncode}")
+        results = read_results(Path(folder))
+    if len(results) != int(announced[1]):
+        raise CannotRun(f"{SUITE} announced {announced[1]} scenarios for {revision} and told of {len(results)}")
+    return results
+
+
+def read_results(folder: Path) -> dict[str, Result]:
+    """What the suite wrote: a folder for each scenario, with its checks."""
+    return {
+        _STAMP.sub("", file.parent.name).removeprefix("server-"): _result(file)
+        for file in sorted(folder.glob("*/checks.json"))
+    }
+
+
+def _result(file: Path) -> Result:
+    checks = json.loads(file.read_text(encoding="utf-8"))
+    return Result(
+        passed=sum(one["status"] == "SUCCESS" for one in checks),
+        failed=frozenset(one["id"] for one in checks if one["status"] == "FAILURE"),
+    )

@@ -1,0 +1,92 @@
+"""How the results of the conformance suite are held to the list; the suite itself is run by `make conformance`."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from judging import Expected, differences, page, read_expected
+from suite import CannotRun, Result, read_results, run_suite
+
+HERE = Path(__file__).parent
+LISTED = {
+    "image": Expected(scenario="image", kind="fixture", checks=frozenset({"has-image"}), reason="tool `test_image`.")
+}
+GOOD = Result(2, frozenset())
+BAD = Result(1, frozenset({"has-image"}))
+
+
+def test_what_fails_as_listed_is_no_difference() -> None:
+    assert differences({"2025": {"ping": GOOD, "image": BAD}, "2026": {"ping": GOOD}}, LISTED) == []
+
+
+@pytest.mark.parametrize(
+    ("results", "told"),
+    [
+        ({"image": BAD, "ping": Result(0, frozenset({"pong"}))}, "2025 ping: pong fails and is not in the list"),
+        (
+            {"image": Result(1, frozenset({"has-image", "wire"}))},
+            "2025 image: wire fails and is not in the list",
+        ),
+        ({"image": GOOD}, "2025 image: has-image does not fail any more; take it from the list"),
+        ({"ping": GOOD}, "image: in the list, but there is no such scenario"),
+        ({"image": BAD, "ping": Result(0, frozenset())}, "2025 ping: nothing was checked"),
+    ],
+)
+def test_each_difference_is_told(results: dict[str, Result], told: str) -> None:
+    assert differences({"2025": results}, LISTED) == [told]
+
+
+def test_results_are_read_as_the_suite_writes_them(tmp_path: Path) -> None:
+    folder = tmp_path / "server-server-stateless-2026-11-21T09-59-47-618Z"
+    folder.mkdir()
+    statuses = {"a": "SUCCESS", "b": "FAILURE", "c": "WARNING", "d": "SKIPPED", "e": "INFO"}
+    checks = [{"id": name, "status": status} for name, status in statuses.items()]
+    (folder / "checks.json").write_text(json.dumps(checks), encoding="utf-8")
+    assert read_results(tmp_path) == {"server-stateless": Result(1, frozenset({"b"}))}
+
+
+@pytest.mark.parametrize(
+    ("program", "told"),
+    [
+        ("echo 'npm error 404' >&2; exit 1", "did not start: npm error 404"),
+        ("echo 'Running all suite (3 scenarios) against x'", "announced 3 scenarios for 2025-11-25 and told of 0"),
+    ],
+)
+def test_a_suite_that_breaks_off_is_no_pass(
+    program: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    npx = tmp_path / "npx"
+    npx.write_text(f"#!/bin/sh\n{program}\n", encoding="utf-8")
+    npx.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with pytest.raises(CannotRun, match=told):
+        run_suite("http://127.0.0.1:1/mcp", "2025-11-25")
+
+
+def test_without_npx_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CannotRun, match="npx is not installed"):
+        run_suite("http://127.0.0.1:1/mcp", "2025-11-25")
+
+
+def test_the_page_tells_of_every_scenario() -> None:
+    text = page({"2025": {"ping": GOOD, "image": BAD}, "2026": {"ping": GOOD}}, LISTED, "suite@1")
+    assert "1 of 2 in 2025, 1 of 1 in 2026" in text
+    assert "| ping | yes (2) | yes (2) |  |" in text
+    assert "| image | no (1 of 2) | – | *fixture*: tool `test_image`. |" in text
+
+
+def test_the_list_and_the_page_agree() -> None:
+    """The page is made by the command, which needs the network: here only that neither was changed alone."""
+    text = (HERE.parent.parent / "docs" / "explanation" / "conformance.md").read_text(encoding="utf-8")
+    for one in read_expected(HERE / "expected.toml").values():
+        assert f"| {one.scenario} |" in text
+        assert f"| *{one.kind}*: {one.reason} |" in text
+
+
+def test_a_scenario_is_listed_once(tmp_path: Path) -> None:
+    entry = '[[expected]]\nscenario = "ping"\nkind = "fault"\nchecks = ["pong"]\nreason = "it is not answered"\n'
+    (tmp_path / "expected.toml").write_text(entry * 2, encoding="utf-8")
+    with pytest.raises(ValueError, match="named twice: ping"):
+        read_expected(tmp_path / "expected.toml")
