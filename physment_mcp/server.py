@@ -3,14 +3,11 @@
 Knows MCP; leaves physics to the session and files to `scene`.
 """
 
-import base64
 import functools
 import logging
 import time
 from typing import Any
 
-import anyio
-import anyio.to_thread
 import mcp_types as types
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
@@ -20,7 +17,6 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp import __version__
 from physment_mcp.calls import call
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
-from physment_mcp.frames import SHOWING_TOOLS, Frames
 from physment_mcp.icon import ICON
 from physment_mcp.laboratory import Laboratory
 from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
@@ -140,11 +136,8 @@ class _Service:
             logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
             logger.debug("traceback", exc_info=True)
             return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
-        content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
-        if self._laboratory.frames is not None and params.name in SHOWING_TOOLS:
-            content += await _frame(self._laboratory.frames)
         return types.CallToolResult(
-            content=content,
+            content=[types.TextContent(type="text", text=result.model_dump_json())],
             structured_content=result.model_dump(mode="json"),
         )
 
@@ -265,15 +258,6 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
 def _is_count(text: str) -> bool:
     # int() raises on decimal text of more than some thousand digits.
     return text.isdecimal() and len(text) < 10
-
-
-async def _frame(frames: Frames) -> list[types.ImageContent]:
-    png = await anyio.to_thread.run_sync(frames.draw)
-    return [] if png is None else [_image(png)]
-
-
-def _image(png: bytes) -> types.ImageContent:
-    return types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")
 
 
 def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:
