@@ -22,12 +22,19 @@ _SCENE = {"scene": 20, "seed": 0}
 
 @contextlib.contextmanager
 def host() -> Generator[str]:
-    """A host as a user starts it; yields its address."""
+    """A host as a user starts it; yields its address.
+
+    Raises:
+        CannotRun: It does not start.
+    """
     words = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
-            yield json.loads(process.stdout.readline())["listening"]
+            line = process.stdout.readline()
+            if not line:
+                raise CannotRun("the host did not start; it says why above")
+            yield json.loads(line)["listening"]
         finally:
             process.terminate()
 
