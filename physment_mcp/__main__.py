@@ -10,7 +10,7 @@ import anyio
 
 from physment_mcp import __version__
 from physment_mcp.commands import bundle, config, export, serve
-from physment_mcp.commands.base import common_options
+from physment_mcp.commands.base import common_options, observations
 from physment_mcp.errors import SceneError, UsageError
 
 _DESCRIPTION = """\
@@ -47,6 +47,7 @@ def parser() -> argparse.ArgumentParser:
     words.add_argument("--version", action="version", version=f"physment-mcp {__version__}")
     words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
     words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
+    observations(words)
     words.set_defaults(run=_stdio)
     commands = words.add_subparsers(metavar="COMMAND")
     for command in (serve, export, config, bundle):
@@ -55,19 +56,24 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _stdio(args: argparse.Namespace) -> int:
+    from physment_mcp.frames import watching  # noqa: PLC0415
     from physment_mcp.laboratory import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
     from physment_mcp.scene import list_cards, load_scene, scene_ids  # noqa: PLC0415
     from physment_mcp.server import build_server  # noqa: PLC0415
     from physment_mcp.session import Session  # noqa: PLC0415
+
+    watch = watching(args.observations, args.scenes_dir)
 
     def reopen(scene_id: int) -> Session:
         return Session(load_scene(scene_id, args.seed, args.scenes_dir))
 
     if args.scene is None:
         ids = scene_ids(args.scenes_dir)
-        laboratory = Laboratory(reopen=reopen, scene_ids=ids, list_scenes=partial(list_cards, args.scenes_dir))
+        laboratory = Laboratory(
+            reopen=reopen, scene_ids=ids, list_scenes=partial(list_cards, args.scenes_dir), watch=watch
+        )
     else:
-        laboratory = Laboratory(reopen(args.scene))
+        laboratory = Laboratory(reopen(args.scene), watch=watch)
     server = build_server(laboratory)
 
     async def run() -> None:

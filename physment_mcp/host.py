@@ -32,6 +32,7 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import SceneError
+from physment_mcp.frames import Frames
 from physment_mcp.gate import AddressGate, bears, refuse
 from physment_mcp.laboratory import Laboratory
 from physment_mcp.scene import load_scene
@@ -88,6 +89,8 @@ class Host:
     """Whether other machines can reach the host; then the token is wanted with every request."""
     names: tuple[str, ...] = ()
     """Names it answers to besides its addresses and loopback."""
+    watch: Callable[[Session], Frames] | None = None
+    """What draws frames for results; None for results of text alone."""
     _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
     _opening: int = 0
     """Episodes on their way to being open; they count for the cap."""
@@ -152,7 +155,9 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        laboratory = Laboratory(Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls))
+        laboratory = Laboratory(
+            Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls), watch=self.watch
+        )
         server = build_server(laboratory)
         manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
         episode_id = secrets.token_urlsafe(18)

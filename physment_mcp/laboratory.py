@@ -10,6 +10,7 @@ import anyio
 
 from physment_mcp.call_log import CallLog
 from physment_mcp.errors import EpisodeGone, EpisodeOver
+from physment_mcp.frames import Frames
 from physment_mcp.scene import SceneCard
 from physment_mcp.session import Session
 
@@ -28,6 +29,7 @@ class Laboratory:
         scene_ids: Sequence[int] = (),
         list_scenes: Callable[[], Sequence[SceneCard]] | None = None,
         gone: str | None = None,
+        watch: Callable[[Session], Frames] | None = None,
     ) -> None:
         """Set up.
 
@@ -36,6 +38,7 @@ class Laboratory:
             reopen: For an idle start, how to open an episode by scene id.
             scene_ids: Which scenes can be opened; by default the open one.
             list_scenes: What may be told of those; by default the open one is told of.
+            watch: What draws frames of an episode for results; None for results of text alone.
             gone: Why no episode can be opened here at all; None if one is or can be.
         """
         self.session = session
@@ -44,6 +47,8 @@ class Laboratory:
         self.gone = gone
         self.lock = anyio.Lock()
         self.log = CallLog()
+        self.frames: Frames | None = None
+        self._watch = watch
         self._list_scenes = list_scenes
         if session is not None:
             self.enter(session)
@@ -55,7 +60,8 @@ class Laboratory:
 
     def enter(self, session: Session) -> None:
         """Make this the open episode, with an empty log."""
-        self.session = session
+        frames = None if self._watch is None else self._watch(session)
+        self.session, self.frames = session, frames
         # Whoever sets a limit reads the log as the record of the episode, which must be whole.
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
 

@@ -95,6 +95,19 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
     )
 
 
+def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
+    """The models of a scene at seeds 0 to 19; a choice of two survives so many draws unseen once in 500 000.
+
+    Raises:
+        SceneError: One of them cannot be read, as where an exported pack lacks the seed.
+    """
+    try:
+        files = find_pack(scene_id, folder)
+        return [read_hosted(files, seed)[1] for seed in range(20)]
+    except PackError as error:
+        raise SceneError(f"frames need the seeds 0 to 19 of a scene: {error}") from error
+
+
 def scene_ids(folder: Path | None = None) -> list[int]:
     """Ids of the scenes in a folder, ascending.
 

@@ -3,11 +3,14 @@
 Knows MCP; leaves physics to the session and files to `scene`.
 """
 
+import base64
 import functools
 import logging
 import time
 from typing import Any
 
+import anyio
+import anyio.to_thread
 import mcp_types as types
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
@@ -17,6 +20,7 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp import __version__
 from physment_mcp.calls import call
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
+from physment_mcp.frames import SHOWING_TOOLS, Frames
 from physment_mcp.icon import ICON
 from physment_mcp.laboratory import Laboratory
 from physment_mcp.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
@@ -136,8 +140,11 @@ class _Service:
             logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
             logger.debug("traceback", exc_info=True)
             return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+        content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
+        if self._laboratory.frames is not None and params.name in SHOWING_TOOLS:
+            content += await _frame(self._laboratory.frames)
         return types.CallToolResult(
-            content=[types.TextContent(type="text", text=result.model_dump_json())],
+            content=content,
             structured_content=result.model_dump(mode="json"),
         )
 
@@ -201,9 +208,9 @@ class _Service:
             raise _bad_request("scene_id must be the number of a scene, such as 7")
         try:
             session = laboratory.reopen(int(scene_id))
+            laboratory.enter(session)
         except SceneError as error:
             raise _bad_request(str(error)) from error
-        laboratory.enter(session)
         return session
 
     async def list_resources(
@@ -258,6 +265,19 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
 def _is_count(text: str) -> bool:
     # int() raises on decimal text of more than some thousand digits.
     return text.isdecimal() and len(text) < 10
+
+
+async def _frame(frames: Frames) -> list[types.ImageContent]:
+    """The frame of a call that is done: nothing that befalls it may undo or hide the result."""
+    png: bytes | None = None
+    try:
+        with anyio.CancelScope(shield=True):
+            png = await anyio.to_thread.run_sync(frames.draw)
+    except Exception as crash:  # noqa: BLE001 - a fault of ours must not end the episode
+        logger.error("no frame: %s", type(crash).__name__)  # noqa: TRY400 - as for the call
+    if png is None:
+        return []
+    return [types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")]
 
 
 def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:

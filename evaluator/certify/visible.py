@@ -9,36 +9,17 @@ instruments from following what happens to them later, and where they start is t
 # pyright: reportAttributeAccessIssue=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportUnknownParameterType=false, reportUnknownVariableType=false
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.certify.models import started
+from physment_mcp.world.drawing import Visible
+from physment_mcp.world.looks import SHAPES, colour, look
 from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
 
 _SEEDS = 24
 """A choice of two survives so many draws unseen once in 16 million."""
-_SHAPES = frozenset(
-    {
-        mujoco.mjtGeom.mjGEOM_PLANE,
-        mujoco.mjtGeom.mjGEOM_SPHERE,
-        mujoco.mjtGeom.mjGEOM_CAPSULE,
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        mujoco.mjtGeom.mjGEOM_CYLINDER,
-        mujoco.mjtGeom.mjGEOM_BOX,
-    }
-)
-"""Shapes that pose and size describe whole. Others are not drawn: their vertices are not compared."""
-
-
-@dataclass(frozen=True, slots=True)
-class Visible:
-    """Indices of what may be drawn, in any seed's model."""
-
-    geoms: tuple[int, ...]
-    tendons: tuple[int, ...]
 
 
 def visible_parts(files: PackFiles, pack: Pack) -> Visible:
@@ -54,10 +35,10 @@ def visible_parts(files: PackFiles, pack: Pack) -> Visible:
     geoms = [
         geom
         for geom in range(model.ngeom)
-        if mujoco.mjtGeom(model.geom_type[geom]) in _SHAPES
+        if mujoco.mjtGeom(model.geom_type[geom]) in SHAPES
         and int(model.geom_bodyid[geom]) not in unseen
-        and _colour(model, geom)[3] > 0
-        and all(np.array_equal(_geom(model, data, geom), _geom(*other, geom)) for other in others)
+        and colour(model, geom)[3] > 0
+        and all(np.array_equal(look(model, data, geom), look(*other, geom)) for other in others)
     ]
     tendons = [
         tendon
@@ -77,17 +58,6 @@ def _unseen_bodies(model: mujoco.MjModel, pack: Pack) -> set[int]:
         if model.body(body).name in names or int(model.body_parentid[body]) in unseen:
             unseen.add(body)
     return unseen
-
-
-def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
-    material = int(model.geom_matid[geom])
-    return model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-
-
-def _geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> NDArray[np.float64]:
-    """Everything that decides how a geom looks, to nanometres: the last bits are arithmetic."""
-    parts = (data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom], _colour(model, geom))
-    return np.round(np.concatenate(parts), 9)
 
 
 def _may_show(model: mujoco.MjModel, tendon: int, unseen: set[int]) -> bool:

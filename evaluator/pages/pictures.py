@@ -12,7 +12,6 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from evaluator.pages.png import png_of
 from scenes import PackFiles
 
 RENDERER = "MUJOCO_GL"
@@ -79,10 +78,9 @@ def _draws() -> bool:
 
 
 def _draw(files: PackFiles) -> Picture:
-    from evaluator.certify.pictures import draw_picture  # noqa: PLC0415 - as above
+    from evaluator.certify.pictures import draw_png  # noqa: PLC0415 - as above
 
     try:
-        pixels = draw_picture(files)
+        return Picture(draw_png(files))
     except Exception as error:  # noqa: BLE001 - whatever a pack makes the engine raise is a sentence, not a crash of ours
         return Picture(None, " ".join(str(error).split()) or repr(error))
-    return Picture(None if pixels is None else png_of(pixels))

@@ -40,6 +40,16 @@ def common_options(*, again: bool = False) -> argparse.ArgumentParser:
     return common
 
 
+def observations(command: argparse.ArgumentParser, *, again: bool = False) -> None:
+    """Declare `--observations`; `again` as in `common_options`."""
+    command.add_argument(
+        "--observations",
+        choices=["text", "rgb"],
+        default=argparse.SUPPRESS if again else "text",
+        help="rgb: results of step and find_objects carry a picture of what may be seen (default text)",
+    )
+
+
 def numbers(text: str) -> list[int]:
     """The whole numbers of a list such as `7,21-30`."""
     found: set[int] = set()

@@ -6,7 +6,7 @@ import signal
 import socket
 from threading import Thread
 
-from physment_mcp.commands.base import Commands, common_options, port, positive
+from physment_mcp.commands.base import Commands, common_options, observations, port, positive
 from physment_mcp.errors import UsageError
 
 
@@ -52,6 +52,7 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="end when stdin does: for a program that starts a host and must leave none behind, however it dies",
     )
+    observations(serve, again=True)
     serve.set_defaults(run=run)
 
 
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
         SceneError: There are no scenes.
     """
     # --help need not wait for the engine.
+    from physment_mcp.frames import watching  # noqa: PLC0415
     from physment_mcp.gate import is_loopback  # noqa: PLC0415
     from physment_mcp.host import Host, serve  # noqa: PLC0415
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
@@ -80,7 +82,15 @@ def run(args: argparse.Namespace) -> int:
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
     if args.end_with_stdin:
         Thread(target=_end_with_stdin, daemon=True).start()
-    host = Host(args.scenes_dir, args.max_episodes, args.idle_timeout, token, exposed, names)
+    host = Host(
+        args.scenes_dir,
+        args.max_episodes,
+        args.idle_timeout,
+        token,
+        exposed,
+        names,
+        watching(args.observations, args.scenes_dir),
+    )
     try:
         serve(host, args.host, args.port)
     except OSError as error:

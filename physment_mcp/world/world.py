@@ -5,16 +5,17 @@ Two rules make readings trustworthy. Reads never touch the live data: they use a
 after `mj_step` the engine's own poses and contacts lag one time step behind its joint positions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from physment_mcp.errors import NoDifference, NotPossible, Unstable
-from physment_mcp.world import editing, motion, readings
+from physment_mcp.world import editing, motion, readings, showing
 from physment_mcp.world.editing import JointKind
 from physment_mcp.world.loading import carry_state, is_finite, load
+from physment_mcp.world.looks import Part
 from physment_mcp.world.readings import Array, Contact, Pose, Shape, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -165,6 +166,18 @@ class World:
     def contact(self, first: str, second: str) -> Contact | None:
         """The contact between two bodies, or None."""
         return readings.contact(self._model, self._now(), self._id(first), self._id(second))
+
+    def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
+        """A model of what may be seen now, and of nothing else; see `showing.shown_model`."""
+        return showing.shown_model(self._model, self._now(), bodies, parts, turns)
+
+    def fixtures(self, objects: Collection[str]) -> frozenset[str]:
+        """Bodies that are fixed, and neither objects nor parts of one; see `showing.fixtures`."""
+        return showing.fixtures(self._model, objects)
+
+    def turn_at_centre(self, body: str) -> Array | None:
+        """Orientation (4,) of a body that is one geom about its origin; see `showing.turn_at_centre`."""
+        return showing.turn_at_centre(self._model, self._now(), self._id(body))
 
     # Acting
 

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from evaluator.__main__ import main
-from evaluator.certify.framing import Subject, view_of
 from evaluator.certify.transcript import play
 from evaluator.certify.visible import visible_parts
 from evaluator.pages.listing import Listing, Steps
-from evaluator.pages.png import png_of
 from evaluator.pages.scene_table import KINDS, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
+from physment_mcp.world.framing import Subject, view_of
+from physment_mcp.world.png import png_of
 from scenes import Category, Pack, PackFiles, default_folder, find_pack, list_packs, read_pack
 
 DOCS = Path(__file__).parents[2] / "docs"
