@@ -6,10 +6,13 @@ from evaluator.records import EpisodeKey
 from evaluator.study.plan import Plan
 from evaluator.study.shards import WHOLE, Shard
 
-PROMPT_TOKENS = 7000
-"""Opening prompt and 26 tool schemas, in tokens of a usual tokenizer (measured: about 28,000 characters)."""
-TURN_TOKENS = 700
-"""What a turn adds to the conversation: a reply with its reasoning, and what comes back."""
+CHARACTERS_PER_TOKEN = 4
+"""A rule of thumb for English and JSON."""
+PROMPT_TOKENS = 20_700 // CHARACTERS_PER_TOKEN
+"""26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite); a test measures them again."""
+TURN_TOKENS = 2_600 // CHARACTERS_PER_TOKEN
+"""What a turn adds to the conversation: calls and returns of the reference, which makes many. Visible
+replies and returns of the models in the authors' logs were 760 characters a turn; thoughts are not counted."""
 
 
 def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:

@@ -14,9 +14,15 @@ from evaluator.errors import UsageError
 from evaluator.records import Usage
 from evaluator.store import RunFolder
 from evaluator.study.config import with_config
+from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.plan import Plan
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
+from physment_mcp.prompts import PromptOptions, opening_prompt
+from physment_mcp.scene import load_scene
+from physment_mcp.server import published_tools
+from physment_mcp.session import Session
+from scenes import list_packs
 
 PLAN = Plan(scenes=tuple(range(7, 112)), agents=("a", "b"), budgets=(5, 10), seeds=(0, 1), promptings=("x", "y"))
 OPTIONS = {"--agent", "--budgets", "--max-cost", "--resume", "--scenes"}
@@ -139,6 +145,16 @@ def test_a_dry_run_counts_and_plays_nothing(tmp_path: Path, capsys: pytest.Captu
     assert "2 scenes × 2 agents × 2 budgets × 1 seeds × 1 promptings × 1 protocols × 3 epochs = 24 episodes" in said
     assert re.search(r"shard 1/2: \d+ of them", said)
     assert not (tmp_path / "run").exists()
+
+
+def test_the_estimate_rests_on_what_a_model_is_sent() -> None:
+    tools = [
+        {"name": one.name, "description": one.description, "parameters": one.input_schema} for one in published_tools()
+    ]
+    prompts = [len(opening_prompt(Session(load_scene(files.scene_id, 0)), PromptOptions())) for files in list_packs()]
+    sent = len(json.dumps(tools)) + sum(prompts) / len(prompts)
+    assert sent / CHARACTERS_PER_TOKEN == pytest.approx(PROMPT_TOKENS, rel=0.1)
+    assert input_tokens(3) == 3 * PROMPT_TOKENS + 3 * TURN_TOKENS
 
 
 def shards(tmp_path: Path, *more: str) -> Path:

@@ -9,6 +9,7 @@ import json
 import socket
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -67,24 +68,27 @@ class Seen:
     """The last thing the user said."""
 
 
-class Dialect:
+class Dialect(ABC):
     """How one provider writes replies and reads requests."""
 
     name = ""
     model = ""
 
+    @abstractmethod
     def reply(self, say: Say) -> dict[str, Any]:
-        raise NotImplementedError
+        """A whole reply, as the service writes it."""
 
+    @abstractmethod
     def problem(self, body: Mapping[str, Any]) -> str:
         """Why the real service would refuse a request; empty if it would not."""
-        raise NotImplementedError
 
+    @abstractmethod
     def returns(self, body: Mapping[str, Any]) -> list[str]:
-        raise NotImplementedError
+        """What came of the calls of the turn before, in order."""
 
+    @abstractmethod
     def last(self, body: Mapping[str, Any]) -> str:
-        raise NotImplementedError
+        """The last thing the user said."""
 
     def error(self, status: int, message: str, code: str) -> dict[str, Any]:
         return {"error": {"message": message, "code": code, "type": code}}
