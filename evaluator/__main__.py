@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
-from evaluator.commands.base import own_version
+from evaluator.commands.base import collect_seldom, own_version
 from evaluator.commands.run_options import options_of
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from evaluator.study.config import with_config
@@ -80,6 +80,7 @@ def _fail(sentence: str, code: int) -> int:
 
 
 def _entry() -> NoReturn:
+    collect_seldom()
     sys.exit(main())
 
 

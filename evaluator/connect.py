@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import IO, Any, Protocol, cast
 
 import anyio
-import httpx
 import httpx2
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
 from evaluator.errors import InfrastructureError, UsageError
+from evaluator.toolbox import Toolboxes
 
 _CALL_TIMEOUT_S = 300.0
 """A call that takes longer counts as a failure of the server."""
@@ -36,6 +36,11 @@ TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
 
 class Laboratory(Protocol):
     """Where sessions are opened."""
+
+    @property
+    def toolboxes(self) -> Toolboxes | None:
+        """What knows the tools of its server; None if each session has a server of its own."""
+        ...
 
     def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
         """A connected client of a fresh episode; closing it ends the episode.
@@ -54,6 +59,10 @@ class ProcessLaboratory:
     """
 
     command: tuple[str, ...]
+
+    @property
+    def toolboxes(self) -> None:
+        """None: each session has a server of its own."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
@@ -79,24 +88,26 @@ class HostLaboratory:
     base_url: str
     token: str | None = field(default=None, repr=False)
     """What opens episodes on it; None if anybody may."""
+    toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
-        async with httpx.AsyncClient(base_url=self.base_url, timeout=_START_TIMEOUT_S, verify=_trust()) as http:
+        async with http_client(self.base_url) as http:
             opened = await self.request_episode(http, {"scene": scene, "seed": seed})
             try:
-                async with mcp_client(opened["mcp_url"], self._bearing(opened["mcp_url"])) as client:
+                http.headers.update(self._bearing(opened["mcp_url"]))
+                async with mcp_client(opened["mcp_url"], http) as client:
                     yield client
             except InfrastructureError:
                 raise
             except Exception as error:
                 raise InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}") from error
             finally:
-                with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
+                with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                     await http.delete(f"/episodes/{opened['episode_id']}", headers=self._bearing(self.base_url))
 
-    async def request_episode(self, http: httpx.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
+    async def request_episode(self, http: httpx2.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
         """Ask for an episode.
 
         Args:
@@ -110,8 +121,10 @@ class HostLaboratory:
             InfrastructureError: The host cannot be reached, or opened none.
         """
         try:
-            reply = await http.post("/episodes", json=wanted, headers=self._bearing(self.base_url))
-        except httpx.HTTPError as error:
+            reply = await http.post(
+                "/episodes", json=wanted, headers=self._bearing(self.base_url), timeout=_START_TIMEOUT_S
+            )
+        except httpx2.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
         said: Any = {}
         with contextlib.suppress(ValueError):
@@ -128,31 +141,33 @@ class HostLaboratory:
 
     def _bearing(self, url: str) -> dict[str, str]:
         """The headers that bear the token, for a URL of this host; no other host is to see it."""
-        own, other = httpx.URL(self.base_url), httpx.URL(url)
+        own, other = httpx2.URL(self.base_url), httpx2.URL(url)
         ours = (own.scheme, own.host, own.port) == (other.scheme, other.host, other.port)
         return {"Authorization": f"Bearer {self.token}"} if self.token is not None and ours else {}
 
 
-@contextlib.asynccontextmanager
-async def mcp_client(url: str, headers: Mapping[str, str] | None = None) -> AsyncGenerator[Client]:
-    """A client connected to the MCP endpoint of an episode, which sends these headers with every request.
+def http_client(base_url: str) -> httpx2.AsyncClient:
+    """A client for one episode: asks for it, carries its calls and closes it, all over one connection.
 
-    It keeps no cache: whatever an episode lists is asked for once, and the copies would cost more than the asking.
+    Args:
+        base_url: Address of the host.
     """
     patience = httpx2.Timeout(_START_TIMEOUT_S, read=_CALL_TIMEOUT_S)
-    async with (
-        httpx2.AsyncClient(verify=_trust(), timeout=patience, headers=headers) as http,
-        Client(
-            streamable_http_client(url, http_client=http), read_timeout_seconds=_CALL_TIMEOUT_S, cache=None
-        ) as client,
-    ):
+    return httpx2.AsyncClient(base_url=base_url, verify=_trust(), timeout=patience)
+
+
+@contextlib.asynccontextmanager
+async def mcp_client(url: str, http: httpx2.AsyncClient) -> AsyncGenerator[Client]:
+    """A client connected to the MCP endpoint of an episode. It keeps no cache: nothing is asked twice."""
+    transport = streamable_http_client(url, http_client=http)
+    async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
         yield client
 
 
 @functools.cache
 def _trust() -> ssl.SSLContext:
     """The authorities that HTTP clients trust: read once, since reading them takes 20 ms of processor time."""
-    return httpx.create_ssl_context()
+    return httpx2.create_ssl_context()
 
 
 @dataclass(slots=True)
@@ -233,8 +248,8 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
             yield laboratory
     elif server.startswith(("http://", "https://")):
         try:
-            url = httpx.URL(server.rstrip("/"))
-        except httpx.InvalidURL as error:
+            url = httpx2.URL(server.rstrip("/"))
+        except httpx2.InvalidURL as error:
             raise UsageError(f"--server {server}: not a URL: {error}") from error
         if not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")

@@ -2,20 +2,20 @@
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 import mcp_types as types
-from jsonschema import Draft202012Validator, ValidationError
 from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import JsonValue
 
-from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Reply, ToolDescription
+from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions
+from evaluator.toolbox import Toolbox, Toolboxes
 
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
@@ -33,7 +33,9 @@ class _Batch:
     answered: bool
 
 
-async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: Versions) -> Episode:
+async def play_episode(
+    agent: Agent, client: Client, key: EpisodeKey, versions: Versions, toolboxes: Toolboxes | None = None
+) -> Episode:
     """Let an agent play one episode to its end.
 
     Args:
@@ -41,23 +43,24 @@ async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: 
         client: A client connected to a fresh session of the scene.
         key: Which episode this is; gives the iteration budget.
         versions: Recorded with the episode.
+        toolboxes: What knows the tools of the server, if episodes on it share that; by default the server is asked.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
     """
     started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
-    briefing = await _brief(client, key)
+    toolbox = await (toolboxes or Toolboxes()).of(client)
+    briefing = await _brief(client, key, toolbox)
     turns: list[Turn] = []
     outcome, answer, error = Outcome.BUDGET_EXHAUSTED, None, None
     try:
         player = agent.player(key, briefing)
         feedback: Feedback | None = None
-        validators = {tool.name: Draft202012Validator(dict(tool.input_schema)) for tool in briefing.tools}
         for remaining in range(key.budget - 1, -1, -1):
             asked = time.perf_counter()
             reply = _recordable(await player.act(feedback))
             replied = time.perf_counter()
-            batch = await _run_batch(client, reply, validators)
+            batch = await _run_batch(client, reply, toolbox)
             turns.append(
                 Turn(
                     reasoning=reply.reasoning,
@@ -88,17 +91,11 @@ async def play_episode(agent: Agent, client: Client, key: EpisodeKey, versions: 
     )
 
 
-async def _brief(client: Client, key: EpisodeKey) -> Briefing:
+async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
     arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
     prompt = await client.get_prompt("scene", arguments)
     text = "\n\n".join(one.content.text for one in prompt.messages if isinstance(one.content, types.TextContent))
-    tools = await client.list_tools()
-    return Briefing(
-        prompt=text,
-        tools=tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools.tools),
-        budget=key.budget,
-        scene=await _scene_resource(client),
-    )
+    return Briefing(prompt=text, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
 
 
 async def _scene_resource(client: Client) -> Mapping[str, Any]:
@@ -137,7 +134,7 @@ def _nests_deeper(value: JsonValue, levels: int) -> bool:
     return any(levels == 0 or _nests_deeper(part, levels - 1) for part in parts)
 
 
-async def _run_batch(client: Client, reply: Reply, validators: Mapping[str, Draft202012Validator]) -> _Batch:
+async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
     """Run a turn's calls in order, up to the first that fits no schema or to the answer."""
     if reply.malformed:
         return _Batch((), f"Your reply could not be read, so nothing was run: {reply.malformed}", answered=False)
@@ -149,38 +146,21 @@ async def _run_batch(client: Client, reply: Reply, validators: Mapping[str, Draf
         if stopped:
             exchanges.append(Exchange(call=call, returned=False))
             continue
-        misfit = _misfit(call, validators)
+        misfit = toolbox.misfit(call)
         if misfit:
             note, stopped = f"{misfit}; this call and the ones after it were not run.", True
             exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
             continue
-        exchange = await _run(client, call)
+        exchange = await _run(client, call, toolbox)
         exchanges.append(exchange)
         answered = stopped = call.tool == ANSWER and not exchange.is_error
     return _Batch(tuple(exchanges), note, answered)
 
 
-def _misfit(call: ToolCall, validators: Mapping[str, Draft202012Validator]) -> str:
-    """Why a call fits no published schema; empty if it fits."""
-    validator = validators.get(call.tool)
-    if validator is None:
-        return f"there is no tool {call.tool!r}"
-    try:
-        json.dumps(call.arguments, allow_nan=False)
-    except ValueError:
-        return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
-    errors: Iterator[ValidationError] = validator.iter_errors(call.arguments)  # pyright: ignore[reportUnknownMemberType] - partly typed
-    problem = next(errors, None)
-    if problem is None:
-        return ""
-    where = ".".join(str(part) for part in problem.absolute_path)
-    return f"{call.tool}: {where + ': ' if where else ''}{problem.message[:300]}"
-
-
-async def _run(client: Client, call: ToolCall) -> Exchange:
+async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
     clock = time.perf_counter()
     try:
-        result = await client.call_tool(call.tool, call.arguments)
+        result = await toolbox.run(client, call)
     except Exception as error:
         raise InfrastructureError(f"{call.tool} did not return: {error!r}") from error
     if (result.meta or {}).get(GONE):

@@ -81,7 +81,7 @@ async def replay(
 async def _replay_one(agent: ReplayAgent, laboratory: Laboratory, stored: Episode, rel_tol: float) -> Replayed:
     try:
         async with laboratory.open(stored.key.scene, stored.key.seed) as client:
-            now = await play_episode(agent, client, stored.key, stored.versions)
+            now = await play_episode(agent, client, stored.key, stored.versions, laboratory.toolboxes)
     except InfrastructureError as error:
         return Replayed(stored.key, failure=str(error))
     calls = sum(one.returned for turn in stored.turns for one in turn.exchanges)

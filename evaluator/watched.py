@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import anyio
-import httpx
+import httpx2
 import mcp_types as types
 from pydantic import BaseModel, ValidationError
 
-from evaluator.connect import HostLaboratory, mcp_client
+from evaluator.connect import HostLaboratory, http_client, mcp_client
 from evaluator.episode import unrecordable
 from evaluator.errors import InfrastructureError
 from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
 
-_TIMEOUT_S = 300.0
-"""A look at the log waits for the call that runs, which may take long."""
 _LOOK_S = 0.5
 """Wall time between looks at whether the episode has ended [s]."""
 _NO_CALLS = 999_999_999
@@ -49,7 +47,7 @@ class WatchedEpisode:
 
     mcp_url: str
     """All that its player is given."""
-    _http: httpx.AsyncClient
+    _http: httpx2.AsyncClient
     _path: str
     _owner_token: str
 
@@ -61,7 +59,7 @@ class WatchedEpisode:
         """
         arguments = {"prompting": key.prompting, "protocol": key.protocol}
         try:
-            async with mcp_client(self.mcp_url) as client:
+            async with mcp_client(self.mcp_url, self._http) as client:
                 said = await client.get_prompt("scene", arguments)
         except Exception as error:
             raise InfrastructureError(f"the opening prompt could not be read: {error!r}") from error
@@ -102,10 +100,10 @@ class WatchedEpisode:
             reply = await self._http.get(f"{self._path}/calls", params={"start": start}, headers=headers)
             reply.raise_for_status()
             return _Log.model_validate_json(reply.content)
-        except httpx.HTTPStatusError as error:
+        except httpx2.HTTPStatusError as error:
             said = f"{error.response.status_code} {error.response.text[:200]}"
             raise InfrastructureError(f"the log of calls could not be read: {said}") from error
-        except (httpx.HTTPError, ValidationError) as error:
+        except (httpx2.HTTPError, ValidationError) as error:
             raise InfrastructureError(f"the log of calls could not be read: {str(error)[:200]!r}") from error
 
 
@@ -122,7 +120,7 @@ async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: 
     Raises:
         InfrastructureError: The host cannot be reached, or keeps no logs.
     """
-    async with httpx.AsyncClient(base_url=host.base_url, timeout=_TIMEOUT_S) as http:
+    async with http_client(host.base_url) as http:
         opened = await host.request_episode(http, {"scene": scene, "seed": seed, "max_calls": max_calls})
         if "owner_token" not in opened:
             raise InfrastructureError(f"the host {host.base_url} keeps no logs of calls; it is too old for this")
@@ -130,7 +128,7 @@ async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: 
         try:
             yield WatchedEpisode(opened["mcp_url"], http, path, token)
         finally:
-            with anyio.CancelScope(shield=True), contextlib.suppress(httpx.HTTPError):
+            with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})
 
 

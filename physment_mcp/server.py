@@ -93,6 +93,7 @@ def published_tools() -> tuple[types.Tool, ...]:
     )
 
 
+@functools.cache
 def _input_schemas() -> dict[str, dict[str, Any]]:
     return {tool.name: tool.input_schema for tool in published_tools()}
 

@@ -77,6 +77,10 @@ def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
     Raises:
         PackError: There is none; the message lists the ids there are.
     """
+    # Its usual name first: a host opens many episodes a second, and a listing looks at every folder.
+    usual = PackFiles(scene_id, (folder or default_folder()) / f"Scene{scene_id}")
+    if usual.folder.is_dir():
+        return usual
     packs = list_packs(folder)
     for files in packs:
         if files.scene_id == scene_id:

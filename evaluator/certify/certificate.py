@@ -82,7 +82,8 @@ async def play_reference(subject: Subject, seed: int, laboratory: Laboratory) ->
     key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
     agent = ReferenceAgent(subject.files.folder.parent)
     async with laboratory.open(subject.files.scene_id, seed) as client:
-        return await play_episode(agent, client, key, Versions(physment="", protocol="", pack=""))
+        versions = Versions(physment="", protocol="", pack="")
+        return await play_episode(agent, client, key, versions, laboratory.toolboxes)
 
 
 def _certificate(files: PackFiles, seeds: int, name: str, category: str, checks: Sequence[Check]) -> SceneCertificate:

@@ -2,11 +2,12 @@
 
 import contextlib
 from collections.abc import AsyncGenerator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcp import Client
 
+from evaluator.toolbox import Toolboxes
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
 from physment_mcp.session import Session
@@ -17,6 +18,7 @@ class MemoryLaboratory:
     """Serves the packs of a folder."""
 
     folder: Path | None = None
+    toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:

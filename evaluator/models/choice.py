@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 
-import httpx
+import httpx2
 
 from evaluator.errors import UsageError
 from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, Provider, find_preset, find_provider, without_secrets
@@ -81,8 +81,8 @@ def parse_model(
         options = _with_option(text, options, pair)
     where = base_url or provider.url(environ)
     try:
-        url = httpx.URL(where)
-    except httpx.InvalidURL as error:
+        url = httpx2.URL(where)
+    except httpx2.InvalidURL as error:
         raise UsageError(f"{text}: the base URL is not a URL: {error}") from error
     if where and (url.scheme not in {"http", "https"} or not url.host or (url.port or 0) > 65535):
         raise UsageError(f"{text}: the base URL must look like https://host/v1")

@@ -134,7 +134,7 @@ async def _play(
     is_choice = answer_key.spec.kind not in {AnswerKind.NUMBER, AnswerKind.NUMBERS}
     try:
         async with laboratory.open(key.scene, key.seed) as client:
-            episode = await play_episode(LogAgent(log), client, key, versions)
+            episode = await play_episode(LogAgent(log), client, key, versions, laboratory.toolboxes)
     except InfrastructureError as error:
         return PlayedLog(log, key.scene, None, None, answer_key.value, is_choice, str(error))
     return PlayedLog(log, key.scene, episode, grade_episode(episode, answer_key), answer_key.value, is_choice)

@@ -60,7 +60,7 @@ async def _play(contender: Contender, laboratory: Laboratory, key: EpisodeKey, v
     if isinstance(contender, ExternalAgent):
         return await play_external(contender, laboratory, key, versions)
     async with laboratory.open(key.scene, key.seed) as client:
-        return await play_episode(contender, client, key, versions)
+        return await play_episode(contender, client, key, versions, laboratory.toolboxes)
 
 
 def unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:

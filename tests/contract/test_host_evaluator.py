@@ -6,7 +6,7 @@ import sys
 from collections.abc import Generator
 
 import anyio
-import httpx
+import httpx2
 import pytest
 from mcp import Client
 
@@ -47,7 +47,7 @@ async def test_the_evaluator_shows_its_token_to_a_host_that_wants_it(
             async with connect(guarded, None) as laboratory, laboratory.open(7, 0) as client:
                 assert not (await client.call_tool("step", {"duration": 0.1})).is_error
                 assert "Scene" in (await client.get_prompt("scene", {})).messages[0].content.text
-    async with httpx.AsyncClient(base_url=guarded) as http:
+    async with httpx2.AsyncClient(base_url=guarded) as http:
         assert (await http.get("/healthz")).json()["episodes"] == 0
 
 
@@ -88,12 +88,12 @@ async def test_an_episode_that_its_host_lost_is_not_the_agents_fault() -> None:
 
         async def act(self, feedback: Feedback | None) -> Reply:
             if feedback is not None:
-                async with httpx.AsyncClient() as http:
+                async with httpx2.AsyncClient() as http:
                     assert (await http.delete(self.url.removesuffix("/mcp"))).status_code == 204
             return Reply(calls=(STEP,))
 
     with anyio.fail_after(30):
-        async with LocalHost() as host, httpx.AsyncClient(base_url=host.base_url) as http:
+        async with LocalHost() as host, httpx2.AsyncClient(base_url=host.base_url) as http:
             url = (await host.request_episode(http, {"scene": 7, "seed": 0}))["mcp_url"]
             async with Client(url) as client:
                 with pytest.raises(InfrastructureError, match="the host closed the episode"):

@@ -37,6 +37,7 @@ class InMemory:
     opened: list[int] = field(default_factory=list[int])
     now: int = 0
     most: int = 0
+    toolboxes: None = None
 
     @asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import anyio
-import httpx
+import httpx2
 import pytest
 
 from evaluator.agents.external import (
@@ -403,7 +403,7 @@ async def test_a_log_that_is_none_is_infrastructure(
 ) -> None:
     for status, body in ((200, b"<html>"), (200, b'{"calls": 1}'), (500, b"oh")):
         with web_server(status, body) as address:
-            async with httpx.AsyncClient(base_url=address) as http:
+            async with httpx2.AsyncClient(base_url=address) as http:
                 episode = WatchedEpisode("", http, "/episodes/a", "x")
                 assert not await episode.until_end()
                 with pytest.raises(InfrastructureError, match="log of calls could not be read") as failed:
