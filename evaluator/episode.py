@@ -14,7 +14,7 @@ from pydantic import JsonValue
 
 from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions
+from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions, total_usage
 from evaluator.toolbox import Toolbox, Toolboxes
 
 SCENE_RESOURCE = "physment://scene"
@@ -34,7 +34,12 @@ class _Batch:
 
 
 async def play_episode(
-    agent: Agent, client: Client, key: EpisodeKey, versions: Versions, toolboxes: Toolboxes | None = None
+    agent: Agent,
+    client: Client,
+    key: EpisodeKey,
+    versions: Versions,
+    toolboxes: Toolboxes | None = None,
+    used: list[Usage] | None = None,
 ) -> Episode:
     """Let an agent play one episode to its end.
 
@@ -44,6 +49,7 @@ async def play_episode(
         key: Which episode this is; gives the iteration budget.
         versions: Recorded with the episode.
         toolboxes: What knows the tools of the server, if episodes on it share that; by default the server is asked.
+        used: Where what each reply used is added, also if the episode fails; what attempts before it used is there.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
@@ -52,6 +58,7 @@ async def play_episode(
     toolbox = await (toolboxes or Toolboxes()).of(client)
     briefing = await _brief(client, key, toolbox)
     turns: list[Turn] = []
+    used = [] if used is None else used
     outcome, answer, error = Outcome.BUDGET_EXHAUSTED, None, None
     try:
         player = agent.player(key, briefing)
@@ -60,6 +67,8 @@ async def play_episode(
             asked = time.perf_counter()
             reply = _recordable(await player.act(feedback))
             replied = time.perf_counter()
+            if reply.usage is not None:
+                used.append(reply.usage)
             batch = await _run_batch(client, reply, toolbox)
             turns.append(
                 Turn(
@@ -77,6 +86,8 @@ async def play_episode(
             feedback = Feedback(batch.exchanges, batch.note, remaining)
     except AgentError as failure:
         outcome, error = Outcome.AGENT_ERROR, as_text(str(failure))
+        if failure.usage is not None:
+            used.append(failure.usage)
     return Episode(
         key=key,
         outcome=outcome,
@@ -84,7 +95,7 @@ async def play_episode(
         prompt=briefing.prompt,
         turns=tuple(turns),
         error=error,
-        usage=_total(turns),
+        usage=total_usage(used),
         started_at=started_at,
         duration_s=time.perf_counter() - clock,
         versions=versions,
@@ -177,16 +188,3 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
 
 def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
     return next(one.call.arguments["answer"] for one in exchanges if one.returned and one.call.tool == ANSWER)
-
-
-def _total(turns: Sequence[Turn]) -> Usage | None:
-    used = [turn.usage for turn in turns if turn.usage is not None]
-    if not used:
-        return None
-    costs = [one.cost_usd for one in used if one.cost_usd is not None]
-    return Usage(
-        input_tokens=sum(one.input_tokens for one in used),
-        output_tokens=sum(one.output_tokens for one in used),
-        cached_tokens=sum(one.cached_tokens for one in used),
-        cost_usd=sum(costs) if costs else None,
-    )

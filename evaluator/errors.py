@@ -8,6 +8,8 @@ EvaluatorError
    └─ PermanentFailure    … and asking again cannot help                   → the agent's other episodes are left out
 """
 
+from evaluator.records import Usage
+
 
 class EvaluatorError(Exception):
     """Root of the errors this package raises on purpose."""
@@ -22,7 +24,16 @@ class StoreError(EvaluatorError):
 
 
 class AgentError(EvaluatorError):
-    """The agent cannot go on; one sentence."""
+    """The agent cannot go on; one sentence.
+
+    Args:
+        sentence: Why.
+        usage: What the reply used that could not be taken.
+    """
+
+    def __init__(self, sentence: str, usage: Usage | None = None) -> None:
+        super().__init__(sentence)
+        self.usage = usage
 
 
 class InfrastructureError(EvaluatorError):

@@ -1,5 +1,6 @@
 """What a run leaves on disk: frozen records, one schema with a format number. Knows no files and no verdict rules."""
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Any, Literal
 
@@ -53,6 +54,20 @@ class Usage(Record):
     cost_usd: float | None = None
 
 
+def total_usage(parts: Iterable[Usage]) -> Usage | None:
+    """The sum; None for no parts. Its cost is that of the parts whose cost is known."""
+    used = list(parts)
+    if not used:
+        return None
+    costs = [one.cost_usd for one in used if one.cost_usd is not None]
+    return Usage(
+        input_tokens=sum(one.input_tokens for one in used),
+        output_tokens=sum(one.output_tokens for one in used),
+        cached_tokens=sum(one.cached_tokens for one in used),
+        cost_usd=sum(costs) if costs else None,
+    )
+
+
 class Turn(Record):
     """One iteration: what the agent said, called, and got back."""
 
@@ -102,6 +117,7 @@ class Episode(Record):
     attempts: int = 1
     """How many times the episode was opened, this one included."""
     usage: Usage | None = None
+    """Of all attempts: what one used that failed was paid for too, though its turns are not here."""
     started_at: str
     duration_s: float
     versions: Versions

@@ -40,30 +40,12 @@ _CONTEXT_FULL = "model_context_window_exceeded"
 
 
 @dataclass(slots=True)
-class Spending:
-    """What an agent has used up."""
-
-    tokens: int = 0
-    cost_usd: float = 0.0
-    unpriced: int = 0
-    """Replies whose price is unknown, and so not in the cost."""
-
-    def add(self, usage: Usage) -> None:
-        """Count one reply."""
-        self.tokens += usage.input_tokens + usage.output_tokens
-        self.cost_usd += usage.cost_usd or 0.0
-        self.unpriced += usage.cost_usd is None
-
-
-@dataclass(slots=True)
 class ModelAgent:
     """Plays with a language model. An async context, which owns the connections; `player` opens them if need be."""
 
     choice: ModelChoice
     lane: Lane = field(default_factory=Lane)
     patience: Patience = field(default_factory=Patience)
-    spent: Spending = field(default_factory=Spending)
-    """Of all conversations, those included that failed and left no record: what limits of cost must count."""
     _requests: Requests | None = field(default=None, repr=False)
     _http: httpx2.AsyncClient | None = field(default=None, repr=False)
 
@@ -78,7 +60,7 @@ class ModelAgent:
             self._requests = self._open()
         provider, text = self.choice.provider, key.protocol == "text"
         tools = NOTHING if text else offer(provider.dialect, briefing.tools)
-        return _ModelPlayer(self._requests, provider, briefing.prompt, tools, self.spent, text)
+        return _ModelPlayer(self._requests, provider, briefing.prompt, tools, text)
 
     def settings(self) -> dict[str, Any]:
         """What decides the model's replies, for the record of a run; holds no key.
@@ -132,7 +114,6 @@ class _ModelPlayer:
     provider: Provider
     prompt: str
     offer: Offer
-    spent: Spending
     text: bool
     history: list[ModelMessage] = field(default_factory=list[ModelMessage])
 
@@ -140,8 +121,7 @@ class _ModelPlayer:
         self.history.append(ModelRequest(parts=self._shown(feedback)))
         response = await self.requests.ask(self.history, self.offer)
         usage, thought = _usage(response, priced=self.provider.needs_key), _joined(response, ThinkingPart)
-        self.spent.add(usage)
-        _refuse(response)
+        _refuse(response, usage)
         self.history.append(_encodable(response, calls=not self.text))
         problem = _cut_off(response) or _unwritten(response)
         said = _joined(response, TextPart)
@@ -208,17 +188,17 @@ def _arguments(part: ToolCallPart) -> dict[str, Any]:
     return cast(dict[str, Any], arguments)
 
 
-def _refuse(response: ModelResponse) -> None:
+def _refuse(response: ModelResponse, usage: Usage) -> None:
     """Raise where the model will not or cannot go on."""
     details = response.provider_details or {}
     if response.finish_reason == "content_filter":
         said = details.get("refusal") or details.get("block_reason") or raw_finish_reason(response)
         words = _joined(response, TextPart)
         raise AgentError(
-            f"the model or its content filter refused ({said or 'no reason given'}){words and ': ' + words}"
+            f"the model or its content filter refused ({said or 'no reason given'}){words and ': ' + words}", usage
         )
     if raw_finish_reason(response) == _CONTEXT_FULL:
-        raise AgentError("the conversation no longer fits the model's context window")
+        raise AgentError("the conversation no longer fits the model's context window", usage)
 
 
 def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:

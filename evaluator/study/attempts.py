@@ -10,7 +10,7 @@ from evaluator.agents.external import ExternalAgent, play_external
 from evaluator.connect import Laboratory
 from evaluator.episode import play_episode
 from evaluator.errors import InfrastructureError, PermanentFailure
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 
 MAX_ATTEMPTS = 3
 """How often an episode is opened before its infrastructure error is recorded."""
@@ -40,36 +40,39 @@ async def play_key(
         UsageError: The laboratory does not fit the contender.
         PermanentFailure: No episode of this contender can be played.
     """
-    failure = ""
+    failure, used = "", list[Usage]()
     for attempt in range(1, MAX_ATTEMPTS + 1):
         if attempt > 1:
             await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
         try:
             with anyio.move_on_after(timeout_s):
-                episode = await _play(contender, laboratory, key, versions)
+                episode = await _play(contender, laboratory, key, versions, used)
                 return episode.model_copy(update={"attempts": attempt})
             failure = f"the episode took longer than {timeout_s} s"
         except PermanentFailure:
             raise
         except InfrastructureError as error:
             failure = str(error)
-    return unplayed(key, failure, versions)
+    return unplayed(key, failure, versions, total_usage(used))
 
 
-async def _play(contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions) -> Episode:
+async def _play(
+    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]
+) -> Episode:
     if isinstance(contender, ExternalAgent):
         return await play_external(contender, laboratory, key, versions)
     async with laboratory.open(key.scene, key.seed) as client:
-        return await play_episode(contender, client, key, versions, laboratory.toolboxes)
+        return await play_episode(contender, client, key, versions, laboratory.toolboxes, used)
 
 
-def unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
+def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | None = None) -> Episode:
     """The record of an episode that only infrastructure errors ended.
 
     Args:
         key: Which episode.
         failure: What went wrong last, as a sentence.
         versions: Recorded with it.
+        usage: What the attempts used, where that is known.
     """
     return Episode(
         key=key,
@@ -78,6 +81,7 @@ def unplayed(key: EpisodeKey, failure: str, versions: Versions) -> Episode:
         turns=(),
         error=failure,
         attempts=MAX_ATTEMPTS,
+        usage=usage,
         started_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
         duration_s=0.0,
         versions=versions,

@@ -14,10 +14,11 @@ from evaluator.agents.base import Agent, Briefing, Feedback, Player, Reply
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.errors import AgentError, InfrastructureError, StoreError
 from evaluator.grading import grade_missing
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Verdict, Versions
 from evaluator.runner import Runner, pack_hash
 from evaluator.store import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS
+from evaluator.study.limits import Limits, Meter
 from evaluator.study.plan import Plan, missing
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
@@ -113,6 +114,36 @@ async def test_as_many_episodes_are_open_at_a_time_as_asked_for(folder: RunFolde
     laboratory = InMemory()
     await run(laboratory, folder, 6, Waiting(), concurrency=3)
     assert laboratory.most == 3
+
+
+@pytest.mark.parametrize(("failing", "replies"), [(0, 2), (1, 3), (2, 4), (3, 3)])
+async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, failing: int, replies: int) -> None:
+    class Failing:
+        """Loses the laboratory after its first turn in some attempts, and answers in its second in the next."""
+
+        name = "x"
+        attempts = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            self.attempts += 1
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            used = Usage(input_tokens=10, output_tokens=1, cost_usd=0.5)
+            if feedback is None:
+                return Reply(calls=(ToolCall(tool="step", arguments={"duration": 0.1}),), usage=used)
+            if self.attempts <= failing:
+                raise InfrastructureError("the provider is gone")
+            return Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1}),), usage=used)
+
+    meter = Meter(Limits(tokens=1_000_000))
+    with anyio.fail_after(30):
+        await Runner(InMemory(), {"x": Failing()}, folder, lambda _scene: VERSIONS, meter=meter).run(keys(1))
+    (episode,) = folder.episodes().values()
+    expected = Outcome.INFRASTRUCTURE_ERROR if failing == MAX_ATTEMPTS else Outcome.ANSWERED
+    assert episode.outcome is expected
+    assert episode.usage == Usage(input_tokens=10 * replies, output_tokens=replies, cost_usd=0.5 * replies)
+    assert (meter.tokens, meter.cost_usd) == (11 * replies, 0.5 * replies)
 
 
 async def test_a_failure_of_the_infrastructure_costs_an_attempt_and_not_the_episode(folder: RunFolder) -> None:

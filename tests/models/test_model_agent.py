@@ -11,7 +11,7 @@ from evaluator.agents.model import ModelAgent
 from evaluator.episode import play_episode
 from evaluator.errors import PermanentFailure
 from evaluator.models.choice import parse_model
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
 from physment_mcp.session import Session
@@ -194,6 +194,8 @@ async def test_a_refusal_ends_the_episode_as_the_agent_s_error(service: Any, whi
     episode = await play(service)
     assert episode.outcome is Outcome.AGENT_ERROR
     assert "refused" in str(episode.error)
+    assert episode.usage is not None
+    assert episode.usage.input_tokens == 1000
 
 
 OVERFLOW = {
@@ -245,14 +247,15 @@ async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
 async def test_what_a_failed_episode_used_up_is_counted(openai: Any) -> None:
     openai.say("", [STEP])
     openai.fail(401, "gone")
+    used: list[Usage] = []
     async with (
         ModelAgent(parse_model("model:gpt-5.5", environ=openai.environ)) as agent,
         Client(build_server(Laboratory(Session(load_scene(7))))) as client,
     ):
         with pytest.raises(PermanentFailure):
-            await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="m", budget=5), VERSIONS)
-    assert (agent.spent.tokens, agent.spent.unpriced) == (1100, 0)
-    assert agent.spent.cost_usd > 0
+            await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="m", budget=5), VERSIONS, used=used)
+    assert [(one.input_tokens, one.output_tokens) for one in used] == [(1000, 100)]
+    assert used[0].cost_usd
 
 
 async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Any) -> None:
