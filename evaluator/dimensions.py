@@ -81,7 +81,7 @@ def _was_made(exchange: Exchange) -> bool:
 def _efficiency(episode: Episode) -> float:
     if episode.outcome is not Outcome.ANSWERED:
         return 0.0
-    return max(0.0, 1 - len(episode.turns) / episode.key.budget)
+    return max(0.0, 1 - len(episode.turns) / episode.allowance)
 
 
 def non_repetition(reasoning: Iterable[str]) -> float | None:

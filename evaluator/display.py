@@ -66,8 +66,9 @@ class ProgressDisplay:
 def _describe(episode: Episode) -> str:
     key = episode.key
     what = episode.outcome.value.replace("_", " ")
+    turns = "iterations" if episode.max_calls is None else "calls"
     return (
-        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} iterations,"
+        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} {turns},"
         f" {episode.duration_s:.1f} s"
     )
 

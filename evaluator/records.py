@@ -116,11 +116,18 @@ class Episode(Record):
     """Why the agent could have known more than it measured, such as the answers; null if it could not."""
     attempts: int = 1
     """How many times the episode was opened, this one included."""
+    max_calls: int | None = None
+    """Most tool calls, where turns cannot be seen and calls are limited instead of iterations."""
     usage: Usage | None = None
     """Of all attempts: what one used that failed was paid for too, though its turns are not here."""
     started_at: str
     duration_s: float
     versions: Versions
+
+    @property
+    def allowance(self) -> int:
+        """Most turns: the iteration budget, or calls where these are limited, since each is then a turn of its own."""
+        return self.max_calls or self.key.budget
 
 
 class Verdict(StrEnum):

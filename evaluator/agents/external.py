@@ -189,6 +189,7 @@ async def play_external(agent: ExternalAgent, laboratory: Laboratory, key: Episo
         turns=_with_reasoning(turns, said),
         error=failure if outcome is Outcome.AGENT_ERROR else None,
         unsealed=agent.unsealed,
+        max_calls=max_calls,
         started_at=started_at,
         duration_s=time.perf_counter() - clock,
         versions=versions,

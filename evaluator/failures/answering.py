@@ -35,18 +35,19 @@ def premature_answer(episode: Episode) -> Failure | None:
 
     Readings in the same batch as the answer do not count: the agent had not seen them.
     """
-    if not has_answered(episode) or len(episode.turns) >= episode.key.budget or read_before_answer(episode):
+    if not has_answered(episode) or len(episode.turns) >= episode.allowance or read_before_answer(episode):
         return None
     turn = answering_turn(episode)
-    left = episode.key.budget - len(episode.turns)
+    left = episode.allowance - len(episode.turns)
+    turns = "iterations" if episode.max_calls is None else "calls"
     return Failure(
         mode=FailureMode.PREMATURE_ANSWER,
-        explanation=f"It answered with {left} of {episode.key.budget} iterations left, before any reading.",
+        explanation=f"It answered with {left} of {episode.allowance} {turns} left, before any reading.",
         evidence=(
             Evidence(
                 turn=turn,
                 quote=quote_at(episode.turns[turn].reasoning),
-                numbers={"iterations_used": len(episode.turns), "budget": episode.key.budget, "readings": 0},
+                numbers={f"{turns}_used": len(episode.turns), "budget": episode.allowance, "readings": 0},
             ),
         ),
     )

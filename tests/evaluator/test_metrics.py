@@ -120,6 +120,8 @@ def test_efficiency_is_the_share_of_the_budget_left() -> None:
     assert dimensions(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
     assert dimensions(episode(*turns, budget=5), RIGHT).e == 0
     assert dimensions(episode(*turns, budget=20), WRONG).e == pytest.approx(0.75)
+    limited_by_calls = episode(*turns, budget=5).model_copy(update={"max_calls": 50})
+    assert dimensions(limited_by_calls, RIGHT).e == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.BUDGET_EXHAUSTED, Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR])

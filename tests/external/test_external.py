@@ -77,6 +77,7 @@ print(late.is_error)
 """
     episode = await play(host, client(body), max_calls=3)
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, None, 3)
+    assert episode.allowance == episode.max_calls == 3
     said = episode.turns[-1].reasoning.splitlines()
     assert [line.split(" ", 1)[0] for line in said] == ["False"] * 3 + ["True"] * 3
     assert "its 3 calls are used up" in said[3]
