@@ -1,6 +1,16 @@
-"""What all tests share: one async backend, and the flag that remakes golden files."""
+"""What all tests share: one async backend, property tests without a clock, a web server, the flag for golden files."""
+
+import contextlib
+import http.server
+import threading
+from collections.abc import Callable, Generator
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes says more of the machine and its neighbours than of the code.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -17,3 +27,33 @@ def update_goldens(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"
+
+
+@pytest.fixture
+def web_server() -> Callable[[int, bytes], contextlib.AbstractContextManager[str]]:
+    """A web server that gives one reply to everything; its address."""
+
+    @contextlib.contextmanager
+    def serving(status: int, body: bytes) -> Generator[str]:
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                self.send_response(status)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            do_GET = do_DELETE = do_POST  # noqa: N815 - named by the base class
+
+            def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - named by the base class
+                pass
+
+        with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+            thread = threading.Thread(target=server.serve_forever)
+            thread.start()
+            try:
+                yield f"http://127.0.0.1:{server.server_port}"
+            finally:
+                server.shutdown()
+                thread.join()
+
+    return serving

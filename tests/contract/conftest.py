@@ -1,4 +1,4 @@
-"""Tiny packs on disk, and an in-memory client on the scene they describe."""
+"""Tiny packs on disk, and the scene they describe: with a client in memory, and on a host without sockets."""
 
 import contextlib
 import json
@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from mcp import Client
 
+from physment_mcp.host import Host
 from physment_mcp.scene import load_scene
 from physment_mcp.server import Laboratory, build_server
 from physment_mcp.session import Session
@@ -174,3 +176,21 @@ def command() -> Callable[..., list[str]]:
         return [sys.executable, "-m", "physment_mcp", *(str(argument) for argument in arguments)]
 
     return build
+
+
+@pytest.fixture
+def inside(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Callable[..., Any]:
+    """A host in this process, spoken to without sockets."""
+    folder = write_pack(pack, xml)
+
+    @contextlib.asynccontextmanager
+    async def opened(**options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
+        host = Host(scenes_dir=folder, **options)
+        app = host.app()
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as http,
+        ):
+            yield host, http
+
+    return opened

@@ -6,7 +6,6 @@ import math
 import subprocess
 import time
 from collections.abc import AsyncGenerator, Callable
-from pathlib import Path
 from typing import Any
 
 import anyio
@@ -17,27 +16,8 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolRequestParams
 
 from physment_mcp.call_log import CallLog
-from physment_mcp.host import Host
 
 BASE = "http://127.0.0.1"
-
-
-@pytest.fixture
-def inside(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Callable[..., Any]:
-    """A host in this process, spoken to without sockets."""
-    folder = write_pack(pack, xml)
-
-    @contextlib.asynccontextmanager
-    async def opened(**options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
-        host = Host(scenes_dir=folder, **options)
-        app = host.app()
-        async with (
-            app.router.lifespan_context(app),
-            httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE) as http,
-        ):
-            yield host, http
-
-    return opened
 
 
 async def opened(http: httpx.AsyncClient, max_calls: int) -> dict[str, str]:

@@ -5,7 +5,7 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Callable, Generator
+from collections.abc import Callable, Generator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import httpx
 import pytest
 from mcp import Client
 
-from physment_mcp.host import MAX_BODY, Host
+from physment_mcp.host import MAX_BODY
 
 BASE = "http://127.0.0.1"
 
@@ -41,24 +41,6 @@ def started(
     work = tmp_path / "work"
     work.mkdir()
     return lambda *options: serving(command("serve", "--port", 0, "--scenes-dir", folder, *options), work)
-
-
-@pytest.fixture
-def inside(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Callable[..., Any]:
-    """A host in this process, spoken to without sockets."""
-    folder = write_pack(pack, xml)
-
-    @contextlib.asynccontextmanager
-    async def opened(**options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
-        host = Host(scenes_dir=folder, **options)
-        app = host.app()
-        async with (
-            app.router.lifespan_context(app),
-            httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE) as http,
-        ):
-            yield host, http
-
-    return opened
 
 
 async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episode(started: Callable[..., Any]) -> None:

@@ -1,11 +1,9 @@
 """What `--server` may say, and that whatever fails behind it is one sentence about the infrastructure."""
 
-import http.server
 import shlex
 import sys
-import threading
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import anyio
@@ -202,30 +200,6 @@ async def test_a_host_that_is_killed_in_an_episode_and_one_that_is_down_are_infr
             await play(host.base_url, script((ANSWER,)))
 
 
-@contextmanager
-def web_server(status: int, body: bytes) -> Generator[str]:
-    """A web server that gives one reply to everything; its address."""
-
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
-
-        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - named by the base class
-            pass
-
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}"
-        finally:
-            server.shutdown()
-            thread.join()
-
-
 @pytest.mark.parametrize(
     ("status", "body", "said"),
     [
@@ -237,7 +211,9 @@ def web_server(status: int, body: bytes) -> Generator[str]:
         (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp"}', "failed"),
     ],
 )
-async def test_a_web_server_that_is_no_host_is_one_sentence(status: int, body: bytes, said: str) -> None:
+async def test_a_web_server_that_is_no_host_is_one_sentence(
+    web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
+) -> None:
     with web_server(status, body) as address, pytest.raises(InfrastructureError) as failed:
         await play(address, script((ANSWER,)))
     assert said in str(failed.value)

@@ -433,14 +433,14 @@ SNIPPETS = st.lists(
 ).map("".join)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(constant=SNIPPETS, unit=st.sampled_from([None, "1", "m", "N", "m/s"]))
 def test_no_text_is_right_for_two_keys_that_lie_apart(constant: str, unit: str | None) -> None:
     right = [value for value in APART if verdict_of(constant, number(value, unit)) != WRONG]
     assert len(right) <= 1
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(constant=SNIPPETS)
 def test_no_text_names_two_objects(constant: str) -> None:
     names = {f"object_{n}": f"block_{n}" for n in range(1, 10)}
@@ -468,7 +468,7 @@ SIZES = st.floats(min_value=1e-4, max_value=1e6, allow_subnormal=False)
 SIGNED = st.builds(math.copysign, SIZES, st.sampled_from([1.0, -1.0]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(answer=JSON, key=st.sampled_from(KEYS))
 def test_grade_never_raises_and_graded_is_a_share(answer: JsonValue, key: AnswerKey) -> None:
     result = grade(answer, key)
@@ -479,7 +479,7 @@ def test_grade_never_raises_and_graded_is_a_share(answer: JsonValue, key: Answer
     assert (result.normalisation is not None) == (result.strict is not result.normalised)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(value=SIGNED)
 def test_the_exact_key_is_right_in_every_plain_notation(value: float) -> None:
     key = number(value, "m")
@@ -487,7 +487,7 @@ def test_the_exact_key_is_right_in_every_plain_notation(value: float) -> None:
         assert verdict_of(answer, key) == STRICT
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(value=SIGNED)
 def test_the_exact_key_is_forgiven_in_every_common_notation(value: float) -> None:
     key = number(value, "m")
@@ -513,7 +513,7 @@ def test_the_exact_key_is_forgiven_in_every_common_notation(value: float) -> Non
         assert verdict_of(answer, key) == FORMAT, answer
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(value=SIGNED, off=st.floats(min_value=0.0501, max_value=10), side=st.sampled_from([1, -1]))
 def test_nothing_outside_the_tolerance_is_right(value: float, off: float, side: int) -> None:
     answer = value * (1 + side * off)
@@ -521,7 +521,7 @@ def test_nothing_outside_the_tolerance_is_right(value: float, off: float, side: 
     assert verdict_of(f"x = {answer!r} m", number(value, "m")) == WRONG
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(value=SIGNED)
 def test_a_flipped_sign_is_wrong(value: float) -> None:
     answers: list[JsonValue] = [-value, repr(-value), f"{-value!r} m", [-value]]
@@ -529,7 +529,7 @@ def test_a_flipped_sign_is_wrong(value: float) -> None:
         assert verdict_of(answer, number(value, "m")) == WRONG
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(values=st.lists(st.sampled_from(APART), min_size=2, max_size=5, unique=True), data=st.data())
 def test_a_list_is_right_in_its_own_order_only(values: list[float], data: st.DataObject) -> None:
     key = numbers(*values)
@@ -540,7 +540,7 @@ def test_a_list_is_right_in_its_own_order_only(values: list[float], data: st.Dat
         assert grade(form, key).graded == pytest.approx(share)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(values=st.lists(SIGNED, min_size=2, max_size=5), extra=SIGNED)
 def test_a_list_of_another_length_is_wrong(values: list[float], extra: float) -> None:
     for answer in ([*values, extra], values[:-1], values[0]):

@@ -227,7 +227,7 @@ def test_thousands_are_told_from_vectors() -> None:
     assert spoken == [2939.6, 1, 100, 0, 250]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     reasoning=st.lists(
         st.sampled_from([*"0123456789.,-+eE^*/()[]{} \n", "m/s", "×10^", "object_", "step ", "°", "−", "\\text{", "%"]),
@@ -242,7 +242,7 @@ def test_any_text_is_read_and_every_assertion_stands_where_it_says(reasoning: st
         assert any(character.isdigit() for character in one.text)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(value=st.floats(min_value=0.001, max_value=1e4), places=st.integers(min_value=0, max_value=6))
 def test_a_returned_value_rounded_to_any_precision_is_supported(value: float, places: int) -> None:
     reading = returned("get_velocity", {"velocity": [value, 0.0, 0.0]})

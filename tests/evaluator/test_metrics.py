@@ -304,7 +304,7 @@ def test_categories_fall_into_quadrants(category: str, expected: str) -> None:
     assert quadrant(category) == expected
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(data=st.data())
 def test_numbers_stay_in_bounds_and_do_not_depend_on_the_order(data: st.DataObject) -> None:
     grades = data.draw(st.lists(st.sampled_from([RIGHT, WRONG, HALF, FORGIVEN, UNSCORED]), min_size=1, max_size=12))

@@ -1,10 +1,7 @@
 """One warm host for the tests of this folder, and programs that play on it from outside."""
 
-import contextlib
-import http.server
 import sys
-import threading
-from collections.abc import AsyncGenerator, Callable, Generator
+from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
 
 import pytest
@@ -55,33 +52,3 @@ def client(program: Callable[..., list[str]]) -> Callable[..., list[str]]:
         return program(PRELUDE.format(body=indented), *words)
 
     return write
-
-
-@pytest.fixture
-def web_server() -> Callable[[int, bytes], contextlib.AbstractContextManager[str]]:
-    """A web server that gives one reply to everything; its address."""
-
-    @contextlib.contextmanager
-    def serving(status: int, body: bytes) -> Generator[str]:
-        class Handler(http.server.BaseHTTPRequestHandler):
-            def do_POST(self) -> None:
-                self.send_response(status)
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-
-            do_GET = do_DELETE = do_POST  # noqa: N815 - named by the base class
-
-            def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - named by the base class
-                pass
-
-        with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-            thread = threading.Thread(target=server.serve_forever)
-            thread.start()
-            try:
-                yield f"http://127.0.0.1:{server.server_port}"
-            finally:
-                server.shutdown()
-                thread.join()
-
-    return serving

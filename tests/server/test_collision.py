@@ -226,7 +226,7 @@ speeds = st.floats(-5, 5, allow_subnormal=False)
 vectors = st.tuples(speeds, speeds, speeds).map(list)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     masses=st.tuples(*[st.floats(0.1, 50)] * 3),
     velocities=st.tuples(vectors, vectors, vectors),

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-quick = settings(
-    max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(max_examples=50, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 TURNED = (
     '<body name="object_1" pos="0 0 1" euler="0 0 90"><joint type="free"/><geom type="box" size="0.1 0.2 0.3"/></body>'
 )

@@ -177,9 +177,7 @@ reads = st.one_of(
         lambda a, b: ("detect_collision", {"obj1_id": a, "obj2_id": b, "elastic_response": False}), movable, movable
     ),
 )
-slow = settings(
-    max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+slow = settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 async def play(lab: Any, calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:

@@ -31,7 +31,7 @@ def test_the_interval_is_the_published_one(successes: int, trials: int, low: flo
     assert (1 - mirrored.high, 1 - mirrored.low) == pytest.approx((interval.low, interval.high))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trials=st.integers(min_value=1, max_value=500), data=st.data())
 def test_on_whole_numbers_it_is_that_of_scipy(trials: int, data: st.DataObject) -> None:
     successes = data.draw(st.integers(min_value=0, max_value=trials))
@@ -99,7 +99,7 @@ def test_scenes_that_differ_less_than_chance_do_not_make_episodes_more_telling()
     assert found.effective_n == pytest.approx(200 * (1.959964 / 2.009575) ** 2, rel=1e-5)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(sizes=st.lists(st.integers(min_value=1, max_value=9), min_size=1, max_size=12), data=st.data())
 def test_the_interval_holds_the_share_and_stays_in_bounds(sizes: list[int], data: st.DataObject) -> None:
     verdicts = [(scene, data.draw(st.booleans())) for scene, size in enumerate(sizes) for _ in range(size)]

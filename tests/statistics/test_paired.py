@@ -36,7 +36,7 @@ def test_sign_flips_are_the_published_ones() -> None:
     assert sign_flip_p(DARWIN) == pytest.approx(1726 / 32768, abs=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.integers(min_value=-4, max_value=4), min_size=1, max_size=9))
 def test_sign_flips_are_those_of_enumeration(differences: list[int]) -> None:
     signs = list(itertools.product((1, -1), repeat=len(differences)))
