@@ -10,7 +10,6 @@ reply then holds an `owner_token`; only with it (or the token of the host) can t
 """
 
 import contextlib
-import gc
 import json
 import logging
 import secrets
@@ -286,8 +285,6 @@ def serve(host: Host, address: str, port: int) -> None:
     """
     import uvicorn  # noqa: PLC0415 - half a second that stdio episodes need not wait for
 
-    # Hundreds of episodes live long: looking for cycles among them every 700 objects takes a tenth of the time.
-    gc.set_threshold(10_000, 20, 20)
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
     # Inherited by every connection: held-back small packets would cost 40 ms a call.

@@ -45,7 +45,7 @@ class Laboratory:
         self.reopen = reopen
         self.scene_ids = scene_ids or ([] if session is None else [session.scene.scene_id])
         self.gone = gone
-        self.lock = anyio.Lock()
+        self.lock = anyio.Lock(fast_acquire=True)
         self.log = CallLog()
         self.frames: Frames | None = None
         self._watch = watch
