@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
-from evaluator.commands.base import collect_seldom, own_version
+from evaluator.commands.base import make_room, own_version
 from evaluator.commands.run_options import options_of
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from evaluator.study.config import with_config
@@ -41,6 +41,7 @@ Exit code: 0 all episodes played and recorded, or all scenes sound; 1 some not; 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    make_room()
     words = list(sys.argv[1:] if argv is None else argv)
     parser = argparse.ArgumentParser(
         "physment-eval", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -80,7 +81,6 @@ def _fail(sentence: str, code: int) -> int:
 
 
 def _entry() -> NoReturn:
-    collect_seldom()
     sys.exit(main())
 
 

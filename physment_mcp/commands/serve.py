@@ -1,13 +1,18 @@
 """`physment-mcp serve`: many episodes over HTTP, and who may reach them."""
 
 import argparse
+import contextlib
 import os
 import signal
 import socket
+from importlib.util import find_spec
 from threading import Thread
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive
 from physment_mcp.errors import UsageError
+
+_OPEN_FILES = 65_536
+"""Connections that may be open at a time, where the system lets us choose."""
 
 
 def add(commands: Commands) -> None:
@@ -91,11 +96,25 @@ def run(args: argparse.Namespace) -> int:
         names,
         watching(args.observations, args.scenes_dir),
     )
+    _allow_open_files()
     try:
         serve(host, args.host, args.port)
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
+
+
+def _allow_open_files() -> None:
+    """Let as many connections be open at a time as the system allows; many systems start with 1024 or fewer."""
+    if find_spec("resource") is None:
+        return  # Windows has no such limit
+    import resource  # noqa: PLC0415
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with contextlib.suppress(OSError, ValueError):  # macOS may allow less than it says
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _end_with_stdin() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import anyio
 
 from evaluator.agents.base import Briefing, Feedback, Reply
-from evaluator.commands.base import collect_seldom
+from evaluator.commands.base import make_room
 from evaluator.connect import LocalHost
 from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
 from evaluator.runner import Runner
@@ -73,6 +73,6 @@ async def run(episodes: int, turns: int, latency_s: float) -> None:
 
 
 if __name__ == "__main__":
-    collect_seldom()  # as the command does
+    make_room()  # as the command does
     words = dict(enumerate(sys.argv[1:]))
     anyio.run(run, int(words.get(0, "500")), int(words.get(1, "20")), float(words.get(2, "2")))
