@@ -12,7 +12,7 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import JsonValue
 
-from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Reply
+from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions, total_usage
 from evaluator.toolbox import Toolbox, Toolboxes
@@ -64,26 +64,12 @@ async def play_episode(
         player = agent.player(key, briefing)
         feedback: Feedback | None = None
         for remaining in range(key.budget - 1, -1, -1):
-            asked = time.perf_counter()
-            reply = _recordable(await player.act(feedback))
-            replied = time.perf_counter()
-            if reply.usage is not None:
-                used.append(reply.usage)
-            batch = await _run_batch(client, reply, toolbox)
-            turns.append(
-                Turn(
-                    reasoning=reply.reasoning,
-                    exchanges=batch.exchanges,
-                    note=batch.note,
-                    usage=reply.usage,
-                    agent_s=replied - asked,
-                    server_s=time.perf_counter() - replied,
-                )
-            )
-            if batch.answered:
-                outcome, answer = Outcome.ANSWERED, _answer_of(batch.exchanges)
+            turn, answered = await _take_turn(player, feedback, client, toolbox, used)
+            turns.append(turn)
+            if answered:
+                outcome, answer = Outcome.ANSWERED, _answer_of(turn.exchanges)
                 break
-            feedback = Feedback(batch.exchanges, batch.note, remaining)
+            feedback = Feedback(turn.exchanges, turn.note, remaining)
     except AgentError as failure:
         outcome, error = Outcome.AGENT_ERROR, as_text(str(failure))
         if failure.usage is not None:
@@ -100,6 +86,27 @@ async def play_episode(
         duration_s=time.perf_counter() - clock,
         versions=versions,
     )
+
+
+async def _take_turn(
+    player: Player, feedback: Feedback | None, client: Client, toolbox: Toolbox, used: list[Usage]
+) -> tuple[Turn, bool]:
+    """One iteration, and whether it ended with the answer."""
+    asked = time.perf_counter()
+    reply = _recordable(await player.act(feedback))
+    replied = time.perf_counter()
+    if reply.usage is not None:
+        used.append(reply.usage)
+    batch = await _run_batch(client, reply, toolbox)
+    turn = Turn(
+        reasoning=reply.reasoning,
+        exchanges=batch.exchanges,
+        note=batch.note,
+        usage=reply.usage,
+        agent_s=replied - asked,
+        server_s=time.perf_counter() - replied,
+    )
+    return turn, batch.answered
 
 
 async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
