@@ -30,7 +30,11 @@ class AddressGate:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it: 400 for the wrong Host, 403 for the wrong Origin."""
-        refusal = self._refusal(Request(scope)) if scope["type"] == "http" else None
+        refusal = None
+        if scope["type"] == "http":
+            # White space after a value is no part of it (RFC 9110, 5.5), but httptools leaves it there.
+            scope["headers"] = [(name, value.rstrip(b" \t")) for name, value in scope["headers"]]
+            refusal = self._refusal(Request(scope))
         await (refusal or self._app)(scope, receive, send)
 
     def _refusal(self, request: Request) -> JSONResponse | None:

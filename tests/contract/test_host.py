@@ -219,3 +219,13 @@ def test_a_port_in_use_is_refused_in_one_sentence() -> None:
     assert done.stdout == ""
     assert done.stderr.startswith(f"physment-mcp: cannot listen on 127.0.0.1 port {port}: ")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_white_space_after_the_value_of_a_header_is_no_part_of_it(started: Callable[..., Any]) -> None:
+    with started() as base:
+        address = httpx.URL(base)
+        with socket.create_connection((address.host, address.port or 80), timeout=30) as line:
+            line.sendall(
+                f"GET /healthz HTTP/1.1\r\nHost: {address.netloc.decode()} \t\r\nConnection: close\r\n\r\n".encode()
+            )
+            assert b" 200 " in line.makefile("rb").readline()
