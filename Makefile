@@ -46,7 +46,7 @@ conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against
 
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
 	@test -d .inspect || python3 -m venv .inspect
-	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest
+	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
 	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
 
 verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (some minutes; see docs/decisions/0011)
