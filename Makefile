@@ -35,7 +35,7 @@ test: $(STAMP) ## set up, then run the whole test suite
 	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
-	@$(BIN)/python -m pip install --quiet --group ray
+	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'
 	@$(BIN)/python -m pytest tests/ray_cluster
 
 clients: $(STAMP) ## install eight third-party MCP clients (1.6 GB, into ~/.cache) and play a scene through each of them
