@@ -43,6 +43,8 @@ logger = logging.getLogger(__name__)
 
 MAX_BODY = 1_000_000
 """Largest accepted request body [bytes]."""
+_KEEP_ALIVE_S = 60
+"""Wall time that an idle connection is kept [s]: longer than clients do (5 s), so that none ends just as it is used."""
 _SWEEP_S = 5.0
 """Wall time between looks for expired episodes [s], at most."""
 _GONE = (
@@ -292,5 +294,7 @@ def serve(host: Host, address: str, port: int) -> None:
     bound, chosen = listener.getsockname()[:2]
     shown = f"[{bound}]" if ":" in bound else bound
     print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
-    config = uvicorn.Config(host.app(), log_level="warning", timeout_graceful_shutdown=2)
+    config = uvicorn.Config(
+        host.app(), log_level="warning", timeout_graceful_shutdown=2, timeout_keep_alive=_KEEP_ALIVE_S
+    )
     uvicorn.Server(config).run(sockets=[listener])
