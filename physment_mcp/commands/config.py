@@ -8,7 +8,7 @@ import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options
+from physment_mcp.commands.base import Commands, common_options, observations
 from physment_mcp.errors import SceneError
 from scenes import PackError, find_pack
 
@@ -64,6 +64,7 @@ def add(commands: Commands) -> None:
     config.add_argument("client", choices=_CLIENTS, help="which client")
     config.add_argument("--scene", type=int, default=argparse.SUPPRESS, metavar="N", help="scene to open")
     config.add_argument("--seed", type=int, default=argparse.SUPPRESS, metavar="S", help="variant of the scene")
+    observations(config, again=True)
     config.set_defaults(run=run)
 
 
@@ -81,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
     except PackError as error:
         raise SceneError(str(error)) from error
     arguments += ["--seed", str(args.seed)] if args.seed else []
+    arguments += ["--observations", args.observations] if args.observations != "text" else []
     # The client starts us in a folder of its own choice.
     arguments += ["--scenes-dir", str(args.scenes_dir.absolute())] if args.scenes_dir else []
     client = _CLIENTS[args.client]

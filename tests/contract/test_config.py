@@ -63,6 +63,12 @@ def test_a_folder_of_scenes_is_written_in_full(
     assert server["args"][-4:] == ["--scene", "7", "--scenes-dir", str(tmp_path / "mine")]
 
 
+def test_pictures_are_asked_for_where_they_are_wanted(capsys: pytest.CaptureFixture[str]) -> None:
+    server = configured(capsys, "cursor", "--scene", "7", "--observations", "rgb")
+    assert server["args"][-4:] == ["--scene", "7", "--observations", "rgb"]
+    assert "--observations" not in configured(capsys, "cursor", "--observations", "text")["args"]
+
+
 def test_only_json_is_on_stdout() -> None:
     words = [sys.executable, "-m", "physment_mcp", "--scene", "9", "config", "vscode"]
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
