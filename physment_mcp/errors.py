@@ -29,7 +29,16 @@ class UsageError(PhysMentError):
 
 
 class SceneError(PhysMentError):
-    """A scene cannot be loaded; one sentence for the operator."""
+    """A scene cannot be loaded.
+
+    Args:
+        sentence: Why, for the operator.
+        told: What a client is told, who must not learn where the packs lie or what is in them.
+    """
+
+    def __init__(self, sentence: str, told: str = "this scene cannot be opened; its operator can see why") -> None:
+        super().__init__(sentence)
+        self.told = told
 
 
 class RefusedCall(PhysMentError):

@@ -218,7 +218,8 @@ class Host:
         try:
             episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
         except SceneError as error:
-            return refuse(404, str(error))
+            logger.warning("scene %d was asked for: %s", wanted.scene, error)
+            return refuse(404, error.told)
         finally:
             self._opening -= 1
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)

@@ -211,7 +211,8 @@ class _Service:
             session = laboratory.reopen(int(scene_id))
             laboratory.enter(session)
         except SceneError as error:
-            raise _bad_request(str(error)) from error
+            logger.warning("scene %s was asked for: %s", scene_id, error)
+            raise _bad_request(error.told) from error
         return session
 
     async def list_resources(

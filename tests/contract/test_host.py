@@ -134,11 +134,14 @@ async def test_a_scene_that_fails_to_open_takes_no_room(inside: Callable[..., An
         (b'{"scene": 7, "pad": "' + b"x" * MAX_BODY + b'"}', 413, ""),
     ],
 )
-async def test_a_bad_request_opens_nothing(inside: Callable[..., Any], body: bytes, status: int, word: str) -> None:
+async def test_a_bad_request_opens_nothing(
+    inside: Callable[..., Any], tmp_path: Path, body: bytes, status: int, word: str
+) -> None:
     async with inside() as (host, http):
         reply = await http.post("/episodes", content=body)
         assert reply.status_code == status
         assert word in reply.text
+        assert str(tmp_path) not in reply.text
         assert not host._episodes
 
 

@@ -89,6 +89,23 @@ async def test_a_cancelled_step_is_as_if_it_had_never_begun(
     assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
 
 
+async def test_a_step_cancelled_in_its_last_chunk_is_as_if_it_had_never_begun(
+    bench: Callable[..., Any], ball: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = bench(ball(1, "0 0 5"))
+    before, step = lab.fingerprint(), lab.session.world.step
+    with anyio.CancelScope() as scope:
+
+        def cancelled_meanwhile(steps: int) -> None:
+            anyio.from_thread.run_sync(scope.cancel)
+            step(steps)
+
+        monkeypatch.setattr(lab.session.world, "step", cancelled_meanwhile)
+        await lab("step", duration=0.1)
+    assert scope.cancelled_caught
+    assert lab.fingerprint() == before
+
+
 @pytest.fixture
 def no_engine_log() -> Generator[None]:
     """The engine writes its warnings into the working directory unless it is told not to."""
