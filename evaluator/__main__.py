@@ -19,7 +19,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval --agent scripted:turns.json --scenes 7,21 --budgets 5,10
   physment-eval --agent model:gpt-5.5 --budgets 5,10,15,20 --server host --concurrency 50 --max-cost 100
   physment-eval --config study.toml --dry-run      what a study would be, without playing it
-  physment-eval run --out runs/mine --resume       go on with a run that was interrupted
+  physment-eval run --out runs/mine --resume       go on after an interruption (with the options of before)
   physment-eval merge runs/mine --out runs/whole   put its shards together
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine runs/base --out o  write report.html, here of two runs side by side

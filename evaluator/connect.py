@@ -22,7 +22,7 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
-from evaluator.errors import InfrastructureError, UsageError
+from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 from evaluator.toolbox import Toolboxes
 
 _CALL_TIMEOUT_S = 300.0
@@ -75,10 +75,11 @@ class ProcessLaboratory:
             try:
                 async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
                     yield client
-            except InfrastructureError:
-                raise
             except Exception as error:
-                raise _failed(f"the server command {shlex.join(line)!r} failed", error, errors) from error
+                # Where a call did not return, the last words of the server tell more than we know.
+                raise _ours(error, PermanentFailure, UsageError) or _failed(
+                    f"the server command {shlex.join(line)!r} failed", error, errors
+                ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +100,9 @@ class HostLaboratory:
                 http.headers.update(self._bearing(opened["mcp_url"]))
                 async with mcp_client(opened["mcp_url"], http) as client:
                     yield client
-            except InfrastructureError:
-                raise
             except Exception as error:
-                raise InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}") from error
+                failure = InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}")
+                raise _ours(error, EvaluatorError) or failure from error
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                     await http.delete(f"/episodes/{opened['episode_id']}", headers=self._bearing(self.base_url))
@@ -269,6 +269,12 @@ def _failed(what: str, error: Exception, errors: IO[str]) -> InfrastructureError
     errors.seek(0)
     said = [line.strip() for line in errors.read().splitlines() if line.strip()]
     return InfrastructureError(f"{what}: {said[-1] if said else repr(_root(error))}")
+
+
+def _ours(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
+    """The error of one of these kinds that a client wrapped because it was connected; None if it is another."""
+    root = _root(error)
+    return root if isinstance(root, kinds) else None
 
 
 def _root(error: BaseException) -> BaseException:

@@ -4,10 +4,12 @@
 A line that a kill tore is set aside in `*.torn` and its episode is played again.
 """
 
+import contextlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -65,6 +67,33 @@ class RunFolder:
             probe.unlink()
         except OSError as error:
             raise StoreError(f"the folder {self.path} cannot be written: {error.strerror}") from error
+
+    @contextlib.contextmanager
+    def held(self) -> Generator[None]:
+        """Hold the folder while its run is played; the system lets go of it when the process ends, however it does.
+
+        Raises:
+            StoreError: Another process plays it.
+        """
+        if find_spec("fcntl") is None:
+            yield  # Windows has no such lock
+            return
+        import fcntl  # noqa: PLC0415
+
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            # Some network file systems know no locks; a run on one is not to fail for it.
+            with contextlib.suppress(OSError):
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    sentence = (
+                        f"{self.path} is being played by another process; wait for its end, or choose another --out"
+                    )
+                    raise StoreError(sentence) from None
+            yield
+        finally:
+            os.close(handle)
 
     def write_run(self, facts: dict[str, Any]) -> None:
         """Write `run.json`."""

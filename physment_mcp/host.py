@@ -219,7 +219,8 @@ class Host:
             episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
         except SceneError as error:
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
-            return refuse(404, error.told)
+            # Who bears the token is the operator.
+            return refuse(404, str(error) if self.token else error.told)
         finally:
             self._opening -= 1
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)

@@ -85,11 +85,12 @@ def _run(args: argparse.Namespace) -> int:
     folder.create(resume=args.resume)
     keys, console = KeyRing(args.scenes_dir), Console(stderr=args.json)
     meter = Meter(limits_of(args))
-    stopped = ""
+    stopped, again = "", f"go on with the same options, --out {args.out or folder.path} --resume"
 
     async def play() -> None:
         nonlocal stopped
-        stopped = await _play(study, folder, meter, keys, console)
+        with folder.held():
+            stopped = await _play(study, folder, meter, keys, console)
 
     try:
         # A malformed pack or a missing key should show before hours of play, not after.
@@ -103,10 +104,10 @@ def _run(args: argparse.Namespace) -> int:
             folder.path.rmdir()
         raise
     except KeyboardInterrupt:
-        print(f"physment-eval: interrupted; go on with: --out {args.out or folder.path} --resume", file=sys.stderr)
+        print(f"physment-eval: interrupted; {again}", file=sys.stderr)
         return 130
     if stopped:
-        print(f"physment-eval: {stopped}; go on with: --out {args.out or folder.path} --resume", file=sys.stderr)
+        print(f"physment-eval: {stopped}; {again}", file=sys.stderr)
     return finish(folder, keys, console, as_json=args.json, wanted=len(study.keys()))
 
 

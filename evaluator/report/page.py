@@ -135,12 +135,18 @@ def _title(who: Sequence[Contender]) -> str:
 
 
 def _differing(runs: Sequence[Run]) -> str:
-    """The runs by what they were played on, if not all played the same packs."""
-    played: dict[str, list[str]] = {}
+    """The runs by what they were played on, if two played different packs of one scene."""
+    played: list[tuple[dict[str, str], list[str]]] = []
     for run in runs:
-        packs = json.dumps(run.facts.get("packs", {}), sort_keys=True)
-        played.setdefault(packs, []).append(run.name)
-    return "" if len(played) < 2 else "; ".join(" and ".join(names) for names in played.values())
+        packs: dict[str, str] = run.facts.get("packs", {})
+        for known, names in played:
+            if all(known.get(scene, one) == one for scene, one in packs.items()):
+                known.update(packs)
+                names.append(run.name)
+                break
+        else:
+            played.append((dict(packs), [run.name]))
+    return "" if len(played) < 2 else "; ".join(" and ".join(names) for _, names in played)
 
 
 def _budget_charts(who: Sequence[Contender]) -> list[Chart]:

@@ -13,7 +13,7 @@ from evaluator.agents.base import Agent, Briefing, Feedback, Reply
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.connect import LocalHost, connect
 from evaluator.episode import play_episode
-from evaluator.errors import InfrastructureError, UsageError
+from evaluator.errors import InfrastructureError, PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, ToolCall, Versions
 
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
@@ -198,6 +198,23 @@ async def test_a_host_that_is_killed_in_an_episode_and_one_that_is_down_are_infr
         assert len(str(failed.value).splitlines()) == 1
         with pytest.raises(InfrastructureError, match="cannot be reached"):
             await play(host.base_url, script((ANSWER,)))
+
+
+@pytest.mark.parametrize("server", ["stdio", "host"])
+@pytest.mark.parametrize("error", [PermanentFailure("the provider refused the key"), UsageError("no such option")])
+async def test_what_fails_on_the_agents_side_is_not_laid_on_the_server(server: str, error: Exception) -> None:
+    class Failing:
+        name = "failing"
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> "Failing":
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            raise error
+
+    with pytest.raises(type(error)) as failed:
+        await play(server, Failing())
+    assert failed.value is error
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,13 @@ def test_a_run_is_not_written_over_unless_it_is_resumed(folder: RunFolder) -> No
     folder.create(resume=True)
 
 
+def test_a_run_is_played_by_one_process_at_a_time(folder: RunFolder) -> None:
+    with folder.held(), pytest.raises(StoreError, match="is being played by another process"), folder.held():
+        pytest.fail("two would play the same episodes")
+    with folder.held():
+        assert list(folder.path.iterdir()) == []  # so that a run that never began can be taken away again
+
+
 def test_a_folder_that_cannot_be_made_is_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(StoreError, match="cannot be written"):

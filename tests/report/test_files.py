@@ -86,6 +86,13 @@ def test_only_pictures_of_the_packs_that_were_played_are_taken(tmp_path: Path) -
     assert pictures({}, packs) == {}
 
 
+def test_runs_of_different_scenes_are_not_said_to_differ_in_their_packs(tmp_path: Path) -> None:
+    runs = [store(tmp_path / str(len(scenes)), "x", scenes) for scenes in ([7], [7, 12])]
+    assert main(["report", *map(str, runs), "--out", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Not all of these were played on the same packs" not in page
+
+
 def test_several_runs_stand_in_one_report_each_with_its_own_packs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
