@@ -18,6 +18,7 @@ from physment_mcp.host import Host
 
 BASE = "http://127.0.0.1"
 OURS = {"Authorization": "Bearer ours"}
+OURS = {"Authorization": "Bearer ours"}
 STRANGERS: tuple[dict[str, str], ...] = (
     {},
     {"Authorization": "Bearer theirs"},
@@ -261,11 +262,11 @@ async def test_a_link_out_of_the_folder_of_scenes_is_refused(
     else:
         (outside / what).rename(moved)
         (outside / what).symlink_to(moved)
-    host = Host(scenes_dir=folder)
+    host = Host(scenes_dir=folder, token="ours")
     app = host.app()
     async with (
         app.router.lifespan_context(app),
-        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE) as http,
+        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE, headers=OURS) as http,
     ):
         refused = await http.post("/episodes", json={"scene": 8})
         assert refused.status_code == 404
@@ -280,11 +281,11 @@ async def test_a_link_out_of_the_folder_of_scenes_is_refused(
 async def test_a_model_that_names_a_file_is_refused(
     write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, planted: str
 ) -> None:
-    host = Host(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")))
+    host = Host(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")), token="ours")
     app = host.app()
     async with (
         app.router.lifespan_context(app),
-        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE) as http,
+        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE, headers=OURS) as http,
     ):
         refused = await http.post("/episodes", json={"scene": 7})
         assert refused.status_code == 404
