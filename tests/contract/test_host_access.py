@@ -18,7 +18,6 @@ from physment_mcp.host import Host
 
 BASE = "http://127.0.0.1"
 OURS = {"Authorization": "Bearer ours"}
-OURS = {"Authorization": "Bearer ours"}
 STRANGERS: tuple[dict[str, str], ...] = (
     {},
     {"Authorization": "Bearer theirs"},
