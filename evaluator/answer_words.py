@@ -94,4 +94,6 @@ def _notations(object_id: str, name: str) -> set[str]:
 
 
 def _folded(text: str) -> str:
+    if re.match(r"\s*[-\N{MINUS SIGN}]\s*\d", text):
+        return text  # a negative number is the name of nothing
     return " ".join(re.split(r"[\s_-]+", text.lower().strip(" _-\t\r\n")))

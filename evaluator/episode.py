@@ -194,4 +194,8 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
 
 
 def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
-    return next(one.call.arguments["answer"] for one in exchanges if one.returned and one.call.tool == ANSWER)
+    return next(
+        one.call.arguments["answer"]
+        for one in exchanges
+        if one.returned and not one.is_error and one.call.tool == ANSWER
+    )

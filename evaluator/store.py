@@ -148,6 +148,9 @@ class RunFolder:
 
     def _append(self, file: Path, record: Record) -> None:
         try:
+            # Only who adds lines mends the file: to who reads it while a run is played, the line that is being written
+            # looks torn.
+            self._set_torn_line_aside(file)
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(record.model_dump_json() + "\n")
                 stream.flush()
@@ -158,7 +161,6 @@ class RunFolder:
     def _read(self, file: Path, kind: type[R]) -> list[R]:
         if not file.exists():
             return []
-        self._set_torn_line_aside(file)
         records: list[R] = []
         # Bytes, split at line feeds alone: agents write U+2028 and its kin, which `str.splitlines` takes for line ends.
         for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
@@ -172,9 +174,13 @@ class RunFolder:
     @staticmethod
     def _set_torn_line_aside(file: Path) -> None:
         """Cut off a last line without its end, and keep it beside the file."""
-        content = file.read_bytes()
-        if not content or content.endswith(b"\n"):
+        if not file.exists() or file.stat().st_size == 0:
             return
+        with file.open("rb") as stream:
+            stream.seek(-1, os.SEEK_END)
+            if stream.read() == b"\n":
+                return
+        content = file.read_bytes()
         whole, _, torn = content.rpartition(b"\n")
         with file.with_name(file.name + ".torn").open("ab") as aside:
             aside.write(torn + b"\n")

@@ -30,6 +30,8 @@ from scenes import PackError, default_folder, list_packs
 
 CALLS_PER_ITERATION = 10
 """Calls allowed for each iteration of the budget, unless told otherwise."""
+_FAILURE = 600
+"""Characters that are kept of why a program failed."""
 _REASONING = 20_000
 """Last characters of its output that are kept as reasoning."""
 _LOCAL = {"localhost", "127.0.0.1", "::1"}
@@ -179,7 +181,8 @@ async def play_external(agent: ExternalAgent, laboratory: Laboratory, key: Episo
         turns = await episode.turns()
     outcome, answer = _outcome(turns, max_calls)
     if outcome is Outcome.AGENT_ERROR and ended is not None:
-        failure = without_secrets(_how_it_ended(agent, ended, len(turns), max_calls), environment)
+        # Cut after the secrets are out: half of one would not be known for what it is.
+        failure = without_secrets(_how_it_ended(agent, ended, len(turns), max_calls), environment)[:_FAILURE]
     said = without_secrets(ended.stdout, environment)[-_REASONING:].strip() if ended else ""
     return Episode(
         key=key,
@@ -251,7 +254,7 @@ def _how_it_ended(agent: ExternalAgent, ended: Ended, calls: int, max_calls: int
         return f"{program} gave no answer within {agent.max_wall_s:g} s and was stopped"
     said = [line.strip() for line in ended.stderr.splitlines() if line.strip()]
     if ended.code:
-        return f"{program} ended with code {ended.code}{f': {said[-1][:500]}' if said else ''}"
+        return f"{program} ended with code {ended.code}{f': {said[-1]}' if said else ''}"
     return f"{program} ended without an answer after {calls} of {max_calls} calls"
 
 

@@ -23,7 +23,7 @@ from scenes import PackFiles
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
 
-PROMPTINGS = ("zero-shot", "one-shot", "few-shot")
+PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
 PROTOCOLS = ("native", "text")
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import anyio
 from pydantic_ai.direct import model_request
+from pydantic_ai.exceptions import ModelHTTPError
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model
 from pydantic_ai.settings import ModelSettings, merge_model_settings
 
-from evaluator.errors import InfrastructureError
+from evaluator.errors import AgentError, InfrastructureError, PermanentFailure
 from evaluator.models.failures import AskAgain, judge
 from evaluator.models.lanes import Lane
 from evaluator.models.offer import NOTHING, Offer
@@ -53,9 +54,10 @@ class Requests:
         """
         waited_s = 0.0
         for attempt in range(1, self.patience.attempts + 1):
-            waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
             try:
                 async with self.lane.limiter:
+                    # Looked at last of all: the provider may have asked for a pause while this one stood in the queue.
+                    waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
                     return await self._attempt(messages, tools)
             except AskAgain as failure:
                 pause_s = self._pause(attempt, failure.wait_s)
@@ -83,7 +85,11 @@ class Requests:
             )
         except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; judged at once
             # Nothing is chained: a client's error carries the request, and with it the key.
-            raise judge(error, self.key) from None
+            failure = judge(error, self.key)
+            if isinstance(failure, PermanentFailure) and len(messages) > 1 and _is_rejected(error):
+                # Its first request passed, so it is this conversation that the provider rejects, not all of them.
+                raise AgentError(str(failure)) from None
+            raise failure from None
         reason = raw_finish_reason(response)
         if response.finish_reason == "error" and reason not in MALFORMED_CALL:
             raise AskAgain(f"the provider broke its reply off ({reason or 'no reason given'})")
@@ -105,6 +111,11 @@ class Requests:
         ceiling = min(self.patience.longest_pause_s, self.patience.first_pause_s * 2 ** (attempt - 1))
         jittered = ceiling * (0.5 + self.luck() / 2)
         return jittered if asked_s is None else max(asked_s, 0.0) + jittered / 10
+
+
+def _is_rejected(error: Exception) -> bool:
+    """Whether a provider called a request malformed, as it does with what a model wrote before."""
+    return isinstance(error, ModelHTTPError) and error.status_code in {400, 422}
 
 
 def raw_finish_reason(response: ModelResponse) -> str:

@@ -12,6 +12,9 @@ from random import Random
 import pytest
 
 from evaluator.__main__ import main
+from evaluator.commands.run_options import PROMPTINGS, PROTOCOLS
+from evaluator.records import Outcome
+from evaluator.store import RunFolder
 from scenes import default_folder
 
 COMMAND = [sys.executable, "-m", "evaluator"]
@@ -64,6 +67,15 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
     assert len(said.err.strip().splitlines()) == 1
     assert said.err.startswith("physment-eval: ")
     return said.err
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("prompting", PROMPTINGS)
+def test_every_prompting_that_is_offered_can_be_played(prompting: str, protocol: str, tmp_path: Path) -> None:
+    words = ["--agent", "blind", "--scenes", "7", "--prompting", prompting, "--protocol", protocol]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+    (episode,) = RunFolder(tmp_path / "run").episodes().values()
+    assert (episode.outcome, episode.key.prompting) == (Outcome.ANSWERED, prompting)
 
 
 @pytest.mark.parametrize(

@@ -284,6 +284,8 @@ FORMS = [
     Case("id as asked", "object_2", objects("object_2", **CARTS), STRICT),
     Case("id as asked, key by number", "object_2", objects(2, **CARTS), STRICT),
     Case("number, key by id", 2, objects("object_2", **CARTS), NOTATION),
+    Case("negative number, key by id", "-2", objects("object_2", **CARTS), WRONG),
+    Case("negative number, typeset", " \N{MINUS SIGN}2", objects("object_2", **CARTS), WRONG),
     Case("id with a space", "Object 2", objects("object_2", **CARTS), NOTATION),
     Case("id in a list of one", ["2"], objects("object_2", **CARTS), NOTATION),
     Case("name of another", "cart_1", objects("object_2", **CARTS), WRONG),

@@ -45,10 +45,12 @@ def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, ke
     torn = content[: last + max(1, int((len(content) - 1 - last) * kept))]
     folder.episodes_file.write_bytes(torn)
     assert [key.scene for key in folder.episodes()] == [7, 8]
-    assert folder.episodes_file.read_bytes() == content[:last]
-    assert folder.episodes_file.with_name("episodes.jsonl.torn").read_bytes() == torn[last:] + b"\n"
+    # It may be the line that is being written just now: only who writes the next one takes it away.
+    assert folder.episodes_file.read_bytes() == torn
     folder.append_episode(episode(9))
     assert [key.scene for key in folder.episodes()] == [7, 8, 9]
+    assert folder.episodes_file.read_bytes().startswith(content[:last])
+    assert folder.episodes_file.with_name("episodes.jsonl.torn").read_bytes() == torn[last:] + b"\n"
 
 
 def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:

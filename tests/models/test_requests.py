@@ -9,7 +9,7 @@ from typing import Any
 
 import anyio
 import pytest
-from pydantic_ai.messages import ModelRequest, ModelResponse
+from pydantic_ai.messages import ModelMessage, ModelRequest, ModelResponse, TextPart
 
 from evaluator.agents.model import ModelAgent
 from evaluator.errors import AgentError, InfrastructureError
@@ -220,6 +220,16 @@ async def test_what_cannot_pass_is_not_asked_again(openai: Any, status: int, cod
     async with agent_of(openai) as agent:
         with pytest.raises(PermanentFailure, match=rf"{sentence}.*As I said\."):
             await open_desk(agent).ask()
+    assert len(openai.seen) == 1
+
+
+@pytest.mark.parametrize("status", [400, 422])
+async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_s_end(openai: Any, status: int) -> None:
+    openai.fail(status, "Failed to call a function.", "tool_use_failed")
+    async with agent_of(openai) as agent:
+        talk: list[ModelMessage] = [ModelRequest.user_text_prompt("hello"), ModelResponse([TextPart("?")])]
+        with pytest.raises(AgentError, match=r"rejected the request.*Failed to call"):
+            await open_desk(agent).requests.ask([*talk, ModelRequest.user_text_prompt("again")])
     assert len(openai.seen) == 1
 
 
