@@ -12,7 +12,8 @@ from mcp import Client
 
 from evaluator.agents.base import Agent, Briefing, Feedback, Player, Reply
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.errors import AgentError, InfrastructureError, StoreError
+from evaluator.connect import LocalHost
+from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
 from evaluator.grading import grade_missing
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Verdict, Versions
 from evaluator.runner import Runner, pack_hash
@@ -155,6 +156,30 @@ async def test_a_failure_of_the_infrastructure_costs_an_attempt_and_not_the_epis
         (Outcome.ANSWERED, MAX_ATTEMPTS),
         (Outcome.ANSWERED, 1),
     ]
+
+
+async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(folder: RunFolder) -> None:
+    class Keyless:
+        """Its provider refuses the key."""
+
+        name = "keyless"
+        asked = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            self.asked += 1
+            raise PermanentFailure("the provider refused the key")
+
+    agent = Keyless()
+    plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
+    with anyio.fail_after(60):
+        async with LocalHost() as laboratory:
+            runner = Runner(laboratory, {"keyless": agent, "x": SCRIPT}, folder, lambda _scene: VERSIONS)
+            assert await runner.run(plan.matrix()) == "the provider refused the key"
+    assert agent.asked == 1
+    assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
 
 
 async def test_an_episode_is_played_anew_from_its_beginning_after_a_failure_in_the_middle(folder: RunFolder) -> None:
