@@ -3,7 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-CORE := physment_mcp/session.py,physment_mcp/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/episode.py,evaluator/grading.py,evaluator/answer_strict.py,evaluator/answer_forgiven.py,evaluator/metrics.py,evaluator/grouping.py,evaluator/comparison.py,evaluator/statistics/*,evaluator/dimensions.py,evaluator/records.py
+CORE := physment_mcp/session.py,physment_mcp/tools/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/records.py,evaluator/episode/loop.py,evaluator/answers/grading.py,evaluator/answers/strict.py,evaluator/answers/forgiven.py,evaluator/scores/metrics.py,evaluator/scores/grouping.py,evaluator/scores/comparison.py,evaluator/scores/dimensions.py,evaluator/statistics/*
 MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
@@ -36,7 +36,7 @@ test: $(STAMP) ## set up, then run the whole test suite
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'
-	@$(BIN)/python -m pytest tests/ray_cluster
+	@$(BIN)/python -m pytest tests/evaluator/study/ray_cluster
 
 clients: $(STAMP) ## install eight third-party MCP clients (1.6 GB, into ~/.cache) and play a scene through each of them
 	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md

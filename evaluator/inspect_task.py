@@ -25,19 +25,18 @@ from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.tool import ToolInfo, ToolParams
 from inspect_ai.util import LimitExceededError
 
-from evaluator.agents.base import Briefing, Feedback, Reply, ToolDescription
-from evaluator.answer_key import KeyRing
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import own_version
-from evaluator.connect import connect
-from evaluator.episode import play_episode
+from evaluator.episode.connect import connect
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.grading import grade_episode
-from evaluator.provenance import server_facts
+from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.runner import pack_hash
-from evaluator.selection import parse_numbers, parse_scenes
-from evaluator.text_protocol import feedback_text
-from scenes import find_pack, read_pack
+from evaluator.study.provenance import server_facts
+from evaluator.study.selection import parse_numbers, parse_scenes
+from scenes import find_pack, pack_hash, read_pack
 
 EPISODE = "physment_episode"
 """Key in the store of a sample under which the record of its episode is kept."""

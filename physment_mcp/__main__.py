@@ -60,10 +60,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _stdio(args: argparse.Namespace) -> int:
-    from physment_mcp.frames import watching  # noqa: PLC0415
-    from physment_mcp.laboratory import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
     from physment_mcp.scene import list_cards, load_scene, scene_ids  # noqa: PLC0415
-    from physment_mcp.server import build_server  # noqa: PLC0415
+    from physment_mcp.serving.frames import watching  # noqa: PLC0415
+    from physment_mcp.serving.server import build_server  # noqa: PLC0415
+    from physment_mcp.serving.slot import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
     from physment_mcp.session import Session  # noqa: PLC0415
 
     watch = watching(args.observations, args.scenes_dir)

@@ -17,8 +17,8 @@ from typing import Any
 
 import physment_mcp
 import scenes
-from physment_mcp.icon import LARGE_PNG
-from physment_mcp.server import published_tools
+from physment_mcp.serving.icon import LARGE_PNG
+from physment_mcp.serving.server import published_tools
 from scenes import export_packs
 
 _NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pydantic", "simpleeval")

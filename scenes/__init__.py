@@ -6,7 +6,8 @@ Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and 
 from scenes.draw import KnobValue, draw_knobs, drawn_mjcf, write_values
 from scenes.errors import PackError
 from scenes.export import export_packs
-from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
+from scenes.folder import PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
+from scenes.new import write_new_scene
 from scenes.pack import (
     CANARY,
     AnswerKind,
@@ -42,8 +43,10 @@ __all__ = [
     "export_packs",
     "find_pack",
     "list_packs",
+    "pack_hash",
     "read_hosted",
     "read_pack",
     "read_public",
+    "write_new_scene",
     "write_values",
 ]

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.builders.paths import ROOT
+
 PACKAGES = ("physment_mcp", "evaluator", "scenes")
 
 FORBIDDEN = {
@@ -19,13 +20,18 @@ FORBIDDEN = {
     "physment_mcp/session.py": {"mujoco", "mcp", "mcp_types", "pathlib", "json"},
     "physment_mcp/mechanics.py": {"mujoco", "physment_mcp"},
     "evaluator": {"physment_mcp", "mujoco"},
-    "evaluator/episode.py": {"evaluator.answer_key", "evaluator.grading", "evaluator.scoring", "scenes"},
-    "evaluator/runner.py": {"evaluator.answer_key", "evaluator.grading", "evaluator.scoring"},
-    "evaluator/agents": {"evaluator.answer_key", "evaluator.grading", "evaluator.scoring"},
-    "evaluator/grading.py": {"mcp", "pathlib", "os", "json"},
-    "evaluator/metrics.py": {"mcp", "pathlib", "os"},
-    "evaluator/grounding.py": {"mcp", "pathlib", "os"},
-    "evaluator/failures": {"mcp", "pathlib", "os", "evaluator.answer_key", "evaluator.store"},
+    "evaluator/episode/loop.py": {
+        "evaluator.answers.keys",
+        "evaluator.answers.grading",
+        "evaluator.scores.scoring",
+        "scenes",
+    },
+    "evaluator/study/runner.py": {"evaluator.answers.keys", "evaluator.answers.grading", "evaluator.scores.scoring"},
+    "evaluator/agents": {"evaluator.answers.keys", "evaluator.answers.grading", "evaluator.scores.scoring"},
+    "evaluator/answers/grading.py": {"mcp", "pathlib", "os", "json"},
+    "evaluator/scores/metrics.py": {"mcp", "pathlib", "os"},
+    "evaluator/scores/grounding.py": {"mcp", "pathlib", "os"},
+    "evaluator/failures": {"mcp", "pathlib", "os", "evaluator.answers.keys", "evaluator.store"},
     "scenes": {"mcp", "mcp_types", "mujoco", "physment_mcp", "evaluator"},
 }
 """Part of the tree → modules nothing in it may import."""
@@ -36,7 +42,7 @@ EXEMPT = {"evaluator": ("evaluator/certify",), "scenes": ("scenes/Scene",)}
 ONLY_THERE = {
     "mujoco": ("physment_mcp/world",),
     "inspect_ai": ("evaluator/inspect_task.py",),
-    "pydantic_ai": ("evaluator/models", "evaluator/agents/model.py"),
+    "pydantic_ai": ("evaluator/models", "evaluator/models/agent.py"),
     "matplotlib": ("evaluator/report/figures.py",),
     "ray": ("evaluator/study/ray_executor.py",),
 }
@@ -94,13 +100,13 @@ def test_a_module_imports_nothing_it_must_not_know(path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("evaluator/episode.py", "from evaluator.answer_key import KeyRing"),
+        ("evaluator/episode/loop.py", "from evaluator.answers.keys import KeyRing"),
         ("evaluator/report/page.py", "def f():\n    import mujoco"),
-        ("evaluator/runner.py", "import physment_mcp.session"),
+        ("evaluator/study/runner.py", "import physment_mcp.session"),
         ("physment_mcp/tools/act.py", "from mujoco import MjModel"),
-        ("physment_mcp/server.py", "import evaluator"),
+        ("physment_mcp/serving/server.py", "import evaluator"),
         ("physment_mcp/scene.py", "from scenes.protocol import load_solution"),
-        ("physment_mcp/server.py", "import mujoco"),
+        ("physment_mcp/serving/server.py", "import mujoco"),
         ("physment_mcp/world/world.py", "from mcp import Client"),
         ("scenes/draw.py", "from physment_mcp import errors"),
     ],

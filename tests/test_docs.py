@@ -2,19 +2,17 @@
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
-from evaluator.comparison import Comparison
-from evaluator.metrics import RunSummary
 from evaluator.records import Record
-from physment_mcp.server import published_tools
+from evaluator.scores.comparison import Comparison
+from evaluator.scores.metrics import RunSummary
+from physment_mcp.serving.server import published_tools
 from scenes import Pack, list_packs
-
-DOCS = Path(__file__).parent.parent / "docs"
+from tests.builders.paths import DOCS
 
 
 def tools_page() -> str:

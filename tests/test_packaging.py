@@ -12,8 +12,7 @@ import pytest
 
 import scenes
 from physment_mcp import __version__
-
-ROOT = Path(__file__).parent.parent
+from tests.builders.paths import ROOT
 
 
 def run(*command: str, cwd: Path) -> str:

@@ -4,7 +4,7 @@ import random
 from dataclasses import dataclass, field
 from typing import Any
 
-from evaluator.agents.base import ANSWER, Agent, Briefing, Feedback, Player, Reply
+from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
 from evaluator.records import EpisodeKey, ToolCall
 
 GUESS_RANGE = (0.01, 100.0)

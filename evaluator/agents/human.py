@@ -7,9 +7,9 @@ from typing import Protocol
 
 from pydantic import JsonValue
 
-from evaluator.agents.base import Briefing, Feedback, Reply
-from evaluator.call_syntax import TypingError, parse_line, signature
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
+from evaluator.protocols.typed import TypingError, parse_line, signature
 from evaluator.records import EpisodeKey, Exchange
 
 COMMANDS = ("help", "task", "log", "note", "quit")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.agents.base import Briefing, Feedback, Reply
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.records import EpisodeKey, Exchange, ToolCall
 from scenes import PackError, find_pack

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.agents.base import Briefing, Feedback, Reply
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn
 from evaluator.store import RunFolder

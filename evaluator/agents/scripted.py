@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from evaluator.agents.base import Briefing, Feedback, Reply
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import EpisodeKey, ToolCall
 

@@ -11,12 +11,11 @@ from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
-from evaluator.connect import Laboratory
-from evaluator.episode import play_episode
+from evaluator.episode.connect import Laboratory
+from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.runner import pack_hash
-from scenes import PackError, PackFiles
+from scenes import PackError, PackFiles, pack_hash
 
 BUDGET = 20
 _SANE_SEEDS = 3

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from evaluator.answers.engine import is_intervention
 from evaluator.certify.driving import drive
-from evaluator.certify.engine import is_intervention
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
 from evaluator.records import Episode

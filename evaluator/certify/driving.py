@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from evaluator.certify.engine import is_intervention, run
-from physment_mcp.prompts import opening_prompt
+from evaluator.answers.engine import is_intervention, run
+from physment_mcp.serving.prompts import opening_prompt
 from physment_mcp.session import Session
 from scenes.protocol import ANSWER, Call, Protocol, Reading
 

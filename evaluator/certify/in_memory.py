@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mcp import Client
 
-from evaluator.toolbox import Toolboxes
+from evaluator.episode.toolbox import Toolboxes
 from physment_mcp.scene import load_scene
-from physment_mcp.server import Laboratory, build_server
+from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session
 
 

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 from pydantic import BaseModel
 
+from evaluator.answers.engine import TOOL_NAMES
 from evaluator.certify import models
-from evaluator.certify.engine import TOOL_NAMES
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session

@@ -4,8 +4,8 @@
 # pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
 
 from evaluator.certify.visible import visible_parts
-from physment_mcp.world.drawing import check_renderer, drawn, staged, view_on
-from physment_mcp.world.png import Pixels, png_of
+from physment_mcp.world.pictures.drawing import check_renderer, drawn, staged, view_on
+from physment_mcp.world.pictures.png import Pixels, png_of
 from scenes import PackFiles, draw_knobs, drawn_mjcf, read_pack
 
 __all__ = ["check_renderer", "draw_picture", "draw_png"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Self, cast
 
-from evaluator.certify.engine import drawn_world, session_of
+from evaluator.answers.engine import drawn_world, session_of
 from physment_mcp.session import Session
 from scenes import (
     AnswerSpec,

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import anyio
 
+from evaluator.answers.engine import is_intervention
 from evaluator.certify.driving import drive
-from evaluator.certify.engine import is_intervention
 from evaluator.certify.subject import Subject
 from physment_mcp.errors import SceneError
 from scenes import PackError, PackFiles

@@ -10,7 +10,7 @@ from anyio import to_process
 
 from evaluator.certify.certificate import certify
 from evaluator.certify.records import CERTIFICATES_FILE, Certificates, SceneCertificate, read_certificates
-from evaluator.connect import HostLaboratory
+from evaluator.episode.connect import HostLaboratory
 from evaluator.errors import StoreError
 from scenes import PackFiles, list_packs
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.certify.models import started
-from physment_mcp.world.drawing import Visible
-from physment_mcp.world.looks import SHAPES, colour, look
+from physment_mcp.world.pictures.drawing import Visible
+from physment_mcp.world.pictures.looks import SHAPES, colour, look
 from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
 
 _SEEDS = 24

@@ -7,14 +7,14 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from evaluator import scoring
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, wide_console
-from evaluator.comparison import CONDITIONS, Comparison, Side, compare, points
 from evaluator.errors import UsageError
-from evaluator.selection import parse_numbers
+from evaluator.scores import scoring
+from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
 from evaluator.statistics.paired import PairedDifference
 from evaluator.store import RunFolder
+from evaluator.study.selection import parse_numbers
 
 _DESCRIPTION = """\
 Say which of two runs is better on the episodes they have in common, by how much, and with what certainty.

@@ -2,7 +2,7 @@
 
 import argparse
 
-from evaluator.agents.external import CALLS_PER_ITERATION
+from evaluator.agents.external.agent import CALLS_PER_ITERATION
 from evaluator.commands.base import seconds, whole
 
 

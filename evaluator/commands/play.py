@@ -13,20 +13,19 @@ from types import ModuleType
 from rich.console import Console
 from rich.markdown import Markdown
 
-from evaluator import scoring
 from evaluator.agents.human import HumanAgent
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, own_version, unwrapped, whole
 from evaluator.commands.report import report_on
-from evaluator.connect import connect
-from evaluator.episode import play_episode
-from evaluator.provenance import run_facts, server_facts
+from evaluator.episode.connect import connect
+from evaluator.episode.loop import play_episode
 from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
-from evaluator.runner import pack_hash
-from evaluator.selection import parse_scenes
+from evaluator.scores import scoring
 from evaluator.store import RunFolder
 from evaluator.study.plan import Plan
-from scenes import PackFiles
+from evaluator.study.provenance import run_facts, server_facts
+from evaluator.study.selection import parse_scenes
+from scenes import PackFiles, pack_hash
 
 _PLAY = """\
 Solve a scene yourself, with the tools and the budget of any agent: a human baseline.

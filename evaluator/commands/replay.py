@@ -11,8 +11,8 @@ from rich.table import Table
 
 from evaluator.agents.replay import load_replay
 from evaluator.commands.base import Commands, unwrapped, whole, wide_console
-from evaluator.connect import connect
-from evaluator.replay import REL_TOL, Replayed, replay
+from evaluator.episode.connect import connect
+from evaluator.study.replay import REL_TOL, Replayed, replay
 
 _DESCRIPTION = """\
 Play the transcripts of a run folder again: the same calls in the same turns. Each return is compared with the stored

@@ -9,24 +9,23 @@ from pathlib import Path
 
 from rich.console import Console
 
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, own_version, unwrapped, whole
-from evaluator.connect import connect
-from evaluator.display import ProgressDisplay
+from evaluator.commands.terminal import ProgressDisplay
+from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import LoggedEpisode, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
-from evaluator.provenance import run_facts, server_facts
 from evaluator.records import Versions
-from evaluator.runner import pack_hash
-from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
 from evaluator.study.limits import Meter
 from evaluator.study.plan import Plan
+from evaluator.study.provenance import run_facts, server_facts
+from evaluator.study.selection import parse_scenes
 from evaluator.study.tally import Tally
-from scenes import read_pack
+from scenes import pack_hash, read_pack
 
 _DESCRIPTION = """\
 Play the logs that the authors of the paper published again: each reply of a model goes through our text parser, its

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluator import scoring
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.contenders import Run, contenders
@@ -14,9 +13,9 @@ from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.page import write_report
 from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
-from evaluator.runner import pack_hash
+from evaluator.scores import scoring
 from evaluator.store import RunFolder
-from scenes import PackError, list_packs
+from scenes import PackError, list_packs, pack_hash
 
 _DESCRIPTION = """\
 Write report.html of stored runs, several side by side: accuracies with intervals, budgets, categories, dimensions,

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from evaluator import scoring
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands
 from evaluator.commands.report import report_on
-from evaluator.display import print_results
+from evaluator.commands.terminal import print_results
 from evaluator.records import Outcome
+from evaluator.scores import scoring
 from evaluator.store import RunFolder
 from evaluator.study.merging import expand, merge
 

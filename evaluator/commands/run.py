@@ -12,27 +12,27 @@ from typing import Any
 
 from rich.console import Console
 
-from evaluator.answer_key import KeyRing
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, own_version, unwrapped
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import add_options, limits_of, plan_of, shard_of, team_of
-from evaluator.connect import Laboratory, connect
-from evaluator.display import ProgressDisplay
+from evaluator.commands.terminal import ProgressDisplay
+from evaluator.episode.connect import Laboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.provenance import run_facts, server_facts
 from evaluator.records import EpisodeKey, Versions
-from evaluator.runner import Runner, pack_hash
-from evaluator.selection import parse_scenes
 from evaluator.store import RunFolder
 from evaluator.study.attempts import Contender, Play, play_key
 from evaluator.study.contenders import Team, agent_facts
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
 from evaluator.study.plan import Plan, missing
+from evaluator.study.provenance import run_facts, server_facts
 from evaluator.study.ray_executor import ray_workers, require_ray
+from evaluator.study.runner import Runner
+from evaluator.study.selection import parse_scenes
 from evaluator.study.shards import WHOLE, Shard
 from evaluator.study.tally import Tally
-from scenes import PackFiles
+from scenes import PackFiles, pack_hash
 
 _DECIDING = ("plan", "packs", "agents", "shard")
 """What a resumed run must have in common with what it goes on with."""

@@ -6,17 +6,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
 from evaluator.commands.base import seconds, whole
 from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
-from evaluator.models.lanes import DEFAULT_LIMIT
-from evaluator.models.patience import Patience
-from evaluator.selection import parse_numbers
-from evaluator.stopping import POLICIES
+from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.study.contenders import AGENTS, Team
 from evaluator.study.limits import Limits
 from evaluator.study.plan import Plan
+from evaluator.study.selection import parse_numbers
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles
 

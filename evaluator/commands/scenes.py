@@ -11,10 +11,20 @@ from rich.table import Table
 from evaluator.certify.records import SceneCertificate, read_certificates
 from evaluator.commands.base import Commands, whole, wide_console
 from evaluator.errors import UsageError
-from evaluator.new_scene import write_new_scene
-from evaluator.runner import pack_hash
-from evaluator.selection import parse_scenes
-from scenes import Category, Pack, PackError, PackFiles, default_folder, draw_knobs, drawn_mjcf, find_pack, read_pack
+from evaluator.study.selection import parse_scenes
+from scenes import (
+    Category,
+    Pack,
+    PackError,
+    PackFiles,
+    default_folder,
+    draw_knobs,
+    drawn_mjcf,
+    find_pack,
+    pack_hash,
+    read_pack,
+    write_new_scene,
+)
 
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
@@ -111,7 +121,7 @@ def _state(files: PackFiles, certificate: SceneCertificate | None) -> str:
 
 
 def _show(args: argparse.Namespace) -> int:
-    from evaluator.certify.engine import prompt_of  # noqa: PLC0415 - only this command needs the engine
+    from evaluator.answers.engine import prompt_of  # noqa: PLC0415 - only this command needs the engine
     from evaluator.certify.subject import Subject  # noqa: PLC0415 - as above
 
     console = Console()
@@ -136,7 +146,10 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _new(args: argparse.Namespace) -> int:
-    folder = write_new_scene(args.scenes_dir, args.scene, Category(args.category))
+    try:
+        folder = write_new_scene(args.scenes_dir, args.scene, Category(args.category))
+    except PackError as error:
+        raise UsageError(str(error)) from error
     Console().print(
         f"{folder} holds a small working scene. Make it yours, then:\n"
         f"  physment-eval lint --scenes-dir {args.scenes_dir} --scene {args.scene}\n"

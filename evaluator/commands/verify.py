@@ -12,8 +12,8 @@ from rich.text import Text
 
 from evaluator.certify.records import CERTIFICATES, SceneCertificate
 from evaluator.commands.base import Commands, unwrapped, whole, wide_console
-from evaluator.connect import LocalHost
-from evaluator.selection import parse_scenes
+from evaluator.episode.connect import LocalHost
+from evaluator.study.selection import parse_scenes
 from scenes import PackFiles, default_folder
 
 _VERIFY = """\

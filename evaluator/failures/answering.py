@@ -4,7 +4,7 @@ import re
 
 from pydantic import JsonValue
 
-from evaluator.answer_forms import Item, as_item, plain_number, strict_items
+from evaluator.answers.forms import Item, as_item, plain_number, strict_items
 from evaluator.failures.course import (
     MOTION_READINGS,
     PUSHES,
@@ -17,9 +17,9 @@ from evaluator.failures.course import (
     succeeded,
 )
 from evaluator.failures.findings import AnswerForm, Evidence, Failure, FailureMode, answering_turn, quote_at
+from evaluator.quantities.spoken import spoken_numbers
+from evaluator.quantities.units import parse_unit
 from evaluator.records import Episode, Grade, Verdict
-from evaluator.spoken_numbers import spoken_numbers
-from evaluator.units import parse_unit
 from scenes.pack import AnswerKind
 
 LEAST_TIME_S = 0.1

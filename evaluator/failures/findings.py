@@ -7,8 +7,8 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from evaluator.answer_forms import plain_number
-from evaluator.answer_strict import AnswerKey
+from evaluator.answers.forms import plain_number
+from evaluator.answers.strict import AnswerKey
 from evaluator.records import Episode, Record
 from scenes.pack import AnswerKind
 

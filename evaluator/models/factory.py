@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING
 
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options, parse_model
-from evaluator.models.lanes import Lanes
-from evaluator.models.patience import Patience
+from evaluator.models.lanes import Lanes, Patience
 
 if TYPE_CHECKING:
-    from evaluator.agents.model import ModelAgent
+    from evaluator.models.agent import ModelAgent
 
 
 def model_agent(
@@ -36,7 +35,7 @@ def model_agent(
     choice = parse_model(text, options or Options(), base_url, environ)
     if lacking := choice.missing():
         raise UsageError(f"{text}: {'; '.join(lacking)}; see `physment-eval models`")
-    from evaluator.agents.model import ModelAgent  # noqa: PLC0415 - loads the provider's client, half a second
+    from evaluator.models.agent import ModelAgent  # noqa: PLC0415 - loads the provider's client, half a second
 
     agent = ModelAgent(choice, (lanes or Lanes()).of(choice.provider.name), patience or Patience())
     agent.settings()

@@ -1,4 +1,4 @@
-"""One lane for each provider: how many requests may be under way, and until when all of them must wait."""
+"""How providers are asked: the requests that may run at once, the pauses, and how long a reply is waited for."""
 
 import math
 from collections.abc import Mapping
@@ -8,6 +8,22 @@ import anyio
 
 DEFAULT_LIMIT = 8
 """Requests under way at one provider where nobody says otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Limits of one turn's asking."""
+
+    timeout_s: float = 600.0
+    """Longest duration of one request, to the last byte of its reply [s]."""
+    attempts: int = 6
+    """Requests made before the turn counts as failed."""
+    first_pause_s: float = 1.0
+    """Pause before the second attempt [s]; doubled for each further one."""
+    longest_pause_s: float = 60.0
+    """Where the doubling ends [s]; a provider that asks for more is given it."""
+    total_wait_s: float = 900.0
+    """Longest sum of pauses [s]."""
 
 
 @dataclass(slots=True)

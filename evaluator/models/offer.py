@@ -7,7 +7,7 @@ from pydantic_ai.models import ModelRequestParameters
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.tools import ToolDefinition
 
-from evaluator.agents.base import ToolDescription
+from evaluator.episode.player import ToolDescription
 from evaluator.models.presets import Dialect
 
 

@@ -14,9 +14,8 @@ from pydantic_ai.settings import ModelSettings, merge_model_settings
 
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure
 from evaluator.models.failures import AskAgain, judge
-from evaluator.models.lanes import Lane
+from evaluator.models.lanes import Lane, Patience
 from evaluator.models.offer import NOTHING, Offer
-from evaluator.models.patience import Patience
 
 MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
 """Gemini's finish reasons for a call it could not write down: the model's doing, not a failure of the service."""

@@ -11,10 +11,10 @@ from typing import Any
 
 from pydantic import JsonValue
 
-from evaluator.agents.base import ANSWER
+from evaluator.episode.player import ANSWER
 from evaluator.original.logs import LoggedEpisode
+from evaluator.protocols.text import parse_reply
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
-from evaluator.text_protocol import parse_reply
 
 _RETURN = re.compile(r"^([A-Za-z_]\w*)\((.*?)\) -> (.*)$", re.MULTILINE)
 _TIME = re.compile(r"^\[sim_time=([0-9.eE+-]+)\]", re.MULTILINE)

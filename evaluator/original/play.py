@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import anyio
 
-from evaluator.agents.base import Briefing, Feedback, Reply
-from evaluator.answer_key import KeyRing
-from evaluator.connect import Laboratory
-from evaluator.episode import play_episode
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
+from evaluator.episode.connect import Laboratory
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.grading import grade_episode
 from evaluator.original.logs import LoggedEpisode
+from evaluator.protocols.text import parse_reply
 from evaluator.records import Episode, EpisodeKey, Grade, Versions
-from evaluator.text_protocol import parse_reply
 from scenes import AnswerKind
 
 

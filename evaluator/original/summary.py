@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from pydantic import JsonValue
 
-from evaluator.agents.base import ANSWER
+from evaluator.episode.player import ANSWER
 from evaluator.original.play import PlayedLog
 from evaluator.original.verdicts import eq1, why_other_than_eq1, why_other_verdict
+from evaluator.protocols.text import parse_reply
 from evaluator.records import Episode, Exchange, Outcome, Record, Verdict
-from evaluator.text_protocol import parse_reply
 
 _READING = (
     *("model", "budget", "episodes", "replies", "empty", "read by them", "read by us", "prose alone", "malformed"),

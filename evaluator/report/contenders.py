@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evaluator.metrics import GroupSummary, RunSummary, ScoredEpisode, summarise
 from evaluator.records import EpisodeKey, GradeRecord
-from evaluator.spending import Spending, spending
+from evaluator.scores.metrics import GroupSummary, RunSummary, ScoredEpisode, summarise
+from evaluator.scores.spending import Spending, spending
 
 _BASELINES = ("reference", "random", "blind")
 """Agents that are no test of anything but the suite, in the order in which they close every table."""

@@ -11,10 +11,10 @@ import numpy as np
 
 from evaluator.errors import StoreError, UsageError
 from evaluator.failures.findings import FailureMode
-from evaluator.metrics import WEIGHTS
 from evaluator.report import tables
 from evaluator.report.contenders import Contender
 from evaluator.report.tables import Share, Table
+from evaluator.scores.metrics import WEIGHTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from evaluator.grounding import Assertion, Support, grounding_of
-from evaluator.metrics import EpisodeScores, ScoredEpisode, dimensions
 from evaluator.records import EpisodeKey, Exchange, GradeRecord
 from evaluator.report.charts import Chart
 from evaluator.report.contenders import Contender
 from evaluator.report.motion import motion_charts
+from evaluator.scores.grounding import Assertion, Support, grounding_of
+from evaluator.scores.metrics import EpisodeScores, ScoredEpisode, dimensions
 
 _LINE = 92
 """Characters of JSON that stay on one line."""

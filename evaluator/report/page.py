@@ -14,17 +14,17 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from evaluator.display import curve_sentence, decimal, share
 from evaluator.errors import StoreError
 from evaluator.failures.findings import FailureMode
-from evaluator.metrics import WEIGHTS
 from evaluator.records import Outcome
 from evaluator.report import tables
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.contenders import Contender, Run, contenders
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
-from evaluator.spending import calls_made
+from evaluator.scores.metrics import WEIGHTS
+from evaluator.scores.spending import calls_made
+from evaluator.scores.wording import curve_sentence, decimal, share
 from evaluator.store import RunFolder
 
 INLINE = 300

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from evaluator.runner import pack_hash
-from scenes import default_folder, list_packs
+from scenes import default_folder, list_packs, pack_hash
 
 
 def pictures(facts: Mapping[str, Any], scenes_dir: Path | None = None) -> dict[int, bytes]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from evaluator.failures.findings import FailureMode
-from evaluator.grouping import quadrant
-from evaluator.metrics import GroupSummary, ScoredEpisode
 from evaluator.records import Verdict
 from evaluator.report.contenders import Contender
 from evaluator.report.quoted import BUDGETS, PAPER
+from evaluator.scores.grouping import quadrant
+from evaluator.scores.metrics import GroupSummary, ScoredEpisode
 from evaluator.statistics.intervals import Proportion, proportion
 
 

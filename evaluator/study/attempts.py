@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 
 import anyio
 
-from evaluator.agents.base import Agent
-from evaluator.agents.external import ExternalAgent, play_external
-from evaluator.connect import Laboratory
-from evaluator.episode import play_episode
+from evaluator.agents.external.agent import ExternalAgent, play_external
+from evaluator.episode.connect import Laboratory
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 

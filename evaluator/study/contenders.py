@@ -5,18 +5,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evaluator.agents.base import Agent
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
-from evaluator.agents.external import ExternalAgent, parse_external
+from evaluator.agents.external.agent import ExternalAgent, parse_external
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.replay import load_replay
 from evaluator.agents.scripted import load_script
+from evaluator.agents.stopping import StoppingAgent, with_stopping
+from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options
 from evaluator.models.factory import model_agent
-from evaluator.models.lanes import Lanes
-from evaluator.models.patience import Patience
-from evaluator.stopping import StoppingAgent, with_stopping
+from evaluator.models.lanes import Lanes, Patience
 from evaluator.study.attempts import Contender
 
 AGENTS = (

@@ -20,13 +20,12 @@ from typing import Any
 
 import anyio
 
-from evaluator.connect import Laboratory, connect
+from evaluator.episode.connect import Laboratory, connect
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.runner import pack_hash
 from evaluator.study.attempts import MAX_ATTEMPTS, Contender, Play, play_key, unplayed
 from evaluator.study.contenders import Team, agent_facts
-from scenes import find_pack
+from scenes import find_pack, pack_hash
 
 EXTRA = "physment-mcp[ray]"
 ADDRESS_VARIABLE = "RAY_ADDRESS"

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from evaluator.answer_key import KeyRing
-from evaluator.grading import grade_episode
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
 from evaluator.records import Episode, Verdict
 from evaluator.study.limits import Meter
 

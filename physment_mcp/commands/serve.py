@@ -69,10 +69,10 @@ def run(args: argparse.Namespace) -> int:
         SceneError: There are no scenes.
     """
     # --help need not wait for the engine.
-    from physment_mcp.frames import watching  # noqa: PLC0415
-    from physment_mcp.gate import is_loopback  # noqa: PLC0415
-    from physment_mcp.host import Host, serve  # noqa: PLC0415
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
+    from physment_mcp.serving.frames import watching  # noqa: PLC0415
+    from physment_mcp.serving.gate import is_loopback  # noqa: PLC0415
+    from physment_mcp.serving.host import Host, serve  # noqa: PLC0415
 
     exposed = not is_loopback(args.host)
     if exposed and args.token_env is None:

@@ -7,9 +7,9 @@ from pydantic import Field
 
 from physment_mcp.errors import NotPermitted, NotPossible, RefusedCall
 from physment_mcp.mechanics import Array, rotation_matrix
-from physment_mcp.results import Collision, ForceSet, Moved, Shifted, TorqueSet, VelocitySet
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools.base import Arguments, Number, ObjectArguments, ObjectId, Tool, Vector, array, plain
+from physment_mcp.tools.results import Collision, ForceSet, Moved, Shifted, TorqueSet, VelocitySet
 from physment_mcp.world import Contact
 
 _RESTING_SPEED = 1e-3

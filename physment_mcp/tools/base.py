@@ -9,8 +9,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from physment_mcp.errors import BadArgument
 from physment_mcp.mechanics import Array
-from physment_mcp.results import Result
 from physment_mcp.session import Session
+from physment_mcp.tools.results import Result
 
 LIMIT = 1e6
 """Largest magnitude of a number argument, unless its tool says otherwise."""

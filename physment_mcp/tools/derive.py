@@ -8,7 +8,9 @@ from pydantic import Field
 from physment_mcp import mechanics
 from physment_mcp.errors import BadArgument, NotPossible
 from physment_mcp.mechanics import Array
-from physment_mcp.results import (
+from physment_mcp.session import Session
+from physment_mcp.tools.base import Arguments, MassArguments, Number, Tool, array, plain
+from physment_mcp.tools.results import (
     AngularMomentum,
     Components,
     Force,
@@ -18,8 +20,6 @@ from physment_mcp.results import (
     Rotation,
     RotationalEnergy,
 )
-from physment_mcp.session import Session
-from physment_mcp.tools.base import Arguments, MassArguments, Number, Tool, array, plain
 
 
 class PotentialEnergyArguments(MassArguments):

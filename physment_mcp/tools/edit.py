@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from physment_mcp.errors import BadArgument, NotPermitted, NotPossible
-from physment_mcp.results import Attached, Created, Deleted, Found
 from physment_mcp.session import MAX_CREATED, LabObject, Session
 from physment_mcp.tools.base import (
     Arguments,
@@ -18,6 +17,7 @@ from physment_mcp.tools.base import (
     array,
     plain,
 )
+from physment_mcp.tools.results import Attached, Created, Deleted, Found
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 _RESERVED = re.compile(r"object(_.*|\d*)|world|laboratory", re.IGNORECASE)

@@ -8,9 +8,9 @@ import anyio.lowlevel
 from pydantic import Field
 
 from physment_mcp.errors import BadArgument
-from physment_mcp.results import Answered, Stepped
 from physment_mcp.session import MAX_SIMULATED_S, Session
 from physment_mcp.tools.base import Arguments, ReportProgress, Tool
+from physment_mcp.tools.results import Answered, Stepped
 
 _CHUNK_S = 0.05
 """Wall time between looks at progress and cancellation [s]."""

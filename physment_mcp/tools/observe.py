@@ -4,7 +4,9 @@ import numpy as np
 
 from physment_mcp.errors import NotPossible
 from physment_mcp.mechanics import centre_of_mass
-from physment_mcp.results import (
+from physment_mcp.session import Session
+from physment_mcp.tools.base import NoArguments, ObjectArguments, Tool, plain
+from physment_mcp.tools.results import (
     Acceleration,
     CenterOfMass,
     Components,
@@ -14,8 +16,6 @@ from physment_mcp.results import (
     Torque,
     Velocity,
 )
-from physment_mcp.session import Session
-from physment_mcp.tools.base import NoArguments, ObjectArguments, Tool, plain
 
 
 def _get_position(session: Session, args: ObjectArguments) -> Position:

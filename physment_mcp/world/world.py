@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import NoDifference, NotPossible, Unstable
-from physment_mcp.world import editing, motion, readings, showing
+from physment_mcp.world import editing, motion, readings
 from physment_mcp.world.editing import JointKind
 from physment_mcp.world.loading import carry_state, is_finite, load
-from physment_mcp.world.looks import Part
+from physment_mcp.world.pictures import showing
+from physment_mcp.world.pictures.looks import Part
 from physment_mcp.world.readings import Array, Contact, Pose, Shape, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION

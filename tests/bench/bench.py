@@ -22,10 +22,10 @@ from mcp import Client, StdioServerParameters
 from rich.console import Console
 from rich.table import Table
 
-from physment_mcp.calls import call
 from physment_mcp.scene import load_scene
-from physment_mcp.server import Laboratory, build_server
+from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session
+from physment_mcp.tools.calls import call
 
 HERE = Path(__file__).parent
 SCENE = 7

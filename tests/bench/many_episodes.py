@@ -13,13 +13,13 @@ from pathlib import Path
 
 import anyio
 
-from evaluator.agents.base import Briefing, Feedback, Reply
 from evaluator.commands.base import make_room
-from evaluator.connect import LocalHost
+from evaluator.episode.connect import LocalHost
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
-from evaluator.runner import Runner
 from evaluator.store import RunFolder
 from evaluator.study.plan import Plan
+from evaluator.study.runner import Runner
 
 
 @dataclass(frozen=True)

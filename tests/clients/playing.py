@@ -19,11 +19,11 @@ from typing import Any
 
 from scripted_model import KEY, Asked, next_call
 
-from evaluator.agents.base import ANSWER, Briefing, Feedback, Reply
-from evaluator.answer_key import KeyRing
-from evaluator.connect import ProcessLaboratory
-from evaluator.episode import play_episode
-from evaluator.grading import grade
+from evaluator.answers.grading import grade
+from evaluator.answers.keys import KeyRing
+from evaluator.episode.connect import ProcessLaboratory
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.records import Episode, EpisodeKey, Exchange, Grade, ToolCall, Versions
 from evaluator.store import RunFolder
 

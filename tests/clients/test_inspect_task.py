@@ -21,11 +21,11 @@ from inspect_ai.model import ModelOutput, ModelUsage, get_model
 from playing import Rehearsed, canonical, exchanges_of
 from scripted_model import KEY, Asked, app, next_call, serving
 
-from evaluator.agents.base import Agent, Briefing, Feedback, Reply
-from evaluator.answer_key import KeyRing
-from evaluator.connect import ProcessLaboratory
-from evaluator.episode import play_episode
-from evaluator.grading import grade_episode
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
+from evaluator.episode.connect import ProcessLaboratory
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.inspect_task import EPISODE, physment
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
 

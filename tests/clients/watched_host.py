@@ -11,7 +11,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from physment_mcp.host import Host, serve
+from physment_mcp.serving.host import Host, serve
 
 
 class WatchedHost(Host):

@@ -14,8 +14,9 @@ from physment_mcp.session import Session
 from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
 from scenes.draw import evaluate, write_values
 from scenes.protocol import Call, answer, call, load_solution
+from tests.builders.paths import ORIGINAL
 
-PUBLISHED = Path(__file__).parents[3] / "shared" / "physment-original" / "Scenes"
+PUBLISHED = ORIGINAL / "Scenes"
 OWN = list_packs()
 NOWHERE = PackFiles(7, Path("Scene7"))
 GOOD: dict[str, Any] = {

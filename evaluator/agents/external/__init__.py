@@ -1,0 +1,1 @@
+"""Programs that play by MCP themselves, watched from outside."""

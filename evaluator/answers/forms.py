@@ -1,0 +1,261 @@
+"""What an answer says, read from how it is written: numbers, and the parts of a list. Knows no keys and no verdicts.
+
+Two readings. The strict one takes a number for a number and nothing else. The free one also takes the forms people use
+for one number (a unit, a label, brackets, LaTeX, a fraction, thousands separators, powers of ten), but must account for
+every character: text with anything left over (`1 or 2`, `not 2`, `3 ± 1`, `4.9 m/s downward`) says no number.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from decimal import Decimal
+from fractions import Fraction
+from typing import NamedTuple
+
+from pydantic import JsonValue
+
+from evaluator.quantities.units import Unit, parse_unit
+
+MAX_CHARS = 2000
+"""Longer answers are not read at all; no key of the published suite needs more than 50 characters."""
+
+_MAX_INTEGER = 10**300
+Item = str | int | float
+"""One part of an answer."""
+
+_DIGITS = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
+_PLAIN = re.compile(rf"[+-]?{_DIGITS}(?:[eE][+-]?[0-9]{{1,4}})?")
+
+
+class Plain(NamedTuple):
+    """A plain number."""
+
+    value: Fraction
+    """The decimal as written, exactly, so that a bound that is just met counts as met."""
+    text: str
+    """How it was written."""
+
+    @property
+    def half_unit(self) -> Fraction:
+        """Half a unit of the last place written."""
+        exponent = Decimal(self.text).as_tuple().exponent
+        return Fraction(10) ** int(exponent) / 2
+
+    @property
+    def significant_digits(self) -> int:
+        """Digits written, from the first that is not 0."""
+        return len("".join(map(str, Decimal(self.text).as_tuple().digits)).lstrip("0"))
+
+
+class Free(NamedTuple):
+    """A number in one of the forms people use."""
+
+    value: Fraction
+    unit: Unit | None
+    label: str
+    """What the number was called, in lower case; empty if nothing."""
+
+
+def is_too_long(answer: JsonValue) -> bool:
+    """Tell whether an answer has more than `MAX_CHARS` characters, or that many parts."""
+    if isinstance(answer, str):
+        return len(answer) > MAX_CHARS
+    if isinstance(answer, (list, dict)):
+        return len(answer) > MAX_CHARS or sum(len(item) for item in answer if isinstance(item, str)) > MAX_CHARS
+    return False
+
+
+def as_item(value: JsonValue) -> Item | None:
+    """The value as one part of an answer; None for booleans, null, lists, objects and numbers beyond all floats."""
+    if isinstance(value, bool) or (isinstance(value, int) and abs(value) > _MAX_INTEGER):
+        return None
+    return value if isinstance(value, (str, int, float)) else None
+
+
+def plain_number(item: Item) -> Plain | None:
+    """Read a JSON number, or a string that is exactly one plain decimal number; None for anything else."""
+    if isinstance(item, str):
+        text = item.strip()
+        if not _PLAIN.fullmatch(text):
+            return None
+    elif as_item(item) is None:
+        return None
+    else:
+        text = str(item)
+    number = float(text)
+    return Plain(Fraction(repr(number)), text) if math.isfinite(number) else None
+
+
+def strict_items(answer: JsonValue) -> list[Item] | None:
+    """Parts of a JSON list, of a string that is one, or of a plain list with commas; None for anything else."""
+    if isinstance(answer, list):
+        return _all_items(as_item(part) for part in answer)
+    if not isinstance(answer, str):
+        return None
+    text = answer.strip()
+    listed = text.startswith("[") and text.endswith("]")
+    parts = [part.strip() for part in (text[1:-1] if listed else text).split(",")]
+    if listed:
+        parts = [part[1:-1] if len(part) > 1 and part[0] == part[-1] == '"' else part for part in parts]
+    return _all_items(part or None for part in parts)
+
+
+def _all_items(parts: Iterable[Item | None]) -> list[Item] | None:
+    found = list(parts)
+    items = [part for part in found if part is not None]
+    return items if len(items) == len(found) else None
+
+
+# The free reading.
+
+_LATEX = (
+    (
+        re.compile(
+            r"\\(?:text|mathrm|mathbf|mathit|textbf|boxed|operatorname|rm|,|;|:|!|left|right|displaystyle)(?![a-z])"
+        ),
+        " ",
+    ),
+    (re.compile(r"\^\s*\{([^{}]*)\}"), r"^\1"),
+    (re.compile(r"_\s*\{([^{}]*)\}"), r"_\1"),
+    (re.compile(r"\\[dt]?frac\s*\{([^{}]*)\}\s*\{([^{}]*)\}"), r" \1/\2"),
+    (re.compile(r"\\(?:times|cdot)(?![a-z])"), "*"),
+    (re.compile(r"\^?\\circ(?![a-z])"), "°"),
+    (re.compile(r"\\(?:approx|simeq|sim)(?![a-z])"), "≈"),
+    (re.compile(r"\\(mu|omega|theta|alpha|tau|rho|lambda|delta|Delta|phi|eta|zeta)(?![a-z])"), r"\1"),
+    (re.compile(r"\\([()\[\]%_ ])"), r"\1"),
+    (re.compile(r"[${}~]"), " "),
+    (re.compile(r"([⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+)"), r"^\1"),
+)
+_SIGNS = str.maketrans(
+    "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺−\N{EN DASH}×·⋅\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}",
+    "0123456789-+--***   ",
+)
+_PAIRS = (("**", "**"), ("(", ")"), ("[", "]"), ('"', '"'), ("'", "'"), ("`", "`"), ("“", "”"))
+_LABEL = re.compile(r"(?P<label>[^=:≈]{0,80}?)(?:[=:≈]|(?<![A-Za-z])(?:is|equals)(?![A-Za-z]))\s?(?P<rest>.*)")
+_ABOUT = re.compile(r"(?:approximately|approx\.?|about|roughly|around) ", re.IGNORECASE)
+_SYMBOL = re.compile(r"[a-zα-ω][0-9]?|mu|omega|theta|alpha|tau|rho|lambda|delta|phi|eta|zeta|ke|pe|cm")
+_LABEL_WORDS = frozenset(
+    re.findall(
+        r"\w+",
+        # What people call a result. A fixed list, for any other word could deny or hedge what follows it.
+        """
+        a an at by for in of on the its my final initial answer result value total net mean average maximum minimum
+        max min magnitude size component coefficient constant ratio fraction share difference change loss amount
+        number position coordinate height length distance displacement radius diameter depth angle tilt range rise sag
+        extension time period duration frequency rate speed velocity acceleration deceleration angular linear terminal
+        launch orbital mass weight load density force tension normal contact friction static kinetic torque moment
+        inertia momentum impulse energy work power potential rotational elastic spring stiffness damping restitution
+        decrement logarithmic critical object body ball block cart puck glider disk disc wheel bob sphere box rod beam
+        pendulum pair system ground x y z
+        """,
+    )
+)
+_GROUPED = r"[+-]? ?[1-9][0-9]{0,2}(?:(?:,[0-9]{3})+|(?: [0-9]{3})+)(?:\.[0-9]*)?(?![0-9])"
+_EXPONENT = r"\(?(?P<exponent>[+-]?[0-9]{1,2})(?![0-9.])\)?"
+_NUMBERS = (
+    re.compile(rf"(?P<top>[+-]? ?{_DIGITS}) ?/ ?(?P<bottom>{_DIGITS})"),
+    re.compile(rf"(?P<sign>[+-]? ?)(?:(?P<mantissa>{_DIGITS}) ?[x*] ?)?10 ?(?:\^|\*\*) ?{_EXPONENT}"),
+    re.compile(rf"(?P<grouped>{_GROUPED})"),
+    re.compile(rf"(?P<plain>[+-]? ?{_DIGITS}(?:[eE][+-]?[0-9]{{1,2}}(?![0-9]))?)"),
+)
+
+
+def plain_text(text: str) -> str:
+    """The text without LaTeX commands, with ASCII signs and single spaces; line breaks become semicolons."""
+    for command, meaning in _LATEX:
+        text = command.sub(meaning, text)
+    lines = [" ".join(line.split()) for line in text.translate(_SIGNS).splitlines()]
+    return ";".join(line for line in lines if line)
+
+
+def unwrap(text: str) -> str:
+    """The text without the brackets, quotes, stars and full stop around it."""
+    for _ in range(4):
+        text = text.strip().removesuffix(".")
+        for left, right in _PAIRS:
+            if len(text) > len(left + right) and text.startswith(left) and text.endswith(right):
+                text = text[len(left) : -len(right)]
+    return text.strip()
+
+
+def unlabel(text: str, known: Sequence[str] = ()) -> tuple[str, str]:
+    """Split `v_final = 3.2` or `The answer is 2` into label and rest; the label is empty where there is none.
+
+    Args:
+        text: Text as `plain_text` gives it.
+        known: Labels of the scene, accepted beside the usual names of quantities.
+    """
+    found = _LABEL.fullmatch(text)
+    if found is None:
+        return "", _ABOUT.sub("", text, count=1) if _ABOUT.match(text) else text
+    label = unwrap(found["label"]).lower()
+    allowed = _LABEL_WORDS.union(*(_label_words(name.lower()) for name in known))
+    if all(word in allowed or _SYMBOL.fullmatch(word) for word in _label_words(label)):
+        rest = found["rest"]
+        return label, _ABOUT.sub("", rest, count=1) if _ABOUT.match(rest) else rest
+    return "", text
+
+
+def _label_words(label: str) -> list[str]:
+    return re.sub(r"\bobject[_ ]?[0-9]{1,3}\b", "object", label).replace("_", " ").replace("-", " ").split()
+
+
+def free_number(item: Item, known_labels: Sequence[str] = ()) -> Free | None:
+    """Read one number in any of the forms people use; None unless every character is accounted for."""
+    label, text = unlabel(unwrap(plain_text(str(item))), known_labels)
+    text = unwrap(text)
+    for form in _NUMBERS:
+        number = form.match(text)
+        if number is None:
+            continue
+        rest = text[number.end() :].strip()
+        if rest and rest[0].isdigit() and not rest.startswith("1/"):
+            continue
+        unit = parse_unit(unwrap(rest)) if rest else None
+        value = _value(number)
+        if value is not None and (unit is not None or not rest):
+            return Free(value, unit, label)
+    return None
+
+
+def _value(number: re.Match[str]) -> Fraction | None:
+    """Value of a match of one of `_NUMBERS`; None for a division by zero."""
+    said = {
+        name: text.replace(" ", "").replace(",", "") for name, text in number.groupdict().items() if text is not None
+    }
+    if "top" in said:
+        bottom = Fraction(said["bottom"])
+        return Fraction(said["top"]) / bottom if bottom else None
+    if "exponent" in said:
+        size = Fraction(said.get("mantissa", "1")) * Fraction(10) ** int(said["exponent"])
+        return -size if said["sign"] == "-" else size
+    return Fraction(said.get("grouped") or said["plain"])
+
+
+def free_items(answer: JsonValue, count: int) -> list[Item] | None:
+    """The answer as so many parts, however it separates them; None if it has more or fewer."""
+    if isinstance(answer, list):
+        items = strict_items(answer)
+        return items if items is not None and len(items) == count else None
+    item = as_item(answer)
+    if item is None or count == 1:
+        return None if item is None else [item]
+    text = plain_text(str(item))
+    label, rest = unlabel(text)
+    text = rest if label and rest.startswith(("[", "(")) else text
+    text, unit = _common_unit(text.removesuffix("."))
+    text = unwrap(text)
+    for separator in (r";", r", (?:and )?| and ", r","):
+        parts = [part.strip() for part in re.split(separator, text)]
+        if len(parts) == count and all(parts):
+            return [part + unit for part in parts]
+    return None
+
+
+def _common_unit(text: str) -> tuple[str, str]:
+    """Split `(3, 4) m/s` into the list and the unit of all its parts."""
+    close = max(text.rfind("]"), text.rfind(")"))
+    unit = text[close + 1 :].strip()
+    if text.startswith(("[", "(")) and close > 0 and unit and parse_unit(unit):
+        return text[: close + 1], f" {unit}"
+    return text, ""

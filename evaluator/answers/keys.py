@@ -1,0 +1,76 @@
+"""The only reader of the private half of packs: from scene and seed to the answer key."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+from evaluator.answers.grading import AnswerKey, infer_spec
+from evaluator.errors import UsageError
+from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
+from scenes.protocol import AnswerValue, load_solution
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFacts:
+    """What reports say of a scene beside its verdicts."""
+
+    name: str
+    category: str
+    problem_type: str
+    disabled_tools: frozenset[str]
+
+
+class KeyRing:
+    """Answer keys of one folder of packs, computed once each."""
+
+    def __init__(self, scenes_dir: Path | None = None) -> None:
+        self.folder = scenes_dir
+        """Folder of the packs; None for the suite's own."""
+        self.key = functools.cache(self._key)
+        self.facts = functools.cache(self._facts)
+
+    def _open(self, scene: int) -> tuple[PackFiles, Pack]:
+        try:
+            files = find_pack(scene, self.folder)
+            return files, read_pack(files)
+        except PackError as error:
+            raise UsageError(str(error)) from error
+
+    def _key(self, scene: int, seed: int) -> AnswerKey:
+        """The answer key of a scene at a seed.
+
+        Seed 0 has its key in the pack. For any other, `theory` gives it from the drawn values, and `measure` from a
+        privileged run of the engine where no closed form exists; never what a protocol read.
+
+        Raises:
+            UsageError: The pack is malformed, or says nothing of the key at this seed.
+        """
+        files, pack = self._open(scene)
+        spec = pack.answer_spec or infer_spec(pack.answer, pack.metadata.problem_type)
+        names = {f"object_{one.object_id}": one.name for one in pack.objects.values()}
+        # A pack without knobs is the same at every seed.
+        value = pack.answer if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
+        return AnswerKey(value=tuple(value) if isinstance(value, list) else value, spec=spec, objects=names)
+
+    def _facts(self, scene: int) -> SceneFacts:
+        _, pack = self._open(scene)
+        return SceneFacts(
+            pack.metadata.scene_name,
+            pack.category.value if pack.category else "uncategorised",
+            pack.metadata.problem_type,
+            frozenset(pack.disabled_tools),
+        )
+
+
+def _drawn_value(files: PackFiles, pack: Pack, seed: int) -> AnswerValue:
+    try:
+        solution, knobs = load_solution(files), draw_knobs(files, pack, seed)
+        if solution.theory is not None:
+            return solution.theory(knobs)
+        if solution.measure is not None:
+            from evaluator.answers.engine import drawn_world  # noqa: PLC0415 - only keys without theory need the engine
+
+            return solution.measure(drawn_world(drawn_mjcf(files, pack, knobs, canonical=False)), knobs)
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    raise UsageError(f"{files.solution}: defines neither theory nor measure, so there is no key for seed {seed}")

@@ -1,0 +1,134 @@
+"""An answer key, and strict comparison with it: the form that was asked for, within tolerance. Forgives nothing."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import NamedTuple
+
+from pydantic import JsonValue
+
+from evaluator.answers.forms import Item, Plain, as_item, plain_number, strict_items
+from evaluator.answers.words import is_contained
+from evaluator.records import NormalisationClass
+from scenes.pack import AnswerKind, AnswerSpec, Scalar
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerKey:
+    """The right answer of one episode, and how to compare with it.
+
+    Raises:
+        ValueError: The value and its specification do not fit each other.
+    """
+
+    value: Scalar | tuple[Scalar, ...]
+    spec: AnswerSpec
+    objects: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Ids of the scene's objects, such as `object_2`, and their public names."""
+
+    def __post_init__(self) -> None:
+        listed = isinstance(self.value, tuple)
+        if not self.parts or (listed and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.TEXT}):
+            raise ValueError(f"the key {self.value!r} is no {self.spec.kind.value}")
+        for part in self.parts:
+            number = plain_number(part)
+            if isinstance(part, bool) or not str(part).strip() or (number is None and not isinstance(part, str)):
+                raise ValueError(f"{part!r} cannot be the key of any answer")
+            if number is None and self.spec.kind is AnswerKind.NUMBER:
+                raise ValueError(f"the key {part!r} is no number")
+        if isinstance(self.spec.unit, tuple) and len(self.spec.unit) != len(self.parts):
+            raise ValueError(f"{len(self.spec.unit)} units for {len(self.parts)} numbers")
+        for pattern in self.spec.accept:
+            try:
+                re.compile(pattern)
+            except re.error as error:
+                raise ValueError(f"the pattern {pattern!r} cannot be read: {error}") from error
+
+    @property
+    def parts(self) -> tuple[Scalar, ...]:
+        """The sub-answers; one for a scalar key."""
+        return self.value if isinstance(self.value, tuple) else (self.value,)
+
+
+class Finding(NamedTuple):
+    """What is found about one part."""
+
+    right: bool
+    reason: str
+    forgiven: NormalisationClass | None = None
+
+
+def told(findings: Sequence[Finding]) -> str:
+    """The reasons, each once."""
+    return "; ".join(dict.fromkeys(finding.reason for finding in findings))
+
+
+def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
+    """The sub-answers, where the answer has the shape of the key; None otherwise."""
+    if isinstance(key.value, tuple):
+        items = strict_items(answer)
+        return items if items is not None and len(items) == len(key.value) else None
+    item = as_item(answer)
+    return None if item is None else [item]
+
+
+def strict_finding(item: Item, key: AnswerKey, index: int) -> Finding:
+    """Tell whether one sub-answer is right as it stands."""
+    wanted = wanted_number(key, index)
+    if wanted is not None:
+        got = plain_number(item)
+        if got is None:
+            return Finding(right=False, reason=f"{quoted(item)} is not a plain number")
+        return compared(got.value, wanted, key)
+    said, meant = exact(item), exact(key.parts[index])
+    asked = {meant, f"object_{meant}"} if _is_numbered_object(key, meant) else {meant}
+    if said in asked:
+        return Finding(right=True, reason=f"{quoted(item)} is the key")
+    if key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
+        return Finding(right=True, reason=f"{quoted(item)} stands in the key as whole words")
+    return Finding(right=False, reason=f"{quoted(item)} is not {quoted(key.parts[index])}")
+
+
+def wanted_number(key: AnswerKey, index: int) -> Plain | None:
+    """The key's part as a number, if that is how it is compared."""
+    return plain_number(key.parts[index]) if key.spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} else None
+
+
+def _is_numbered_object(key: AnswerKey, meant: str) -> bool:
+    """Tell whether the key gives an object by its bare number, where the prompt asks for `object_2`."""
+    return key.spec.kind is AnswerKind.OBJECTS and f"object_{meant}" in key.objects
+
+
+def compared(got: Fraction, wanted: Plain, key: AnswerKey) -> Finding:
+    """Equation 1 of the paper, on exact decimals: |got - wanted| <= abs_tol + rel_tol * |wanted|."""
+    allowed = Fraction(repr(key.spec.abs_tol)) + Fraction(repr(key.spec.rel_tol)) * abs(wanted.value)
+    right = abs(got - wanted.value) <= allowed
+    return Finding(
+        right, f"{_short(got)} is {'within' if right else 'outside'} {_short(allowed)} of {_short(wanted.value)}"
+    )
+
+
+def exact(item: Item) -> str:
+    """An answer in words as it is compared; a whole JSON number is written without a point."""
+    if isinstance(item, str):
+        return item.strip().lower()
+    number = plain_number(item)
+    if number is None:
+        return ""
+    return str(number.value.numerator) if number.value.denominator == 1 else number.text
+
+
+def _short(number: Fraction) -> str:
+    if number.denominator == 1 and abs(number) < 10**15:
+        return str(number.numerator)
+    try:
+        return f"{float(number):.6g}"
+    except OverflowError:
+        return "a number beyond all bounds"
+
+
+def quoted(item: Item) -> str:
+    """An item as reasons show it."""
+    text = str(item)[:60] if isinstance(item, str) else exact(item)
+    return f"{text!r}"

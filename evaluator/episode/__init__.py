@@ -1,0 +1,1 @@
+"""One episode: the player's contract, the loop, the tools offered, the connection to a laboratory."""

@@ -1,0 +1,201 @@
+"""The loop: one agent, one client, one iteration budget → one episode. Sees no answer key."""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import mcp_types as types
+from mcp import Client
+from mcp.shared.exceptions import MCPError
+from pydantic import JsonValue
+
+from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
+from evaluator.episode.toolbox import Toolbox, Toolboxes
+from evaluator.errors import AgentError, InfrastructureError
+from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions, total_usage
+
+SCENE_RESOURCE = "physment://scene"
+GONE = "physment/gone"
+"""Key in `_meta` of a result by which a host says that it has no such episode any more."""
+_MAX_NESTING = 64
+"""Levels of lists and objects in a call; JSON readers give up at 200, and a record must be readable again."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """What came of the calls of one turn."""
+
+    exchanges: tuple[Exchange, ...]
+    note: str
+    answered: bool
+
+
+async def play_episode(
+    agent: Agent,
+    client: Client,
+    key: EpisodeKey,
+    versions: Versions,
+    toolboxes: Toolboxes | None = None,
+    used: list[Usage] | None = None,
+) -> Episode:
+    """Let an agent play one episode to its end.
+
+    Args:
+        agent: Who plays.
+        client: A client connected to a fresh session of the scene.
+        key: Which episode this is; gives the iteration budget.
+        versions: Recorded with the episode.
+        toolboxes: What knows the tools of the server, if episodes on it share that; by default the server is asked.
+        used: Where what each reply used is added, also if the episode fails; what attempts before it used is there.
+
+    Raises:
+        InfrastructureError: The server failed; the episode has no outcome and may be played again.
+    """
+    started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
+    toolbox = await (toolboxes or Toolboxes()).of(client)
+    briefing = await _brief(client, key, toolbox)
+    turns: list[Turn] = []
+    used = [] if used is None else used
+    outcome, answer, error = Outcome.BUDGET_EXHAUSTED, None, None
+    try:
+        player = agent.player(key, briefing)
+        feedback: Feedback | None = None
+        for remaining in range(key.budget - 1, -1, -1):
+            turn, answered = await _take_turn(player, feedback, client, toolbox, used)
+            turns.append(turn)
+            if answered:
+                outcome, answer = Outcome.ANSWERED, _answer_of(turn.exchanges)
+                break
+            feedback = Feedback(turn.exchanges, turn.note, remaining)
+    except AgentError as failure:
+        outcome, error = Outcome.AGENT_ERROR, as_text(str(failure))
+        if failure.usage is not None:
+            used.append(failure.usage)
+    return Episode(
+        key=key,
+        outcome=outcome,
+        answer=answer,
+        prompt=briefing.prompt,
+        turns=tuple(turns),
+        error=error,
+        usage=total_usage(used),
+        started_at=started_at,
+        duration_s=time.perf_counter() - clock,
+        versions=versions,
+    )
+
+
+async def _take_turn(
+    player: Player, feedback: Feedback | None, client: Client, toolbox: Toolbox, used: list[Usage]
+) -> tuple[Turn, bool]:
+    """One iteration, and whether it ended with the answer."""
+    asked = time.perf_counter()
+    reply = _recordable(await player.act(feedback))
+    replied = time.perf_counter()
+    if reply.usage is not None:
+        used.append(reply.usage)
+    batch = await _run_batch(client, reply, toolbox)
+    turn = Turn(
+        reasoning=reply.reasoning,
+        exchanges=batch.exchanges,
+        note=batch.note,
+        usage=reply.usage,
+        agent_s=replied - asked,
+        server_s=time.perf_counter() - replied,
+    )
+    return turn, batch.answered
+
+
+async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
+    arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
+    prompt = await client.get_prompt("scene", arguments)
+    text = "\n\n".join(one.content.text for one in prompt.messages if isinstance(one.content, types.TextContent))
+    return Briefing(prompt=text, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
+
+
+async def _scene_resource(client: Client) -> Mapping[str, Any]:
+    try:
+        contents = (await client.read_resource(SCENE_RESOURCE)).contents
+    except MCPError:
+        return {}
+    return json.loads(contents[0].text) if isinstance(contents[0], types.TextResourceContents) else {}
+
+
+def _recordable(reply: Reply) -> Reply:
+    """The reply, or a malformed one in its place where a record could not hold it and be read again."""
+    problems = [reply.malformed, *(unrecordable(call) for call in reply.calls)]
+    problem = next((one for one in problems if one), "")
+    return Reply(as_text(reply.reasoning), () if problem else reply.calls, as_text(problem), reply.usage)
+
+
+def unrecordable(call: ToolCall) -> str:
+    """Why a record could not hold a call; empty if it can."""
+    if _nests_deeper(call.arguments, _MAX_NESTING):
+        return f"a call nests more than {_MAX_NESTING} levels"
+    try:
+        written = json.dumps([call.tool, call.arguments], ensure_ascii=False)
+    except (TypeError, ValueError) as error:
+        return f"a call is not JSON: {error}"
+    return "" if as_text(written) == written else "a call holds half a surrogate pair, which is no text"
+
+
+def as_text(text: str) -> str:
+    """Text that UTF-8 can hold: half surrogate pairs become question marks."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _nests_deeper(value: JsonValue, levels: int) -> bool:
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(levels == 0 or _nests_deeper(part, levels - 1) for part in parts)
+
+
+async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
+    """Run a turn's calls in order, up to the first that fits no schema or to the answer."""
+    if reply.malformed:
+        return _Batch((), f"Your reply could not be read, so nothing was run: {reply.malformed}", answered=False)
+    if not reply.calls:
+        return _Batch((), "Your reply held no tool call.", answered=False)
+    exchanges: list[Exchange] = []
+    note, answered, stopped = "", False, False
+    for call in reply.calls:
+        if stopped:
+            exchanges.append(Exchange(call=call, returned=False))
+            continue
+        misfit = toolbox.misfit(call)
+        if misfit:
+            note, stopped = f"{misfit}; this call and the ones after it were not run.", True
+            exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
+            continue
+        exchange = await _run(client, call, toolbox)
+        exchanges.append(exchange)
+        answered = stopped = call.tool == ANSWER and not exchange.is_error
+    return _Batch(tuple(exchanges), note, answered)
+
+
+async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
+    clock = time.perf_counter()
+    try:
+        result = await toolbox.run(client, call)
+    except Exception as error:
+        raise InfrastructureError(f"{call.tool} did not return: {error!r}") from error
+    if (result.meta or {}).get(GONE):
+        raise InfrastructureError("the host closed the episode, or was started anew, before it ended")
+    return Exchange(
+        call=call,
+        returned=True,
+        is_error=result.is_error,
+        content=None if result.is_error else result.structured_content,
+        text="\n".join(one.text for one in result.content if isinstance(one, types.TextContent)),
+        duration_s=time.perf_counter() - clock,
+    )
+
+
+def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
+    return next(
+        one.call.arguments["answer"]
+        for one in exchanges
+        if one.returned and not one.is_error and one.call.tool == ANSWER
+    )

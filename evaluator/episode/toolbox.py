@@ -1,0 +1,114 @@
+"""The tools that a server publishes: what an agent is told of them, which calls fit, and what a call returns."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import anyio
+import mcp_types as types
+from jsonschema import Draft202012Validator, ValidationError
+from mcp import Client
+from pydantic import JsonValue
+from referencing import Registry
+
+from evaluator.episode.player import ToolDescription
+from evaluator.records import ToolCall
+
+_Schemas = Mapping[str, Draft202012Validator]
+
+
+@dataclass(frozen=True, slots=True)
+class Toolbox:
+    """The tools of a server. Made once for many episodes: the schemas of 26 tools are some thousand objects."""
+
+    tools: tuple[ToolDescription, ...]
+    _arguments: _Schemas
+    _results: _Schemas
+
+    def misfit(self, call: ToolCall) -> str:
+        """Why a call fits no published schema; empty if it fits."""
+        validator = self._arguments.get(call.tool)
+        if validator is None:
+            return f"there is no tool {call.tool!r}"
+        try:
+            json.dumps(call.arguments, allow_nan=False)
+        except ValueError:
+            return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
+        problem = _first_problem(validator, call.arguments)
+        return f"{call.tool}: {problem}" if problem else ""
+
+    async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
+        """Have the server run a call. Its result is held against the schema here, since a client would compile it anew.
+
+        Raises:
+            MCPError: The server refused the request.
+            ValueError: The result is not what the server publishes, or no result.
+        """
+        asked = types.CallToolRequest(params=types.CallToolRequestParams(name=call.tool, arguments=call.arguments))
+        result = await client.session.send_request(asked, types.CallToolResult)
+        validator = None if result.is_error else self._results.get(call.tool)
+        if validator is not None:
+            problem = _first_problem(validator, result.structured_content)
+            if problem:
+                raise ValueError(f"the result is not what the server publishes: {problem}")
+        return result
+
+
+@dataclass(slots=True)
+class Toolboxes:
+    """Asks servers for their tools; only once where a server says that all its clients are told the same for a while.
+
+    One for each host, since two hosts may differ.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    """[s]."""
+    _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
+    _alike: bool = True
+    """No server has told one client something of its own yet."""
+    _kept: Toolbox | None = None
+    _fresh_until: float = 0.0
+
+    async def of(self, client: Client) -> Toolbox:
+        """The tools of the server that `client` is connected to.
+
+        Raises:
+            MCPError: The server refused to list them.
+        """
+        if not self._alike:
+            return _toolbox((await client.list_tools()).tools)
+        async with self._lock:
+            if self._kept is not None and self.clock() < self._fresh_until:
+                return self._kept
+            asked_at = self.clock()
+            listed = await client.list_tools()
+            toolbox = _toolbox(listed.tools)
+            self._alike = listed.cache_scope == "public" and listed.ttl_ms > 0
+            if self._alike:
+                self._kept, self._fresh_until = toolbox, asked_at + listed.ttl_ms / 1000
+            return toolbox
+
+
+def _toolbox(tools: Sequence[types.Tool]) -> Toolbox:
+    described = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools)
+    # An empty registry: a schema may point into itself, but nowhere else.
+    return Toolbox(
+        described,
+        {tool.name: Draft202012Validator(tool.input_schema, registry=Registry()) for tool in tools},
+        {
+            tool.name: Draft202012Validator(tool.output_schema, registry=Registry())
+            for tool in tools
+            if tool.output_schema is not None
+        },
+    )
+
+
+def _first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
+    """What is wrong with a value, and where; empty if nothing is."""
+    problems: Iterator[ValidationError] = validator.iter_errors(value)  # pyright: ignore[reportUnknownMemberType] - partly typed
+    problem = next(problems, None)
+    if problem is None:
+        return ""
+    where = ".".join(str(part) for part in problem.absolute_path)
+    return f"{where + ': ' if where else ''}{problem.message[:300]}"

@@ -1,0 +1,273 @@
+"""A language model as an agent: what it is shown, what it replies, and the history of both, kept whole."""
+
+import contextlib
+import json
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Any, Self, cast
+
+import httpx2
+from pydantic_ai.messages import (
+    ModelMessage,
+    ModelRequest,
+    ModelRequestPart,
+    ModelResponse,
+    ModelResponsePart,
+    TextPart,
+    ThinkingPart,
+    ToolCallPart,
+    ToolReturnPart,
+    UserPromptPart,
+)
+
+from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.errors import AgentError
+from evaluator.models.choice import ModelChoice
+from evaluator.models.clients import build_model, open_http, request_settings
+from evaluator.models.lanes import Lane, Patience
+from evaluator.models.offer import NOTHING, Offer, offer
+from evaluator.models.presets import Dialect, Provider
+from evaluator.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
+from evaluator.models.wire import settings_sent
+from evaluator.protocols.text import feedback_text, parse_reply
+from evaluator.records import EpisodeKey, Exchange, ToolCall, Usage
+
+_NOT_RUN = "Not run."
+_NATIVE_IN_TEXT = "it called tools natively, where calls are written as a JSON list"
+_CONTEXT_FULL = "model_context_window_exceeded"
+"""Anthropic's finish reason where the window, not the limit of output, cut the reply."""
+
+
+@dataclass(slots=True)
+class ModelAgent:
+    """Plays with a language model. An async context, which owns the connections; `player` opens them if need be."""
+
+    choice: ModelChoice
+    lane: Lane = field(default_factory=Lane)
+    patience: Patience = field(default_factory=Patience)
+    _requests: Requests | None = field(default=None, repr=False)
+    _http: httpx2.AsyncClient | None = field(default=None, repr=False)
+
+    @property
+    def name(self) -> str:
+        """As the operator wrote it."""
+        return self.choice.name
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_ModelPlayer":
+        """A conversation of its own; native calls or text, as the episode's key says."""
+        if self._requests is None:
+            self._requests = self._open()
+        provider, text = self.choice.provider, key.protocol == "text"
+        tools = NOTHING if text else offer(provider.dialect, briefing.tools)
+        return _ModelPlayer(self._requests, provider, briefing.prompt, tools, text)
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the model's replies, for the record of a run; holds no key.
+
+        Raises:
+            UsageError: An option was asked for that would not be sent.
+        """
+        choice = self.choice
+        return {
+            "agent": self.name,
+            "provider": choice.provider.name,
+            "model": choice.model,
+            "base_url": choice.shown_url,
+            "effort": choice.options.effort,
+            "temperature": choice.options.temperature,
+            "max_tokens": choice.options.max_tokens,
+            "sent": settings_sent(choice),
+            "timeout_s": self.patience.timeout_s,
+            "attempts": self.patience.attempts,
+            "concurrency": self.lane.limit,
+        }
+
+    async def __aenter__(self) -> Self:
+        """Nothing is opened before it is needed."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the connections."""
+        if self._http is not None:
+            await self._http.aclose()
+        self._http = self._requests = None
+
+    def _open(self) -> Requests:
+        self._http = open_http(self.patience.timeout_s)
+        model = build_model(self.choice, self._http)
+        return Requests(
+            model,
+            request_settings(model, self.choice, self.patience.timeout_s),
+            self.lane,
+            self.patience,
+            self.name,
+            self.choice.key(),
+        )
+
+
+@dataclass(slots=True)
+class _ModelPlayer:
+    requests: Requests
+    provider: Provider
+    prompt: str
+    offer: Offer
+    text: bool
+    history: list[ModelMessage] = field(default_factory=list[ModelMessage])
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        self.history.append(ModelRequest(parts=self._shown(feedback)))
+        response = await self.requests.ask(self.history, self.offer)
+        usage, thought = _usage(response, priced=self.provider.needs_key), _joined(response, ThinkingPart)
+        _refuse(response, usage)
+        self.history.append(_encodable(response, calls=not self.text))
+        problem = _cut_off(response) or _unwritten(response)
+        said = _joined(response, TextPart)
+        if problem:
+            return Reply(_paragraphs(thought, said), malformed=problem, usage=usage)
+        if self.text:
+            reply = parse_reply(said)
+            if response.tool_calls and not reply.calls:
+                return Reply(_paragraphs(thought, said), malformed=_NATIVE_IN_TEXT, usage=usage)
+            return Reply(_paragraphs(thought, reply.reasoning), reply.calls, reply.malformed, usage)
+        calls, problem = _calls(response)
+        return Reply(_paragraphs(thought, said), calls, problem, usage)
+
+    def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
+        """What the model is shown next: the prompt, or what came of its calls."""
+        if feedback is None:
+            return [UserPromptPart(self.prompt)]
+        if self.text:
+            return [UserPromptPart(feedback_text(feedback))]
+        asked = self.history[-1]
+        calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
+        returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
+        # Returns go into their own messages; the rest is worded as in the text protocol.
+        rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
+        return [*returns, UserPromptPart(rest)]
+
+    def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
+        """What one call is answered: each gets its own return, also where it was not run."""
+        exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
+        content, failed = _content(exchange)
+        # Chat completions have no mark for errors; the client would wrap the text, and the record would not be what
+        # the model read.
+        marked = failed and self.provider.dialect in {Dialect.ANTHROPIC, Dialect.GOOGLE}
+        return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
+
+
+def _content(exchange: Exchange | None) -> tuple[str, bool]:
+    """The text of a return, and whether it is an error."""
+    if exchange is None:
+        return _NOT_RUN, True
+    if exchange.returned:
+        return exchange.text, exchange.is_error
+    return (f"{_NOT_RUN} {exchange.text}".strip(), True)
+
+
+def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
+    """The calls of a reply in order, or why one of them cannot be read; then none counts."""
+    calls: list[ToolCall] = []
+    for part in response.tool_calls:
+        try:
+            calls.append(ToolCall(tool=part.tool_name, arguments=_arguments(part)))
+        except (ValueError, RecursionError) as error:
+            return (), f"the arguments of {part.tool_name} are not a JSON object: {error}"
+    return tuple(calls), ""
+
+
+def _arguments(part: ToolCallPart) -> dict[str, Any]:
+    """The arguments as the model wrote them."""
+    if isinstance(part.args, dict):
+        return part.args
+    arguments: Any = json.loads(part.args) if part.args else {}
+    if not isinstance(arguments, dict):
+        raise ValueError(f"they are a {type(arguments).__name__}")  # noqa: TRY004 - caught above as what it is: bad JSON
+    return cast(dict[str, Any], arguments)
+
+
+def _refuse(response: ModelResponse, usage: Usage) -> None:
+    """Raise where the model will not or cannot go on."""
+    details = response.provider_details or {}
+    if response.finish_reason == "content_filter":
+        said = details.get("refusal") or details.get("block_reason") or raw_finish_reason(response)
+        words = _joined(response, TextPart)
+        raise AgentError(
+            f"the model or its content filter refused ({said or 'no reason given'}){words and ': ' + words}", usage
+        )
+    if raw_finish_reason(response) == _CONTEXT_FULL:
+        raise AgentError("the conversation no longer fits the model's context window", usage)
+
+
+def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
+    """The reply, as it can be sent again.
+
+    Half surrogate pairs, which models do write, cannot go into UTF-8; text that is nothing but space is refused by
+    Anthropic; a native call in the text protocol has no return.
+    """
+    parts = [
+        _sendable(part)
+        for part in response.parts
+        if (calls or not isinstance(part, ToolCallPart)) and (not isinstance(part, TextPart) or part.content.strip())
+    ]
+    return replace(response, parts=parts)
+
+
+def _sendable(part: ModelResponsePart) -> ModelResponsePart:
+    match part:
+        case TextPart() | ThinkingPart():
+            return replace(part, content=_as_utf8(part.content))
+        case ToolCallPart(args=str(args)):
+            return replace(part, args=_as_utf8(args))
+        case _:
+            return part
+
+
+def _as_utf8(text: str) -> str:
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _cut_off(response: ModelResponse) -> str:
+    if response.finish_reason != "length":
+        return ""
+    return "it was cut off at the limit of output tokens"
+
+
+def _unwritten(response: ModelResponse) -> str:
+    return "the tool call was not well-formed" if raw_finish_reason(response) in MALFORMED_CALL else ""
+
+
+def _joined(response: ModelResponse, kind: type[TextPart] | type[ThinkingPart]) -> str:
+    return "\n\n".join(part.content for part in response.parts if isinstance(part, kind) and part.content.strip())
+
+
+def _paragraphs(*texts: str) -> str:
+    return "\n\n".join(text for text in texts if text)
+
+
+def _usage(response: ModelResponse, *, priced: bool) -> Usage:
+    used = response.usage
+    return Usage(
+        input_tokens=used.input_tokens,
+        output_tokens=used.output_tokens,
+        cached_tokens=used.cache_read_tokens,
+        cost_usd=_cost(response, priced=priced),
+    )
+
+
+def _cost(response: ModelResponse, *, priced: bool) -> float | None:
+    """What the reply cost [USD]: what the provider billed if it says so, else by the price table, else unknown.
+
+    Args:
+        response: The reply.
+        priced: Whether the table speaks of this provider; it also finds models by name alone, wherever they run.
+    """
+    billed = (response.provider_details or {}).get("cost")
+    if isinstance(billed, int | float):
+        return float(billed)
+    if not priced:
+        return None
+    with contextlib.suppress(LookupError, ValueError, AssertionError):
+        return float(response.cost().total_price)
+    return None

@@ -1,0 +1,1 @@
+"""How calls are written down: as JSON in prose, or typed by a person."""

@@ -1,0 +1,270 @@
+"""The paper's protocol: a reply is prose with one JSON list of calls, the returns come back as text.
+
+How a reply is read, from the most certain sign to the least:
+
+1. Only what follows the last `</think>` can be a call.
+2. The last fenced block that holds calls counts; if its JSON is broken, the reply is malformed, and no other is run.
+3. Else the last well-formed list of call objects in the prose, or single call objects one after the other.
+4. Else calls in the markup that some models fall back to (`<|tool_call_begin|> functions.step:0 …`).
+
+A call names its tool as `tool`, `name` or `function`, its arguments as `parameters`, `arguments`, `args` or `input`. A
+list of numbers is no call. What the JSON may look like is said in `lenient_json`. Meanings are never guessed: a list
+with an item that is no call, arguments outside `parameters`, or broken JSON run nothing, and the agent reads why.
+"""
+
+import json
+import re
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from pydantic import JsonValue
+
+from evaluator.episode.player import Feedback, Reply
+from evaluator.protocols.lenient_json import Found, find_json, read_json
+from evaluator.records import Exchange, ToolCall
+
+_PARAMETERS = ("parameters", "arguments", "args", "input")
+_END_OF_THOUGHT = "</think>"
+_FENCE = re.compile(r"```[ \t]*(\w*)")
+_NAMED = re.compile(r"""["']?(?:tool|name|function|tool_calls)["']?\s{0,20}:""")
+_NATIVE = re.compile(
+    r"<\|tool_call_begin\|>\s{0,20}(?:functions\.)?(\w+)(?::\d+)?\s{0,20}<\|tool_call_argument_begin\|>"
+    r"((?:(?!<\|).)*+)<\|tool_call_end\|>",
+    re.DOTALL,
+)
+_CLOSING = re.compile(r"\s*+[\]}]")
+_UNMATCHED = "the brackets of the list of calls do not match"
+_MARKUP = re.compile(r"<\|tool_call|</?tool_call>|<tool>|<function=")
+_NATIVE_SIGNS = re.compile(r"<\|tool_calls_section_(?:begin|end)\|>")
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """A place in a reply where calls stand, or were meant to."""
+
+    start: int
+    end: int
+    calls: tuple[ToolCall, ...] = ()
+    problem: str = ""
+    problem_at: int = 0
+
+
+class _NoCallError(Exception):
+    """A JSON value among calls is none; says why."""
+
+
+def parse_reply(text: str) -> Reply:
+    """Read a reply of the text protocol.
+
+    Never raises, whatever the text; takes time in proportion to its length.
+
+    Args:
+        text: The reply as the model wrote it.
+
+    Returns:
+        The prose as `reasoning` and the calls. Where calls were meant but cannot be read, the whole text as reasoning
+        and the reason in `malformed`; where there are none, just the text.
+    """
+    start = _end_of_thought(text)
+    if start == 0 and text.lstrip().startswith("<think>"):
+        return Reply(reasoning=text, malformed="it ends inside <think>, before any call")
+    chosen = _chosen(_attempts(text, start), _fenced_spans(text, start)) or _native(text, start)
+    if chosen is None:
+        problem = "calls stand in markup where a JSON list of calls is needed" if _MARKUP.search(text, start) else ""
+        return Reply(reasoning=text, malformed=problem)
+    if chosen.problem:
+        return Reply(reasoning=text, malformed=f"{chosen.problem} ({_place(text, chosen.problem_at)} of your reply)")
+    return Reply(reasoning=_prose(text, chosen), calls=chosen.calls)
+
+
+def feedback_text(feedback: Feedback) -> str:
+    """What the agent reads after a turn: each call with its return, what the loop notes, the iterations left."""
+    lines = [f"{number}. {_told(one)}" for number, one in enumerate(feedback.exchanges, start=1)]
+    blocks = ["Returns:\n" + "\n".join(lines)] if lines else []
+    if feedback.note:
+        blocks.append(feedback.note)
+    last = " (the coming reply is the last)" if feedback.remaining == 1 else ""
+    blocks.append(f"Iterations left: {feedback.remaining}{last}.")
+    return "\n\n".join(blocks)
+
+
+def _told(exchange: Exchange) -> str:
+    call = exchange.call
+    written = ", ".join(f"{name}={_json(value)}" for name, value in call.arguments.items())
+    said = f"error: {exchange.text}" if exchange.is_error else exchange.text
+    return f"{call.tool}({written}) -> {said if exchange.returned or exchange.is_error else 'not run'}"
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+
+
+def _end_of_thought(text: str) -> int:
+    """The place after the last `</think>` that is none of the text of a call; 0 if there is none."""
+    at = text.rfind(_END_OF_THOUGHT)
+    if at < 0:
+        return 0
+    quoting = [one for one in _attempts(text, 0) if not one.problem]
+    while quoting and at >= 0:
+        one = quoting.pop()
+        if one.start < at < one.end:
+            at = text.rfind(_END_OF_THOUGHT, 0, one.start)
+    return at + len(_END_OF_THOUGHT) if at >= 0 else 0
+
+
+def _chosen(attempts: Sequence[_Attempt], fenced: Sequence[tuple[int, int]]) -> _Attempt | None:
+    """The attempt that counts; None if there is none."""
+    starts = [start for start, _ in fenced]
+    for one in reversed(attempts):
+        block = bisect_right(starts, one.start) - 1
+        if block >= 0 and one.start < fenced[block][1]:
+            return one
+    whole = (one for one in reversed(attempts) if not one.problem)
+    return next(whole, attempts[-1] if attempts else None)
+
+
+def _fenced_spans(text: str, start: int) -> list[tuple[int, int]]:
+    """Where the JSON blocks are, in order; one that is not closed ends with the next, or with the text."""
+    spans: list[tuple[int, int]] = []
+    opened: re.Match[str] | None = None
+    for fence in _FENCE.finditer(text, start):
+        if opened is not None:
+            spans.append((opened.end(), fence.start()))
+        # A fence that names a language opens a block, even where the one before was left open.
+        opened = fence if opened is None or fence.group(1) else None
+    if opened is not None:
+        spans.append((opened.end(), len(text)))
+    return spans
+
+
+def _attempts(text: str, start: int) -> list[_Attempt]:
+    """All places with calls; single call objects that follow each other are one place."""
+    places: list[list[_Attempt]] = []
+    for found in find_json(text, start):
+        attempt = _attempt(text, found)
+        if attempt is None:
+            continue
+        gap = text[places[-1][-1].end : attempt.start] if places else "-"
+        are_lists = bool(places) and text[places[-1][0].start] == "[" == text[attempt.start]
+        if gap.strip(" \t\r\n,;]}") or (are_lists and not gap.strip()):
+            places.append([attempt])
+            continue
+        # A bracket too few or too many leaves parts of a list side by side: none of them is the whole.
+        are_objects = text[places[-1][0].start] == "{" == text[attempt.start]
+        if not are_objects or gap.strip(" \t\r\n,;"):
+            attempt = replace(attempt, problem=attempt.problem or _UNMATCHED, problem_at=attempt.start)
+        places[-1].append(attempt)
+    return [_joined(text, place) for place in places]
+
+
+def _joined(text: str, place: Sequence[_Attempt]) -> _Attempt:
+    start, end = place[0].start, place[-1].end
+    broken = next((one for one in place if one.problem), None)
+    if broken is not None:
+        return replace(broken, start=start, end=end, calls=())
+    if text[start] == "{" and _CLOSING.match(text, end):
+        return _Attempt(start, end, (), _UNMATCHED, end)
+    return _Attempt(start, end, tuple(call for one in place for call in one.calls))
+
+
+def _attempt(text: str, found: Found) -> _Attempt | None:
+    """What a JSON value means as calls; None if it does not look like any."""
+    if found.problem:
+        if not _NAMED.search(text, found.start, found.end):
+            return None
+        near = text[found.problem_at : found.problem_at + 20].split("\n", 1)[0].strip()
+        problem = f"the JSON is broken{f' near {near!r}' if near else ''}: {found.problem}"
+        return _Attempt(found.start, found.end, (), problem, found.problem_at)
+    try:
+        calls = _calls(found.value)
+    except _NoCallError as error:
+        return _Attempt(found.start, found.end, (), str(error), found.start)
+    return _Attempt(found.start, found.end, calls) if calls else None
+
+
+def _place(text: str, at: int) -> str:
+    return f"line {text.count(chr(10), 0, at) + 1}, column {at - text.rfind(chr(10), 0, at)}"
+
+
+def _calls(value: JsonValue) -> tuple[ToolCall, ...]:
+    """The calls a value stands for; none if it is other data.
+
+    Raises:
+        _NoCallError: Some of it is calls and some is not, or a call is incomplete.
+    """
+    if isinstance(value, dict):
+        if _is_call(value):
+            return (_call(value, 1),)
+        lists = [calls for part in value.values() if isinstance(part, list) and (calls := _calls(part))]
+        return lists[0] if len(lists) == 1 else ()
+    if not isinstance(value, list) or not any(isinstance(item, dict) and _is_call(item) for item in value):
+        return ()
+    return tuple(_call(item, number) for number, item in enumerate(value, start=1))
+
+
+def _is_call(value: Mapping[str, JsonValue]) -> bool:
+    if "tool" in value:
+        return True
+    # Objects of the laboratory have names too: only with arguments is a name that of a tool.
+    named = "name" in value and any(name in value for name in _PARAMETERS)
+    return named or (
+        "function" in value and (isinstance(value["function"], dict) or any(name in value for name in _PARAMETERS))
+    )
+
+
+def _call(value: JsonValue, number: int) -> ToolCall:
+    if not isinstance(value, dict) or not _is_call(value):
+        raise _NoCallError(f"item {number} of the list of calls is no call")
+    inner = value.get("function")
+    if isinstance(inner, dict) and "tool" not in value:
+        return _call({"tool": inner.get("name"), **{key: part for key, part in inner.items() if key != "name"}}, number)
+    tool = next(value[name] for name in ("tool", "name", "function") if name in value)
+    if not isinstance(tool, str) or not tool.strip():
+        raise _NoCallError(f"call {number} does not name its tool")
+    given = [name for name in _PARAMETERS if name in value]
+    if len(given) > 1:
+        raise _NoCallError(f'call {number} has both "{given[0]}" and "{given[1]}"')
+    if not given and len(value) > 1:
+        raise _NoCallError(f'call {number} has no "parameters"')
+    return ToolCall(tool=tool.strip(), arguments=_arguments(value[given[0]] if given else {}, number))
+
+
+def _arguments(value: JsonValue, number: int) -> dict[str, JsonValue]:
+    if isinstance(value, str):
+        try:
+            value = read_json(value)
+        except ValueError as error:
+            raise _NoCallError(f"the parameters of call {number} are a text that is no JSON: {error}") from None
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise _NoCallError(f"the parameters of call {number} are no JSON object")
+    return value
+
+
+def _native(text: str, start: int) -> _Attempt | None:
+    """Calls in a model's own markup: it names tool and JSON arguments, so its meaning is certain."""
+    matches = list(_NATIVE.finditer(text, start))
+    # Any sign left over means that some of the markup is damaged, and perhaps a call with it.
+    rest = _NATIVE.sub("", text[start:])
+    sections = len(_NATIVE_SIGNS.findall(rest))
+    if not matches or sections % 2 or "<|" in _NATIVE_SIGNS.sub("", rest):
+        return None
+    calls: list[ToolCall] = []
+    for number, match in enumerate(matches, start=1):
+        try:
+            calls.append(ToolCall(tool=match[1], arguments=_arguments(match[2], number)))
+        except _NoCallError as error:
+            return _Attempt(match.start(), match.end(), (), str(error), match.start())
+    return _Attempt(matches[0].start(), matches[-1].end(), tuple(calls))
+
+
+def _prose(text: str, chosen: _Attempt) -> str:
+    """The reply without its calls, and without the signs that only enclose them."""
+    before, after = text[: chosen.start].rstrip(), text[chosen.end :].lstrip()
+    opening = before.rfind("```")
+    if opening >= 0 and _FENCE.fullmatch(before[opening:]):
+        before, after = before[:opening].rstrip(), after.removeprefix("```").lstrip()
+    before, after = (_NATIVE_SIGNS.sub("", part).strip() for part in (before, after))
+    return "\n\n".join(part for part in (before, after) if part)

@@ -1,0 +1,1 @@
+"""Numbers computed from episodes: scores of one episode, of groups, of runs."""

@@ -1,0 +1,247 @@
+"""Two runs on the episodes they have in common: who is better, by how much, and how sure that is. Pure."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+from evaluator.errors import UsageError
+from evaluator.records import EpisodeKey, Grade, GradeRecord, Record, Verdict
+from evaluator.scores.grouping import modality, problem_kind, quadrant
+from evaluator.scores.metrics import ScoredEpisode
+from evaluator.statistics.budget_curve import LEVEL
+from evaluator.statistics.paired import PairedDifference, PairedTest, holm, paired_difference
+
+CONDITIONS = ("agent", "budget", "prompting", "protocol")
+"""What two runs may differ in as a whole. Scene, seed and epoch are the episode and always the same in a pair."""
+
+_GROUPINGS: Mapping[str, Callable[[ScoredEpisode], str]] = {
+    "agent": lambda row: row.episode.key.agent,
+    "budget": lambda row: str(row.episode.key.budget),
+    "prompting": lambda row: row.episode.key.prompting,
+    "protocol": lambda row: row.episode.key.protocol,
+    "problem kind": lambda row: problem_kind(row.problem_type),
+    "problem type": lambda row: row.problem_type,
+    "difficulty and breadth": lambda row: quadrant(row.category),
+    "modality": lambda row: modality(row.category),
+    "category": lambda row: row.category,
+}
+_TESTS = {
+    PairedTest.MCNEMAR: "exact McNemar test",
+    PairedTest.SIGN_FLIP: "exact sign-flip test by scene",
+}
+_NAMED = 12
+"""Scenes named in a sentence."""
+
+
+class Side(NamedTuple):
+    """One of the two runs."""
+
+    name: str
+    """What tells it from the other where nothing else does, such as its folder."""
+    rows: Sequence[ScoredEpisode]
+    grades: Mapping[EpisodeKey, GradeRecord]
+
+
+class GroupDifference(Record):
+    """The comparison within one group of episodes."""
+
+    grouping: str
+    group: str
+    difference: PairedDifference
+    p_adjusted: float
+    """By Holm's method over the groups of this grouping."""
+
+
+class Comparison(Record):
+    """What two runs have to say of each other; differences are those of B over A."""
+
+    format: Literal[1] = 1
+    a: str
+    """Label of the first run."""
+    b: str
+    """Label of the second."""
+    better: Literal["a", "b"] | None
+    """None where the test does not tell at the 5 % level."""
+    sentence: str
+    strict: PairedDifference
+    normalised: PairedDifference
+    groups: tuple[GroupDifference, ...]
+    """Strict, for each grouping that has more than one group."""
+    only_a: int
+    """Episodes of A that B has no counterpart of, left out."""
+    only_b: int
+    unscored: int
+    """Pairs left out because an infrastructure error ended one of them."""
+
+
+def compare(a: Side, b: Side) -> Comparison:
+    """Compare two runs, pair by pair.
+
+    A condition (agent, budget, prompting, protocol) that has one value in each run is what is compared, and may differ;
+    one that has several in either run must be equal in a pair.
+
+    Raises:
+        UsageError: Nothing is common, a common episode is not the same task in both or was graded by other rules, or a
+            run is unsealed.
+    """
+    for side in (a, b):
+        _refuse_unsealed(side)
+    whole = [name for name in CONDITIONS if all(len(_values(side, name)) == 1 for side in (a, b))]
+    paired_by = [name for name in ("scene", "seed", "epoch", *CONDITIONS) if name not in whole]
+    firsts, seconds = (_by_key(side, paired_by) for side in (a, b))
+    common = sorted(set(firsts) & set(seconds), key=str)
+    if not common:
+        raise UsageError(_nothing_common(a, b, paired_by))
+    pairs = [(firsts[key], seconds[key]) for key in common]
+    _refuse_other_tasks(pairs, a, b)
+    scored = [pair for pair in pairs if all(row.grade.strict is not Verdict.UNSCORED for row in pair)]
+    if not scored:
+        raise UsageError(f"{a.name} and {b.name}: an infrastructure error ended every episode they have in common")
+    strict = _difference(scored, lambda grade: grade.strict)
+    labels = _labels(a, b, whole)
+    better = None if strict.p_value > LEVEL else "b" if strict.difference > 0 else "a"
+    return Comparison(
+        a=labels[0],
+        b=labels[1],
+        better=better,
+        sentence=_sentence(labels, strict, better),
+        strict=strict,
+        normalised=_difference(scored, lambda grade: grade.normalised),
+        groups=tuple(one for name, group in _GROUPINGS.items() for one in _grouped(scored, name, group)),
+        only_a=len(firsts) - len(common),
+        only_b=len(seconds) - len(common),
+        unscored=len(pairs) - len(scored),
+    )
+
+
+_Pair = tuple[ScoredEpisode, ScoredEpisode]
+
+
+def _values(side: Side, name: str) -> list[str]:
+    return sorted({str(getattr(row.episode.key, name)) for row in side.rows})
+
+
+def _by_key(side: Side, names: Iterable[str]) -> dict[tuple[object, ...], ScoredEpisode]:
+    return {tuple(getattr(row.episode.key, name) for name in names): row for row in side.rows}
+
+
+def _difference(pairs: Iterable[_Pair], verdict: Callable[[Grade], Verdict]) -> PairedDifference:
+    return paired_difference(
+        (a.episode.key.scene, verdict(a.grade) is Verdict.CORRECT, verdict(b.grade) is Verdict.CORRECT)
+        for a, b in pairs
+    )
+
+
+def _grouped(pairs: Sequence[_Pair], name: str, group: Callable[[ScoredEpisode], str]) -> list[GroupDifference]:
+    groups: defaultdict[str, list[_Pair]] = defaultdict(list)
+    for a, b in pairs:
+        groups[group(a)].append((a, b))
+    # One group alone is the whole; so is a condition in which the runs differ as a whole.
+    if len(groups) < 2:
+        return []
+    named = sorted(groups, key=lambda one: (len(one), one) if one.isdecimal() else (0, one))
+    found = [_difference(groups[one], lambda grade: grade.strict) for one in named]
+    adjusted = holm([one.p_value for one in found])
+    return [
+        GroupDifference(grouping=name, group=one, difference=difference, p_adjusted=p)
+        for one, difference, p in zip(named, found, adjusted, strict=True)
+    ]
+
+
+def _refuse_unsealed(side: Side) -> None:
+    for agent in _values(side, "agent"):
+        if agent.startswith("external-unsealed:"):
+            raise UsageError(f"{side.name}: {agent} could read the packs, so its results compare with nothing")
+
+
+def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
+    """Refuse pairs that were not played on the same pack, or not graded by the same rules against the same key."""
+    packs = [pair for pair in pairs if pair[0].episode.versions.pack != pair[1].episode.versions.pack]
+    if packs:
+        scenes = _scenes(packs)
+        raise UsageError(
+            f"{a.name} and {b.name} were played on different packs of {_named(scenes)}, which are not the same tasks;"
+            f" leave them out with --without {','.join(map(str, scenes))}"
+        )
+    graded = [(a.grades[first.episode.key], b.grades[second.episode.key]) for first, second in pairs]
+    graders = sorted({one.grader_version for pair in graded for one in pair})
+    if len(graders) > 1:
+        raise UsageError(
+            f"{a.name} and {b.name} were graded by different versions of the grader ({', '.join(graders)});"
+            " run `physment-eval grade` on both"
+        )
+    keys = [pair for pair, (one, two) in zip(pairs, graded, strict=True) if one.answer_key != two.answer_key]
+    if keys:
+        raise UsageError(
+            f"{a.name} and {b.name} were graded against different keys of {_named(_scenes(keys))};"
+            " run `physment-eval grade` on both"
+        )
+
+
+def _scenes(pairs: Iterable[_Pair]) -> list[int]:
+    return sorted({first.episode.key.scene for first, _ in pairs})
+
+
+def _named(scenes: Sequence[int]) -> str:
+    more = f" and {len(scenes) - _NAMED} more" if len(scenes) > _NAMED else ""
+    return f"{'scene' if len(scenes) == 1 else 'scenes'} {', '.join(map(str, scenes[:_NAMED]))}{more}"
+
+
+def _nothing_common(a: Side, b: Side, paired_by: Iterable[str]) -> str:
+    """Why no episode is in both runs: the first thing they do not share."""
+    for side in (a, b):
+        if not side.rows:
+            return f"{side.name} holds no episodes, or none of those chosen"
+    for name in paired_by:
+        one, two = _values(a, name), _values(b, name)
+        if not set(one) & set(two):
+            choose = f"; choose one of each with --a {name}=… --b {name}=…" if name in CONDITIONS else ""
+            values = f"{name} {_listed(one)} against {_listed(two)}"
+            return f"{a.name} and {b.name} have no episode in common: {values}{choose}"
+    return f"{a.name} and {b.name} have no episode in common: no {', '.join(paired_by)} is the same in both"
+
+
+def _listed(values: Sequence[str]) -> str:
+    return ", ".join(values[:_NAMED]) + (" …" if len(values) > _NAMED else "")
+
+
+def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
+    """The least that tells the two apart: agents, conditions in which they differ, else names."""
+    differing = [name for name in whole if _values(a, name) != _values(b, name)]
+
+    def label(side: Side) -> str:
+        conditions = ", ".join(
+            f"{name} {_values(side, name)[0]}" if name == "budget" else _values(side, name)[0]
+            for name in differing
+            if name != "agent"
+        )
+        who = _values(side, "agent")[0] if "agent" in whole else side.name
+        return f"{who} ({conditions})" if conditions else who
+
+    if differing:
+        return label(a), label(b)
+    return (a.name, b.name) if a.name != b.name else (f"{a.name} (first)", f"{b.name} (second)")
+
+
+def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | None) -> str:
+    """Who is better on what, by how much, and with what certainty."""
+    episodes = f"{found.n} common episode{'s' if found.n != 1 else ''}"
+    scenes = f"{found.n_scenes} scene{'s' if found.n_scenes != 1 else ''}"
+    # Told from the side that is ahead, so that the difference reads as a gain.
+    ahead = 0 if found.difference < 0 else 1
+    sign = 1 if ahead else -1
+    shares = [f"{100 * right / found.n:.1f} %" for right in (found.first_correct, found.second_correct)]
+    gap = f"{points(sign * found.difference)} points"
+    if found.interval is not None:
+        low, high = sorted((sign * found.interval.low, sign * found.interval.high))
+        gap += f" (95 % interval {points(low)} to {points(high)})"
+    chance = f"p = {found.p_value:.2g}" if found.p_value >= 1e-4 else "p < 0.0001"
+    tail = f"{shares[ahead]} against {shares[1 - ahead]} right, {gap}; {chance}, {_TESTS[found.test]}."
+    if better is None:
+        return f"{labels[ahead]} and {labels[1 - ahead]} cannot be told apart on {episodes} of {scenes}: {tail}"
+    return f"{labels[ahead]} is better than {labels[1 - ahead]} on {episodes} of {scenes}: {tail}"
+
+
+def points(value: float) -> str:
+    """A difference of shares in points, with its sign."""
+    return f"{100 * value:+.1f}".replace("-", "−")

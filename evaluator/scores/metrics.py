@@ -1,0 +1,283 @@
+"""A run in numbers: accuracies, the six dimensions and the Final Score, by whatever episodes are compared by. Pure.
+
+Every number comes with how many episodes it speaks of. A dimension that an episode leaves undefined (no calls, no
+assertions, no visible reasoning) is None there, counts 0 in means and in the Final Score, and its share is reported.
+Unscored episodes (infrastructure errors) are counted as outcomes and left out of everything else.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Literal, NamedTuple, TypeVar
+
+from evaluator.failures.counting import FailureCount, failure_counts
+from evaluator.failures.findings import Failure, FailureMode
+from evaluator.records import Episode, Grade, Outcome, Record, Verdict
+from evaluator.scores.dimensions import WEIGHTS, EpisodeScores, dimensions, final_score, non_repetition
+from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
+from evaluator.statistics.attempts import Attempts, attempts
+from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
+from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
+
+__all__ = [
+    "WEIGHTS",
+    "EpisodeScores",
+    "GroupSummary",
+    "RunSummary",
+    "ScoredEpisode",
+    "dimensions",
+    "final_score",
+    "held_out_accuracy",
+    "non_repetition",
+    "summarise",
+]
+
+_Name = TypeVar("_Name", str, int)
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredEpisode:
+    """An episode, its grade, and what of its scene the reports group by."""
+
+    episode: Episode
+    grade: Grade
+    category: str
+    problem_type: str
+    disabled_tools: frozenset[str] = frozenset()
+    failures: tuple[Failure, ...] = ()
+
+
+class GroupSummary(Record):
+    """The numbers of one group of episodes."""
+
+    n: int
+    """Episodes."""
+    n_scored: int
+    """Episodes with a verdict: the denominator of everything below but `outcomes`."""
+    n_scenes: int
+    """Scenes these are of: what the intervals take as the sample where a scene has several episodes."""
+    n_correct: int
+    """Strictly correct ones."""
+    strict_accuracy: float | None
+    """Share of strictly correct ones, 0 to 1."""
+    strict_interval: Interval | None
+    """95 %."""
+    normalised_accuracy: float | None
+    """Share of those correct once the four documented forms are forgiven, 0 to 1."""
+    normalised_interval: Interval | None
+    """95 %."""
+    interval_method: IntervalMethod | None
+    """Method of both intervals; None where nothing is scored."""
+    c: float | None
+    """Mean graded correctness, 0 to 1."""
+    e: float | None
+    """Mean efficiency, 0 to 1."""
+    g: float | None
+    """Mean with undefined ones as 0; None where no episode defines it. So are V and R."""
+    v: float | None
+    r: float | None
+    g_prime: float | None
+    """None where an agent of the group was tried on one category only."""
+    final_score: float | None
+    """0 to 100; None where G′ is None, for a score without one of its six parts compares with nothing."""
+    g_undefined: float | None
+    """Share of scored episodes without a quantitative assertion."""
+    v_undefined: float | None
+    """Share of scored episodes without a call."""
+    r_undefined: float | None
+    """Share of scored episodes without visible reasoning."""
+    disabled_calls: int
+    failures: dict[FailureMode, FailureCount]
+    """Failure modes: `n` is of `n_scored`, `n_incorrect` of those that are not correct."""
+    outcomes: dict[Outcome, int]
+
+
+class ConditionCurve(Record):
+    """The budget curve of one agent under one prompting and protocol."""
+
+    agent: str
+    prompting: str
+    protocol: str
+    curve: BudgetCurve
+
+
+class ConditionAttempts(Record):
+    """pass@k and pass^k of one agent under one condition."""
+
+    agent: str
+    budget: int
+    prompting: str
+    protocol: str
+    attempts: Attempts
+
+
+class RunSummary(Record):
+    """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
+
+    format: Literal[1] = 1
+    """Version of this record; fields are added without changing it, none is changed or taken away."""
+    overall: GroupSummary
+    by_category: dict[str, GroupSummary]
+    by_quadrant: dict[str, GroupSummary]
+    """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, whatever the modality; other categories as they are."""
+    by_modality: dict[str, GroupSummary]
+    """`plain`, `creation`, `hidden`, whatever the quadrant; other categories as they are."""
+    by_problem_type: dict[str, GroupSummary]
+    by_problem_kind: dict[str, GroupSummary]
+    """`qualitative` (comparison, observation), `quantitative` (calculation, computation), `other`."""
+    by_budget: dict[int, GroupSummary]
+    by_prompting: dict[str, GroupSummary]
+    by_protocol: dict[str, GroupSummary]
+    by_agent: dict[str, GroupSummary]
+    budget_curves: tuple[ConditionCurve, ...]
+    """Of each condition that was played at several budgets, on the episodes that all of them scored."""
+    attempts: tuple[ConditionAttempts, ...]
+    """Of each condition under which every scene was tried more than once."""
+
+
+class _Row(NamedTuple):
+    source: ScoredEpisode
+    scores: EpisodeScores
+    g_prime: float | None
+
+
+def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
+    """The numbers of a run."""
+    held_out = held_out_accuracy(rows)
+    table = [
+        _Row(
+            row,
+            dimensions(row.episode, row.grade, row.disabled_tools),
+            held_out.get((condition(row.episode.key), row.category)),
+        )
+        for row in rows
+    ]
+    return RunSummary(
+        overall=_summary(table),
+        by_category=_grouped(table, lambda row: row.category),
+        by_quadrant=_grouped(table, lambda row: quadrant(row.category)),
+        by_modality=_grouped(table, lambda row: modality(row.category)),
+        by_problem_type=_grouped(table, lambda row: row.problem_type),
+        by_problem_kind=_grouped(table, lambda row: problem_kind(row.problem_type)),
+        by_budget=_grouped(table, lambda row: row.episode.key.budget),
+        by_prompting=_grouped(table, lambda row: row.episode.key.prompting),
+        by_protocol=_grouped(table, lambda row: row.episode.key.protocol),
+        by_agent=_grouped(table, lambda row: row.episode.key.agent),
+        budget_curves=tuple(_budget_curves(rows)),
+        attempts=tuple(_attempts(rows)),
+    )
+
+
+def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
+    """The curve of each condition, on the scenes, seeds and epochs that were scored at all of its budgets."""
+    found: defaultdict[tuple[str, str, str], defaultdict[tuple[int, int, int], dict[int, bool]]]
+    found = defaultdict(lambda: defaultdict(dict))
+    for row in rows:
+        if row.grade.strict is not Verdict.UNSCORED:
+            key = row.episode.key
+            cells = found[key.agent, key.prompting, key.protocol]
+            cells[key.scene, key.seed, key.epoch][key.budget] = row.grade.strict is Verdict.CORRECT
+    for (agent, prompting, protocol), cells in sorted(found.items()):
+        budgets = sorted({budget for verdicts in cells.values() for budget in verdicts})
+        common = [
+            Cell(scene, tuple(verdicts[budget] for budget in budgets))
+            for (scene, _, _), verdicts in sorted(cells.items())
+            if len(verdicts) == len(budgets)
+        ]
+        if len(budgets) > 1 and common:
+            curve = budget_curve(budgets, common)
+            yield ConditionCurve(agent=agent, prompting=prompting, protocol=protocol, curve=curve)
+
+
+def _attempts(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAttempts]:
+    found: defaultdict[Condition, defaultdict[int, list[bool]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        if row.grade.strict is not Verdict.UNSCORED:
+            verdict = row.grade.strict is Verdict.CORRECT
+            found[condition(row.episode.key)][row.episode.key.scene].append(verdict)
+    for one, verdicts in sorted(found.items()):
+        tried = attempts(dict(sorted(verdicts.items())))
+        if tried is not None:
+            yield ConditionAttempts(**one._asdict(), attempts=tried)
+
+
+def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition, str], float]:
+    """G′ of each agent's categories: the mean of the strict accuracies of its *other* categories, each counted once.
+
+    Nothing is pooled over agents, budgets, promptings or protocols. With one category there is no entry.
+    """
+    verdicts: defaultdict[Condition, defaultdict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        if row.grade.strict is not Verdict.UNSCORED:
+            right = row.grade.strict is Verdict.CORRECT
+            verdicts[condition(row.episode.key)][row.category].append(right)
+    return {
+        (condition, category): fmean(fmean(seen) for other, seen in categories.items() if other != category)
+        for condition, categories in verdicts.items()
+        for category in categories
+        if len(categories) > 1
+    }
+
+
+def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> dict[_Name, GroupSummary]:
+    groups: defaultdict[_Name, list[_Row]] = defaultdict(list)
+    for row in table:
+        groups[group(row.source)].append(row)
+    return {name: _summary(groups[name]) for name in sorted(groups)}
+
+
+def _summary(table: Sequence[_Row]) -> GroupSummary:
+    scored = [row for row in table if row.source.grade.strict is not Verdict.UNSCORED]
+    strict = _proportion(scored, lambda grade: grade.strict)
+    normalised = _proportion(scored, lambda grade: grade.normalised)
+    c = _mean([row.scores.c for row in scored])
+    e = _mean([row.scores.e for row in scored])
+    g, g_undefined = _counted([row.scores.g for row in scored])
+    v, v_undefined = _counted([row.scores.v for row in scored])
+    r, r_undefined = _counted([row.scores.r for row in scored])
+    g_prime = None if any(row.g_prime is None for row in scored) else _mean([row.g_prime for row in scored])
+    whole = None if c is None or e is None or g_prime is None else final_score(c, e, g, v, r, g_prime)
+    return GroupSummary(
+        n=len(table),
+        n_scored=len(scored),
+        n_scenes=strict.n_scenes if strict else 0,
+        n_correct=strict.n_correct if strict else 0,
+        strict_accuracy=strict and strict.share,
+        strict_interval=strict and strict.interval,
+        normalised_accuracy=normalised and normalised.share,
+        normalised_interval=normalised and normalised.interval,
+        interval_method=strict and strict.method,
+        c=c,
+        e=e,
+        g=g,
+        v=v,
+        r=r,
+        g_prime=g_prime,
+        final_score=whole,
+        g_undefined=g_undefined,
+        v_undefined=v_undefined,
+        r_undefined=r_undefined,
+        disabled_calls=sum(row.scores.disabled_calls for row in scored),
+        failures=failure_counts((row.source.grade, row.source.failures) for row in scored),
+        outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
+    )
+
+
+def _proportion(scored: Sequence[_Row], verdict: Callable[[Grade], Verdict]) -> Proportion | None:
+    rows = [(row.source.episode.key.scene, verdict(row.source.grade) is Verdict.CORRECT) for row in scored]
+    return proportion(rows) if rows else None
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """The mean of the defined values."""
+    defined = [value for value in values if value is not None]
+    return fmean(defined) if defined else None
+
+
+def _counted(values: Sequence[float | None]) -> tuple[float | None, float | None]:
+    """The mean with undefined values as 0, None if all are; and the share of undefined ones."""
+    if not values:
+        return None, None
+    undefined = sum(value is None for value in values) / len(values)
+    return (None if undefined == 1 else fmean(value or 0.0 for value in values)), undefined

@@ -1,0 +1,1 @@
+"""What speaks MCP: the server, its resources and prompts, and the host of many episodes."""

@@ -1,0 +1,175 @@
+"""Frames for results: what of an episode may be seen now, drawn by a process of its own.
+
+A part is drawn if it looks the same in every variant of the scene, and if it belongs to a fixture that is no object or
+to a known object whose type, size and position the agent may read. An object that moves and whose orientation may not
+be read is drawn as it stood at the start, and only if its position tells where all of it is. The process that draws is
+given those parts alone; when it fails, results come without a frame.
+"""
+
+import base64
+import json
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from threading import Lock, Timer
+
+from physment_mcp.errors import UsageError
+from physment_mcp.scene import load_variants
+from physment_mcp.session import LabObject, Session
+from physment_mcp.world.pictures.framing import View
+from physment_mcp.world.pictures.looks import same_parts
+from physment_mcp.world.pictures.showing import view_of_shown
+from physment_mcp.world.readings import Array
+
+logger = logging.getLogger(__name__)
+
+SHOWING_TOOLS = frozenset({"step", "find_objects"})
+"""Tools whose results carry a frame."""
+_RENDERER = "MUJOCO_GL"
+"""Environment variable by which MuJoCo chooses how to draw."""
+_OFF_SCREEN = ("osmesa", "egl")
+_PATIENCE_S = 60.0
+
+
+class Painter:
+    """The process that draws. One picture at a time; ends with this process or with `close`."""
+
+    def __init__(self) -> None:
+        """Start it.
+
+        Raises:
+            UsageError: Nothing draws off-screen here.
+        """
+        self._lock = Lock()
+        self._process = _started()
+
+    def draw(self, mjcf: str, view: View) -> bytes | None:
+        """A model as a PNG file; None if it could not be drawn. Blocks."""
+        request = {
+            "mjcf": mjcf,
+            "centre": view.centre.tolist(),
+            "distance": view.distance,
+            "extent": view.extent,
+        }
+        with self._lock:
+            try:
+                if self._process.poll() is not None:
+                    self._end()
+                    self._process = _started()
+                reply = _asked(self._process, json.dumps(request))
+            except (OSError, UsageError):
+                reply = ""
+        if not reply:
+            logger.warning("a frame could not be drawn; the result goes without")
+            return None
+        return base64.b64decode(reply)
+
+    def close(self) -> None:
+        """End the process."""
+        with self._lock:
+            self._end()
+
+    def _end(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+class Frames:
+    """The frames of one episode."""
+
+    def __init__(self, session: Session, variants: Sequence[str], painter: Painter) -> None:
+        """Find out what may be drawn.
+
+        Args:
+            session: The episode.
+            variants: MJCF of the scene at other seeds, enough of them to show what depends on the seed.
+            painter: What draws.
+        """
+        self._session, self._painter = session, painter
+        listed = session.objects.values()
+        hidden = {one.body for one in listed if one.permissions.hidden}
+        self._parts = same_parts((*variants, session.scene.mjcf), hidden)
+        self._fixtures = session.world.fixtures({one.body for one in listed})
+        self._turns = _start_turns(session)
+        self._seen: frozenset[str] = frozenset()
+        self._view: View | None = None
+
+    def draw(self) -> bytes | None:
+        """What may be seen now, as a PNG file; None if there is nothing to see or no way to draw it. Blocks.
+
+        The camera stays where it is until other things are seen than before.
+        """
+        world = self._session.world
+        objects = [one for one in self._session.known() if self._may_show(one)]
+        seen = frozenset(one.body for one in objects) | self._fixtures
+        made = {(one.body, 0) for one in objects if one.created}
+        mjcf = world.shown_model(seen, self._parts | made, self._turns)
+        if not mjcf:
+            return None
+        if self._view is None or seen != self._seen:
+            self._view, self._seen = view_of_shown(mjcf), seen
+        return self._painter.draw(mjcf, self._view)
+
+    def _may_show(self, one: LabObject) -> bool:
+        may = self._session.may_read
+        placed = may(one, "orientation") or one.body in self._turns or not self._session.world.is_movable(one.body)
+        return placed and may(one, "type") and may(one, "size") and may(one, "position")
+
+
+def _start_turns(session: Session) -> dict[str, Array]:
+    """How objects stand at the start that can be shown without telling how they turn, by body."""
+    withheld = (one.body for one in session.objects.values() if not session.may_read(one, "orientation"))
+    turns = {body: session.world.turn_at_centre(body) for body in withheld if session.world.is_movable(body)}
+    return {body: turn for body, turn in turns.items() if turn is not None}
+
+
+def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:
+    """What draws the frames of an episode, for a value of `--observations`; None for text alone.
+
+    Raises:
+        UsageError: Nothing draws off-screen here.
+    """
+    if observations == "text":
+        return None
+    painter = Painter()
+    return lambda session: Frames(session, load_variants(session.scene.scene_id, scenes_dir), painter)
+
+
+def _started() -> "subprocess.Popen[str]":
+    chosen = os.environ.get(_RENDERER)
+    for renderer in (chosen,) if chosen else _OFF_SCREEN:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "physment_mcp.world.pictures.painter"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, _RENDERER: renderer},
+            text=True,
+        )
+        if _asked(process, None) == "ready":
+            return process
+        process.kill()
+        process.communicate()
+    raise UsageError(
+        f"--observations rgb: nothing draws off-screen here ({_RENDERER} as {chosen or ' or '.join(_OFF_SCREEN)});"
+        " install libosmesa6"
+    )
+
+
+def _asked(process: "subprocess.Popen[str]", request: str | None) -> str:
+    """The next line of a process, after a request if there is one; empty if it ended or took too long."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    watch = Timer(_PATIENCE_S, process.kill)
+    watch.daemon = True
+    watch.start()
+    try:
+        if request is not None:
+            process.stdin.write(request + "\n")
+            process.stdin.flush()
+        return process.stdout.readline().strip()
+    finally:
+        watch.cancel()

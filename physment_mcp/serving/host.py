@@ -1,0 +1,302 @@
+"""The warm host: many episodes in one process, each an MCP endpoint of its own over HTTP.
+
+`POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL, which is the episode, whether the client keeps
+a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
+
+A host with a token opens episodes for its bearer only. One that other machines can reach wants it with every request,
+but for episodes that were opened with `"max_calls": N`: these are for somebody else to play, who has the URL alone. The
+reply then holds an `owner_token`; only with it (or the token of the host) can the log of the calls be read
+(`GET /episodes/ID/calls`) or the episode be closed.
+"""
+
+import contextlib
+import json
+import logging
+import secrets
+import socket
+import time
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import anyio
+from anyio.abc import TaskGroup, TaskStatus
+from mcp.server.streamable_http_manager import RequestBodyLimitMiddleware, StreamableHTTPSessionManager
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
+
+from physment_mcp.errors import SceneError
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.gate import AddressGate, bears, refuse
+from physment_mcp.serving.server import build_server
+from physment_mcp.serving.slot import Laboratory
+from physment_mcp.session import Session
+
+logger = logging.getLogger(__name__)
+
+MAX_BODY = 1_000_000
+"""Largest accepted request body [bytes]."""
+_KEEP_ALIVE_S = 60
+"""Wall time that an idle connection is kept [s]: longer than clients do (5 s), so that none ends just as it is used."""
+_SWEEP_S = 5.0
+"""Wall time between looks for expired episodes [s], at most."""
+_GONE = (
+    "there is no such episode: it has expired, was closed, or never was; open one with"
+    ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
+)
+_WANTED = "send the token of this host as a bearer token (Authorization: Bearer ...)"
+
+
+class EpisodeRequest(BaseModel):
+    """Body of `POST /episodes`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    scene: int
+    seed: int = 0
+    max_calls: int | None = Field(default=None, ge=1, le=10_000)
+    """Most tool calls, of which the host then keeps a log; None for no limit and no log."""
+
+
+@dataclass(slots=True)
+class _Open:
+    """An open episode."""
+
+    manager: StreamableHTTPSessionManager
+    laboratory: Laboratory
+    close: Callable[[], None]
+    last_used: float
+    in_flight: int = 0
+    owner_token: str | None = None
+    """What closes the episode and opens its log, for it was opened for somebody else; None if it was not."""
+
+
+@dataclass(slots=True)
+class Host:
+    """The episodes of one process."""
+
+    scenes_dir: Path | None = None
+    max_episodes: int = 1000
+    idle_timeout_s: float = 1800.0
+    token: str | None = field(default=None, repr=False)
+    """What opens episodes; None if anybody may."""
+    exposed: bool = False
+    """Whether other machines can reach the host; then the token is wanted with every request."""
+    names: tuple[str, ...] = ()
+    """Names it answers to besides its addresses and loopback."""
+    watch: Callable[[Session], Frames] | None = None
+    """What draws frames for results; None for results of text alone."""
+    _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
+    _opening: int = 0
+    """Episodes on their way to being open; they count for the cap."""
+    _tasks: TaskGroup | None = None
+    _nowhere: StreamableHTTPSessionManager | None = None
+    """Answers, in place of an episode that is gone, how to open one."""
+
+    def __post_init__(self) -> None:
+        assert self.token or not self.exposed, "a host that other machines can reach needs a token"
+
+    def app(self) -> Starlette:
+        """The ASGI application."""
+        routes = [
+            Route("/healthz", self._health),
+            Route("/episodes", self._create, methods=["POST"]),
+            Route("/episodes/{episode_id}", self._delete, methods=["DELETE"]),
+            Route("/episodes/{episode_id}/calls", self._calls, methods=["GET"]),
+            Route("/episodes/{episode_id}/mcp", _Endpoint(self.serve)),
+        ]
+        return Starlette(
+            routes=routes,
+            lifespan=self._lifespan,
+            middleware=[
+                Middleware(AddressGate, names=self.names),
+                Middleware(RequestBodyLimitMiddleware, max_body_size=MAX_BODY),
+            ],
+        )
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
+        async with anyio.create_task_group() as tasks:
+            self._tasks = tasks
+            tasks.start_soon(self._sweep)
+            # Without sessions, so that a client in the middle of one is told too.
+            nowhere = build_server(Laboratory(gone=_GONE))
+            self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
+            yield
+            tasks.cancel_scope.cancel()
+
+    async def _run(
+        self, manager: StreamableHTTPSessionManager
+    ) -> tuple[StreamableHTTPSessionManager, Callable[[], None]]:
+        """Run a manager in a task of its own; returns it and what ends it."""
+        assert self._tasks is not None
+
+        async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
+            with anyio.CancelScope() as scope:
+                async with manager.run():
+                    task_status.started(scope.cancel)
+                    await anyio.sleep_forever()
+
+        return manager, await self._tasks.start(live)
+
+    async def open_episode(self, scene: int, seed: int, max_calls: int | None = None) -> str:
+        """Open an episode and return its unguessable id.
+
+        Args:
+            scene: Which scene.
+            seed: Which variant of it.
+            max_calls: Most tool calls, of which a log is kept; None for no limit and no log.
+
+        Raises:
+            SceneError: The scene cannot be loaded.
+        """
+        laboratory = Laboratory(
+            Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls), watch=self.watch
+        )
+        server = build_server(laboratory)
+        manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
+        episode_id = secrets.token_urlsafe(18)
+        owner_token = None if max_calls is None else secrets.token_urlsafe(24)
+        self._episodes[episode_id] = _Open(manager, laboratory, close, time.monotonic(), owner_token=owner_token)
+        return episode_id
+
+    async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand a request to the MCP server of its episode, or to one that says how to open another."""
+        request = Request(scope)
+        episode = self._episodes.get(scope["path_params"]["episode_id"])
+        if not self._may_play(request, episode):
+            await refuse(401, _WANTED)(scope, receive, send)
+        elif episode is None:
+            assert self._nowhere is not None
+            await self._nowhere.handle_request(scope, receive, send)
+        elif request.method == "GET":
+            # A stream that a client holds open for what may come; holding it is no use of the episode.
+            await episode.manager.handle_request(scope, receive, send)
+        else:
+            episode.in_flight += 1
+            try:
+                await episode.manager.handle_request(scope, receive, send)
+            finally:
+                episode.in_flight -= 1
+                episode.last_used = time.monotonic()
+
+    def _may_play(self, request: Request, episode: _Open | None) -> bool:
+        """Tell whether a request may reach an episode whose URL it knows: with no token or one that is good."""
+        owner_token = None if episode is None else episode.owner_token
+        if self.token is None or bears(request, self.token, owner_token):
+            return True
+        return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
+
+    def _owns(self, request: Request, episode: _Open) -> bool:
+        """Tell whether a request comes from who opened the episode."""
+        if episode.owner_token is None and not self.exposed:
+            return self._may_play(request, episode)  # who opened it has its URL, and gave it to nobody
+        return bears(request, self.token, episode.owner_token)
+
+    async def _health(self, _request: Request) -> Response:
+        return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
+
+    async def _create(self, request: Request) -> Response:
+        if self.token is not None and not bears(request, self.token):
+            return refuse(401, f"episodes are opened with a token; {_WANTED}")
+        try:
+            wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(str(part) for part in first["loc"]) or "body"
+            return refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
+        if len(self._episodes) + self._opening >= self.max_episodes:
+            return refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
+        self._opening += 1
+        try:
+            episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
+        except SceneError as error:
+            logger.warning("scene %d was asked for: %s", wanted.scene, error)
+            # Who bears the token is the operator.
+            return refuse(404, str(error) if self.token else error.told)
+        finally:
+            self._opening -= 1
+        expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
+        url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
+        body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
+        owner_token = self._episodes[episode_id].owner_token
+        if owner_token is not None:
+            body["owner_token"] = owner_token
+        return JSONResponse(body, status_code=201)
+
+    async def _delete(self, request: Request) -> Response:
+        episode_id = request.path_params["episode_id"]
+        episode = self._episodes.get(episode_id)
+        if episode is None:
+            return refuse(404, "no such episode, or it has expired")
+        if not self._owns(request, episode):
+            return refuse(401, "only who opened this episode can close it: send its owner_token as a bearer token")
+        del self._episodes[episode_id]
+        episode.close()
+        return Response(status_code=204)
+
+    async def _calls(self, request: Request) -> Response:
+        episode = self._episodes.get(request.path_params["episode_id"])
+        if episode is None:
+            return refuse(404, "no such episode, or it has expired")
+        if not self._owns(request, episode):
+            return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
+        laboratory = episode.laboratory
+        if laboratory.open_session().max_calls is None:
+            return refuse(404, "no log is kept of this episode; open one with max_calls")
+        start = request.query_params.get("start", "0")
+        if not (start.isdecimal() and len(start) < 10):
+            return refuse(400, "start must be a whole number: the first call to tell, counted from 0")
+        episode.last_used = time.monotonic()
+        # A call that is running belongs to the log, so wait for its end.
+        async with laboratory.lock:
+            calls = [one.as_json() for one in laboratory.log.calls[int(start) :]]
+            return JSONResponse({"ended": laboratory.open_session().ended, "calls": calls})
+
+    async def _sweep(self) -> None:
+        while True:
+            await anyio.sleep(min(_SWEEP_S, self.idle_timeout_s / 2))
+            oldest = time.monotonic() - self.idle_timeout_s
+            for episode_id, episode in list(self._episodes.items()):
+                if not episode.in_flight and episode.last_used < oldest:
+                    del self._episodes[episode_id]
+                    episode.close()
+                    logger.info("an episode expired after %g s without a call", self.idle_timeout_s)
+
+
+class _Endpoint:
+    """An ASGI application as a class, which is how Starlette routes all methods of a path to it."""
+
+    def __init__(self, serve: Callable[[Scope, Receive, Send], Awaitable[None]]) -> None:
+        self._serve = serve
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self._serve(scope, receive, send)
+
+
+def serve(host: Host, address: str, port: int) -> None:
+    """Serve until interrupted; the address, also when the system chose the port, is printed as one JSON line.
+
+    Raises:
+        OSError: The address cannot be listened on.
+    """
+    import uvicorn  # noqa: PLC0415 - half a second that stdio episodes need not wait for
+
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
+    # Inherited by every connection: held-back small packets would cost 40 ms a call.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    bound, chosen = listener.getsockname()[:2]
+    shown = f"[{bound}]" if ":" in bound else bound
+    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
+    config = uvicorn.Config(
+        host.app(), log_level="warning", timeout_graceful_shutdown=2, timeout_keep_alive=_KEEP_ALIVE_S
+    )
+    uvicorn.Server(config).run(sockets=[listener])

@@ -1,0 +1,182 @@
+"""The opening prompt: what any agent is told before its first call. One source for every client.
+
+Rendered from the session's public view at the start of the episode, so it never depends on hidden values.
+"""
+
+import json
+from dataclasses import dataclass
+from enum import StrEnum
+
+from physment_mcp.scene import AnswerForm
+from physment_mcp.serving.examples import EXAMPLES
+from physment_mcp.session import Session
+from physment_mcp.tools import TOOLS
+from physment_mcp.tools.base import Arguments
+
+
+class Prompting(StrEnum):
+    """How much the prompt shows by example."""
+
+    ZERO_SHOT = "zero-shot"
+    ONE_SHOT = "one-shot-cot"
+    FEW_SHOT = "few-shot-cot"
+
+
+class CallProtocol(StrEnum):
+    """How the agent writes its calls."""
+
+    NATIVE = "native"
+    TEXT = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class PromptOptions:
+    """Choices a client may make about the opening prompt."""
+
+    prompting: Prompting = Prompting.ZERO_SHOT
+    protocol: CallProtocol = CallProtocol.NATIVE
+    budget: int | None = None
+
+
+IDLE_INSTRUCTIONS = (
+    "PhysMent is a physics laboratory. No scene is open yet: ask the user to choose the prompt `scene` with a"
+    " scene_id, which opens one and tells you its task. Then experiment with the tools and give one final answer."
+)
+
+_COLUMNS = (
+    ("type", "type"),
+    ("density", "density kg/m³"),
+    ("mass", "mass kg"),
+    ("size", "size m"),
+    ("radius", "radius m"),
+    ("position", "position m"),
+    ("orientation", "orientation"),
+)
+
+
+def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -> str:
+    """The whole opening prompt of an episode.
+
+    Args:
+        session: The episode; only its public view is used.
+        options: Prompting, call protocol and iteration budget.
+    """
+    text = options.protocol is CallProtocol.TEXT
+    scene = session.scene
+    blocks = [
+        "You are an experimental physicist in a simulated laboratory. Nothing is known but what you are told here and"
+        " what you measure.",
+        f"# Scene: {scene.name}\n\n{scene.task}",
+        _objects(session),
+        "# Conventions\n\nSI units. World frame, z up. Vectors are [x, y, z], quaternions [w, x, y, z]. The time step"
+        f" is {session.world.timestep:g} s. Sizes are full edge lengths along the object's own axes.",
+        _tools(session, listing=text),
+        _returns(text=text),
+        *_examples(options.prompting),
+        _answer_form(scene.answer_form, scene.problem_type),
+        "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
+        " again. Assume nothing that you can measure. You can answer once; the answer ends the episode.",
+    ]
+    if text:
+        blocks.append(
+            "# Format\n\nWrite your reasoning as prose, then exactly one JSON list of calls in a ```json block:\n\n"
+            '```json\n[{"tool": "step", "parameters": {"duration": 0.1}}]\n```\n\n'
+            "Calls run in order. A reply without a list that can be read runs nothing and still counts as an iteration."
+        )
+    if options.budget is not None:
+        blocks.append(
+            f"# Budget\n\nYou have {options.budget} iterations. An iteration is one reply of yours, with as many tool"
+            " calls as you like. If you have not answered when they are used up, the task counts as failed."
+        )
+    return "\n\n".join(blocks)
+
+
+def _objects(session: Session) -> str:
+    if not session.opening:
+        return "# Objects\n\nYou see no object that you could name."
+    columns = [(key, title) for key, title in _COLUMNS if any(look[key] is not None for _, look in session.opening)]
+    lines = [
+        "| id | name | " + " | ".join(title for _, title in columns) + " |",
+        "|---" * (2 + len(columns)) + "|",
+    ]
+    for one, look in session.opening:
+        cells = [_cell(look[key]) for key, _ in columns]
+        lines.append("| " + " | ".join([one.object_id, one.name, *cells]) + " |")
+    sealed = [one.object_id for one, _ in session.opening if not one.permissions.actuate]
+    unread = [one.object_id for one, _ in session.opening if not one.permissions.velocity]
+    notes = ["n/a: not shown in this scene." if any("n/a" in line for line in lines) else ""]
+    notes.append(f"Sealed, to be observed but not acted on: {', '.join(sealed)}." if sealed else "")
+    notes.append(f"Velocity and what follows from it withheld: {', '.join(unread)}." if unread else "")
+    return "# Objects\n\n" + "\n".join(lines) + "".join(f"\n\n{note}" for note in notes if note)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "n/a"
+    if isinstance(value, list):
+        return "[" + ", ".join(f"{part:.6g}" for part in value) + "]"  # pyright: ignore[reportUnknownVariableType] - numbers
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _tools(session: Session, *, listing: bool) -> str:
+    disabled = [tool.name for tool in TOOLS if tool.name in session.scene.disabled_tools]
+    parts = ["# Tools"]
+    if listing:
+        parts.append("\n".join(f"- `{tool.name}({_signature(tool.arguments)})`: {tool.description}" for tool in TOOLS))
+    else:
+        parts.append(f"You have {len(TOOLS)} tools; each says what it does, in which units.")
+    if disabled:
+        parts.append(f"Not available in this scene: {', '.join(disabled)}.")
+    return "\n\n".join(parts)
+
+
+def _signature(arguments: type[Arguments]) -> str:
+    return ", ".join(
+        name if field.is_required() else f"{name}={json.dumps(field.default)}"
+        for name, field in arguments.model_fields.items()
+    )
+
+
+def _returns(*, text: bool) -> str:
+    shown = '{"sim_time":0.25,"velocity":[0.0,0.0,-2.4525]}'
+    how = (
+        'To answer: [{"tool": "answer", "parameters": {"answer": 1.23}}].'
+        if text
+        else "To answer, call `answer` with your final answer."
+    )
+    return (
+        f"# Returns\n\nA result is JSON, for example of get_velocity: {shown}. A call that cannot be done returns one"
+        f" sentence that says why, and changes nothing. {how}"
+    )
+
+
+def _examples(prompting: Prompting) -> list[str]:
+    count = {Prompting.ZERO_SHOT: 0, Prompting.ONE_SHOT: 1, Prompting.FEW_SHOT: len(EXAMPLES)}[prompting]
+    if not count:
+        return []
+    return ["# Worked examples from other scenes\n\n" + "\n\n".join(EXAMPLES[:count])]
+
+
+def _answer_form(form: AnswerForm | None, problem_type: str) -> str:
+    number = "a number with at least three significant digits, without its unit"
+    if form is None:
+        by_type = {
+            "comparison": "the id or number the task asks for",
+            "observation": "the number of the case the task asks for",
+            "computation": "a list of numbers in the order of the task",
+        }
+        return f"# Answer\n\nAnswer with {by_type.get(problem_type, number)}."
+    if form.kind == "number":
+        return f"# Answer\n\nAnswer with {number} ({_unit(form.unit)})."
+    if form.kind == "numbers":
+        units = (form.unit,) * len(form.labels) if isinstance(form.unit, str) or form.unit is None else form.unit
+        parts = [f"{label} ({_unit(unit)})" for label, unit in zip(form.labels, units, strict=False)]
+        order = f", in this order: {'; '.join(parts)}" if parts else ""
+        return f"# Answer\n\nAnswer with a list of numbers, each with at least three significant digits{order}."
+    if form.kind in {"choice", "objects"}:
+        return f"# Answer\n\nAnswer with exactly one of: {', '.join(form.options)}."
+    return "# Answer\n\nAnswer with a short text."
+
+
+def _unit(unit: str | tuple[str, ...] | None) -> str:
+    return f"in {unit}" if isinstance(unit, str) and unit != "1" else "no unit"

@@ -1,0 +1,124 @@
+"""The resources of a laboratory: which scenes there are, the open one, where its episode stands, and what was measured.
+
+All of it is what the agent was told or has seen; reading costs no call and moves nothing.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import mcp_types as types
+
+from physment_mcp.serving.icon import ICON
+from physment_mcp.serving.slot import Laboratory
+from physment_mcp.session import Session
+
+FRESH_MS = 3_600_000
+"""How long a client may take what never changes for fresh [ms]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A resource, and how it is written."""
+
+    name: str
+    title: str
+    description: str
+    write: Callable[[Laboratory], dict[str, Any]]
+    settled: bool
+    """Whether it stays as it is while the open episode is the only one."""
+
+
+def _scenes(laboratory: Laboratory) -> dict[str, Any]:
+    return {"scenes": [asdict(card) for card in laboratory.catalogue]}
+
+
+def _scene(laboratory: Laboratory) -> dict[str, Any]:
+    return _nothing_open(laboratory) if laboratory.session is None else _scene_view(laboratory.session)
+
+
+def _episode(laboratory: Laboratory) -> dict[str, Any]:
+    return _nothing_open(laboratory) if laboratory.session is None else _episode_view(laboratory.session)
+
+
+def _measurements(laboratory: Laboratory) -> dict[str, Any]:
+    log = laboratory.log
+    notes = [{"call": number, **one.as_note()} for number, one in enumerate(log.calls, log.left_out + 1)]
+    return {"left_out": log.left_out, "calls": notes}
+
+
+def _nothing_open(laboratory: Laboratory) -> dict[str, Any]:
+    return {"phase": "idle"} if laboratory.gone is None else {"phase": "gone", "why": laboratory.gone}
+
+
+def _scene_view(session: Session) -> dict[str, Any]:
+    scene, form = session.scene, session.scene.answer_form
+    return {
+        "scene_id": scene.scene_id,
+        "name": scene.name,
+        "task": scene.task,
+        "problem_type": scene.problem_type,
+        "objects": [{"object_id": one.object_id, "name": one.name, **look} for one, look in session.opening],
+        "answer": form and {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options},
+        "disabled_tools": sorted(scene.disabled_tools),
+        "timestep_s": session.world.timestep,
+    }
+
+
+def _episode_view(session: Session) -> dict[str, Any]:
+    return {
+        "phase": "answered" if session.over else "ended" if session.ended else "running",
+        "sim_time": session.world.time,
+        "calls": session.calls,
+        **({} if session.max_calls is None else {"max_calls": session.max_calls}),
+        "objects": [one.object_id for one in session.known()],
+    }
+
+
+_VIEWS = {
+    "physment://scene": _View(
+        "scene", "The open scene", "Task, objects and form of the answer, as in the prompt.", _scene, settled=True
+    ),
+    "physment://episode": _View(
+        "episode", "Where the episode stands", "Phase, clock, calls so far, known objects.", _episode, settled=False
+    ),
+    "physment://measurements": _View(
+        "measurements", "What was measured", "Every call of this episode and its result.", _measurements, settled=False
+    ),
+    "physment://scenes": _View(
+        "scenes", "The scenes", "Number, name and task of each scene that can be opened here.", _scenes, settled=True
+    ),
+}
+
+
+def listed_resources() -> list[types.Resource]:
+    """The resources as MCP publishes them."""
+    return [
+        types.Resource(
+            uri=uri,
+            name=view.name,
+            title=view.title,
+            description=view.description,
+            mime_type="application/json",
+            icons=[ICON],
+        )
+        for uri, view in _VIEWS.items()
+    ]
+
+
+def read(laboratory: Laboratory, uri: str) -> types.ReadResourceResult:
+    """A resource as it is now, and how long it will stay so.
+
+    Raises:
+        LookupError: There is no such resource; the message lists those there are.
+    """
+    view = _VIEWS.get(uri)
+    if view is None:
+        raise LookupError(f"there is no resource {uri}; the resources are {', '.join(_VIEWS)}")
+    text = json.dumps(view.write(laboratory), ensure_ascii=False)
+    return types.ReadResourceResult(
+        contents=[types.TextResourceContents(uri=uri, mime_type="application/json", text=text)],
+        ttl_ms=FRESH_MS if view.settled and laboratory.fixed else 0,
+        cache_scope="private",
+    )

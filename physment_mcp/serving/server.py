@@ -1,0 +1,290 @@
+"""One episode, one low-level MCP server: tools, prompt, resources, instructions. Refusals become error results.
+
+Knows MCP; leaves physics to the session and files to `scene`.
+"""
+
+import base64
+import functools
+import logging
+import time
+from typing import Any
+
+import anyio
+import anyio.to_thread
+import mcp_types as types
+from mcp.server import ServerRequestContext
+from mcp.server.caching import CacheHint
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
+
+from physment_mcp import __version__
+from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
+from physment_mcp.serving.frames import SHOWING_TOOLS, Frames
+from physment_mcp.serving.icon import ICON
+from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
+from physment_mcp.serving.resources import FRESH_MS, listed_resources, read
+from physment_mcp.serving.slot import Laboratory
+from physment_mcp.session import Session
+from physment_mcp.tools import TOOLS
+from physment_mcp.tools.calls import call
+
+logger = logging.getLogger(__name__)
+
+_PROMPT = "scene"
+_SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
+GONE = "physment/gone"
+"""Key in `_meta` of a result: there is no episode any more, which is no fault of the agent."""
+
+
+def build_server(laboratory: Laboratory) -> Server[Any]:
+    """An MCP server for one laboratory; connect it to any transport."""
+    service = _Service(laboratory)
+    return Server(
+        "physment-mcp",
+        version=__version__,
+        title="PhysMent laboratory",
+        description="A physics laboratory: find quantities by experiment in a MuJoCo scene.",
+        icons=[ICON],
+        instructions=_instructions(laboratory),
+        cache_hints={
+            "tools/list": _SAME_FOR_ALL,
+            "prompts/list": _SAME_FOR_ALL,
+            "resources/list": _SAME_FOR_ALL,
+            "resources/templates/list": _SAME_FOR_ALL,
+            "server/discover": CacheHint(),
+        },
+        get_tool_input_schema=lambda name: _input_schemas().get(name),
+        on_list_tools=service.list_tools,
+        on_call_tool=service.call_tool,
+        on_list_prompts=service.list_prompts,
+        on_get_prompt=service.get_prompt,
+        on_list_resources=service.list_resources,
+        on_list_resource_templates=service.list_resource_templates,
+        on_read_resource=service.read_resource,
+        on_completion=service.complete,
+    )
+
+
+def _instructions(laboratory: Laboratory) -> str:
+    if laboratory.gone is not None:
+        return laboratory.gone
+    return IDLE_INSTRUCTIONS if laboratory.session is None else opening_prompt(laboratory.session)
+
+
+@functools.cache
+def published_tools() -> tuple[types.Tool, ...]:
+    """The 26 tools as MCP publishes them: always the same, in the same order."""
+    return tuple(
+        types.Tool(
+            name=tool.name,
+            title=tool.title,
+            description=tool.description,
+            input_schema=tool.arguments.model_json_schema(),
+            output_schema=tool.result.model_json_schema(mode="serialization"),
+            annotations=types.ToolAnnotations(
+                title=tool.title,
+                read_only_hint=tool.reads_only,
+                destructive_hint=tool.destructive,
+                idempotent_hint=tool.reads_only or tool.idempotent,
+                open_world_hint=False,
+            ),
+        )
+        for tool in TOOLS
+    )
+
+
+@functools.cache
+def _input_schemas() -> dict[str, dict[str, Any]]:
+    return {tool.name: tool.input_schema for tool in published_tools()}
+
+
+class _Service:
+    """The request handlers of one laboratory."""
+
+    def __init__(self, laboratory: Laboratory) -> None:
+        self._laboratory = laboratory
+
+    async def list_tools(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListToolsResult:
+        return types.ListToolsResult(tools=list(published_tools()))
+
+    async def call_tool(
+        self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams
+    ) -> types.CallToolResult:
+        async with self._laboratory.lock:
+            log, session = self._laboratory.log, self._laboratory.session
+            if session is None or session.ended:
+                return await self._call(ctx, params)
+            started_at = time.monotonic()
+            try:
+                result = await self._call(ctx, params)
+            except BaseException:
+                log.add(params, None, started_at)
+                raise
+            log.add(params, result, started_at)
+            return result
+
+    async def _call(self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams) -> types.CallToolResult:
+        async def report(done: float, total: float) -> None:
+            await ctx.session.report_progress(done, total)
+
+        try:
+            session = self._laboratory.open_session()
+            result = await call(session, params.name, params.arguments or {}, report)
+        except EpisodeGone as gone:
+            return _error(str(gone), {GONE: True})
+        except RefusedCall as refusal:
+            return _error(str(refusal))
+        except Exception as crash:  # a fault of ours must not end the episode
+            # The traceback may name hidden things, so it is not for the default log level.
+            logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
+            logger.debug("traceback", exc_info=True)
+            return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+        content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
+        if self._laboratory.frames is not None and params.name in SHOWING_TOOLS:
+            content += await _frame(self._laboratory.frames)
+        return types.CallToolResult(
+            content=content,
+            structured_content=result.model_dump(mode="json"),
+        )
+
+    async def list_prompts(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListPromptsResult:
+        arguments = [
+            types.PromptArgument(
+                name="scene_id",
+                title="Scene",
+                description="Which scene to open, by its number; needed unless one is open.",
+                # Clients ask the person for what is required, which is how a scene is chosen after an idle start.
+                required=self._laboratory.reopen is not None,
+            ),
+            types.PromptArgument(
+                name="prompting", title="Examples", description=f"How many: {', '.join(Prompting)}.", required=False
+            ),
+            types.PromptArgument(
+                name="protocol",
+                title="Protocol",
+                description=f"How calls are written: {', '.join(CallProtocol)}.",
+                required=False,
+            ),
+            types.PromptArgument(
+                name="budget", title="Budget", description="Number of iterations to announce.", required=False
+            ),
+        ]
+        prompt = types.Prompt(
+            name=_PROMPT,
+            title="Scene",
+            description="The task of a scene and all you need for it.",
+            arguments=arguments,
+            icons=[ICON],
+        )
+        return types.ListPromptsResult(prompts=[prompt])
+
+    async def get_prompt(
+        self, _ctx: ServerRequestContext[Any], params: types.GetPromptRequestParams
+    ) -> types.GetPromptResult:
+        if params.name != _PROMPT:
+            raise _bad_request(f"there is no prompt {params.name!r}; the prompt is {_PROMPT}")
+        arguments = params.arguments or {}
+        options = _prompt_options(arguments)
+        async with self._laboratory.lock:
+            session = self._session_for(arguments.get("scene_id"))
+            text = opening_prompt(session, options)
+        message = types.PromptMessage(role="user", content=types.TextContent(type="text", text=text))
+        return types.GetPromptResult(description=session.scene.name, messages=[message])
+
+    def _session_for(self, scene_id: str | None) -> Session:
+        """The open episode; with an idle start, a scene_id opens a new one."""
+        laboratory = self._laboratory
+        if laboratory.gone is not None:
+            raise _bad_request(laboratory.gone)
+        if laboratory.reopen is None or (scene_id is None and laboratory.session is not None):
+            session = laboratory.open_session()
+            if scene_id is not None and scene_id != str(session.scene.scene_id):
+                raise _bad_request(f"scene {session.scene.scene_id} is open in this episode and cannot be changed")
+            return session
+        if scene_id is None or not _is_count(scene_id):
+            raise _bad_request("scene_id must be the number of a scene, such as 7")
+        try:
+            session = laboratory.reopen(int(scene_id))
+            laboratory.enter(session)
+        except SceneError as error:
+            logger.warning("scene %s was asked for: %s", scene_id, error)
+            raise _bad_request(error.told) from error
+        return session
+
+    async def list_resources(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListResourcesResult:
+        return types.ListResourcesResult(resources=listed_resources())
+
+    async def list_resource_templates(
+        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+    ) -> types.ListResourceTemplatesResult:
+        # Who offers resources is asked for templates too, and an empty list is no error to a client.
+        return types.ListResourceTemplatesResult(resource_templates=[])
+
+    async def read_resource(
+        self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
+    ) -> types.ReadResourceResult:
+        async with self._laboratory.lock:
+            try:
+                return read(self._laboratory, str(params.uri))
+            except LookupError as error:
+                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)}) from None
+
+    async def complete(
+        self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
+    ) -> types.CompleteResult:
+        choices = {
+            "scene_id": [str(one) for one in self._laboratory.scene_ids],
+            "prompting": list(Prompting),
+            "protocol": list(CallProtocol),
+            "budget": ["5", "10", "15", "20"],
+        }.get(params.argument.name, [])
+        matching = [str(one) for one in choices if str(one).startswith(params.argument.value)]
+        return types.CompleteResult(
+            completion=types.Completion(values=matching[:100], total=len(matching), has_more=len(matching) > 100)
+        )
+
+
+def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
+    try:
+        prompting = Prompting(arguments.get("prompting") or Prompting.ZERO_SHOT)
+        protocol = CallProtocol(arguments.get("protocol") or CallProtocol.NATIVE)
+    except ValueError as error:
+        raise _bad_request(
+            f"{error}; prompting is one of {', '.join(Prompting)}, protocol one of {', '.join(CallProtocol)}"
+        ) from None
+    budget = arguments.get("budget")
+    if budget is not None and not (_is_count(budget) and int(budget) > 0):
+        raise _bad_request("budget must be a whole number above 0")
+    return PromptOptions(prompting, protocol, None if budget is None else int(budget))
+
+
+def _is_count(text: str) -> bool:
+    # int() raises on decimal text of more than some thousand digits.
+    return text.isdecimal() and len(text) < 10
+
+
+async def _frame(frames: Frames) -> list[types.ImageContent]:
+    """The frame of a call that is done: nothing that befalls it may undo or hide the result."""
+    png: bytes | None = None
+    try:
+        with anyio.CancelScope(shield=True):
+            png = await anyio.to_thread.run_sync(frames.draw)
+    except Exception as crash:  # noqa: BLE001 - a fault of ours must not end the episode
+        logger.error("no frame: %s", type(crash).__name__)  # noqa: TRY400 - as for the call
+    if png is None:
+        return []
+    return [types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")]
+
+
+def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:
+    return types.CallToolResult(is_error=True, content=[types.TextContent(type="text", text=sentence)], _meta=meta)
+
+
+def _bad_request(sentence: str) -> MCPError:
+    return MCPError(types.INVALID_PARAMS, sentence)

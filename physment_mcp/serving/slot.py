@@ -1,0 +1,86 @@
+"""The place of at most one open episode: which it is, how another is opened, and what was measured in it.
+
+Knows sessions and the log of calls. Knows neither MCP handlers nor transports nor files.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import anyio
+
+from physment_mcp.errors import EpisodeGone, EpisodeOver
+from physment_mcp.scene import SceneCard
+from physment_mcp.serving.call_log import CallLog
+from physment_mcp.serving.frames import Frames
+from physment_mcp.session import Session
+
+KEPT_CALLS = 500
+"""Calls that the log of an episode without a limit keeps: enough to look back, bounded for a host of many."""
+
+
+class Laboratory:
+    """The place of at most one open episode; calls on it run one at a time."""
+
+    def __init__(
+        self,
+        session: Session | None = None,
+        *,
+        reopen: Callable[[int], Session] | None = None,
+        scene_ids: Sequence[int] = (),
+        list_scenes: Callable[[], Sequence[SceneCard]] | None = None,
+        gone: str | None = None,
+        watch: Callable[[Session], Frames] | None = None,
+    ) -> None:
+        """Set up.
+
+        Args:
+            session: The open episode; None for an idle start.
+            reopen: For an idle start, how to open an episode by scene id.
+            scene_ids: Which scenes can be opened; by default the open one.
+            list_scenes: What may be told of those; by default the open one is told of.
+            watch: What draws frames of an episode for results; None for results of text alone.
+            gone: Why no episode can be opened here at all; None if one is or can be.
+        """
+        self.session = session
+        self.reopen = reopen
+        self.scene_ids = scene_ids or ([] if session is None else [session.scene.scene_id])
+        self.gone = gone
+        self.lock = anyio.Lock(fast_acquire=True)
+        self.log = CallLog()
+        self.frames: Frames | None = None
+        self._watch = watch
+        self._list_scenes = list_scenes
+        if session is not None:
+            self.enter(session)
+
+    @property
+    def fixed(self) -> bool:
+        """True if the open episode stays the only one."""
+        return self.reopen is None and self.session is not None
+
+    def enter(self, session: Session) -> None:
+        """Make this the open episode, with an empty log."""
+        frames = None if self._watch is None else self._watch(session)
+        self.session, self.frames = session, frames
+        # Whoever sets a limit reads the log as the record of the episode, which must be whole.
+        self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
+
+    def open_session(self) -> Session:
+        """The open episode.
+
+        Raises:
+            EpisodeGone: There is none any more, and none can be opened here.
+            EpisodeOver: No scene is open yet.
+        """
+        if self.gone is not None:
+            raise EpisodeGone(self.gone)
+        if self.session is None:
+            raise EpisodeOver("no scene is open yet: use the prompt `scene` with a scene_id to open one")
+        return self.session
+
+    @cached_property
+    def catalogue(self) -> tuple[SceneCard, ...]:
+        """What may be told of the scenes that can be opened here."""
+        if self._list_scenes is not None:
+            return tuple(self._list_scenes())
+        return () if self.session is None else (self.session.scene.card,)

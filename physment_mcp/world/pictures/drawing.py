@@ -1,0 +1,123 @@
+"""Models drawn off-screen: our own light and backdrop, the camera placed by what is drawn, smooth edges.
+
+Draw in a process of its own: a graphics library that is missing or broken may end the process that loads it, and
+MuJoCo chooses the library when it is imported, from the environment variable MUJOCO_GL.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from physment_mcp.world.pictures.framing import AZIMUTH_DEG, ELEVATION_DEG, FIELD_DEG, Subject, View, view_of
+from physment_mcp.world.pictures.png import Pixels
+from physment_mcp.world.readings import Array
+
+WIDTH, HEIGHT = 320, 240
+_FINER = 2
+"""Drawn so many times finer and averaged, for smooth edges."""
+_WHITE = (1.0, 1.0, 1.0)
+_LARGE = 12.0
+"""An object so many times larger than any that moves is part of the surroundings, as a floor is."""
+_FAR = 60.0
+"""What is so many times its size away would make specks of things: it is left out of the picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Visible:
+    """Indices of what may be drawn."""
+
+    geoms: tuple[int, ...]
+    tendons: tuple[int, ...]
+
+
+def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A model at its start under our own light, with group 0 for what is drawn and group 5 for the rest."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    for light in spec.lights:
+        light.active = False
+    spec.add_texture(
+        name="backdrop",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=_WHITE,
+        rgb2=_WHITE,
+        width=8,
+        height=8,
+    )
+    model = spec.compile()
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.5
+    model.vis.headlight.specular[:] = 0.1
+    model.vis.global_.fovy = FIELD_DEG
+    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH * _FINER, HEIGHT * _FINER
+    model.geom_group[:], model.geom_group[list(visible.geoms)] = 5, 0
+    model.tendon_group[:], model.tendon_group[list(visible.tendons)] = 5, 0
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def view_on(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> View:
+    """The view that shows what is visible, of which there must be something."""
+    return view_of(_subject(model, data, visible), WIDTH / HEIGHT)
+
+
+def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
+    """A staged model from a view, as (HEIGHT, WIDTH, 3)."""
+    model.stat.extent, model.stat.center[:] = view.extent, view.centre
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, view.distance
+    camera.lookat[:] = view.centre
+    shown = mujoco.MjvOption()
+    shown.geomgroup[:] = shown.tendongroup[:] = (1, 0, 0, 0, 0, 0)
+    shown.sitegroup[:] = 0
+    with mujoco.Renderer(model, HEIGHT * _FINER, WIDTH * _FINER) as renderer:
+        renderer.update_scene(data, camera, shown)
+        fine = renderer.render().astype(np.float64)
+    blocks = fine.reshape(HEIGHT, _FINER, WIDTH, _FINER, 3)
+    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def check_renderer() -> None:
+    """Draw something; raises what the graphics library raises where nothing can be drawn."""
+    model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', Visible((0,), ()))
+    drawn(model, data, View(np.zeros(3), 4.0, 2.0))
+
+
+def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> Subject:
+    """Corners of the boxes round what the scene is about, and round each of its surroundings."""
+    # An unbounded plane has no box; it shows behind the rest.
+    bounded = [geom for geom in visible.geoms if model.geom_rbound[geom] > 0] or list(visible.geoms)
+    boxes = {geom: _box(model, data, geom) for geom in bounded}
+    named = [geom for geom in bounded if model.body(model.geom_bodyid[geom]).name.startswith("object_")] or bounded
+    moving = [_size(boxes[geom]) for geom in named if model.body_weldid[model.geom_bodyid[geom]] != 0]
+    largest, farthest = (_LARGE * max(moving), _FAR * min(moving)) if moving else (np.inf, np.inf)
+    parts = [boxes[geom] for geom in named if _size(boxes[geom]) <= largest]
+    for tendon in visible.tendons:
+        first, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
+        parts.append(data.wrap_xpos.reshape(-1, 3)[first : first + count])
+    things = parts.pop(0)
+    while parts:
+        grown = [np.concatenate([things, part]) for part in parts]
+        nearest = min(range(len(parts)), key=lambda place: _size(grown[place]))
+        if _size(grown[nearest]) > farthest:
+            break
+        things = grown[nearest]
+        parts.pop(nearest)
+    surroundings = [boxes[geom] for geom in bounded if geom not in named or _size(boxes[geom]) > largest]
+    return Subject(things, surroundings, max(moving) if moving else _size(things))
+
+
+def _size(corners: Array) -> float:
+    return float(np.ptp(corners, axis=0).max())
+
+
+def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+    """Corners of a geom's box (8, 3), world axes [m]."""
+    box = model.geom_aabb[geom]
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    local = box[:3] + signs * np.where(box[3:] > 0, box[3:], 1.0)
+    return data.geom_xpos[geom] + local @ data.geom_xmat[geom].reshape(3, 3).T

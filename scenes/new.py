@@ -1,0 +1,37 @@
+"""The start of a new scene: a template that already lints, with its id and category filled in."""
+
+from importlib.resources import files as resources
+from pathlib import Path
+
+from scenes.errors import PackError
+from scenes.pack import CANARY, Category
+
+_FILES = (("scene.json", "scene{}.json"), ("scene.xml", "scene{}.xml"), ("solution.py", "solution.py"))
+
+
+def write_new_scene(folder: Path, scene: int, category: Category) -> Path:
+    """Write `Scene{N}` into a folder of packs, and return where it is.
+
+    Raises:
+        PackError: There is such a scene already, or the folder cannot be written.
+    """
+    target = folder / f"Scene{scene}"
+    template = resources("scenes") / "templates" / _template(category)
+    try:
+        target.mkdir(parents=True)
+        for source, name in _FILES:
+            text = (template / source).read_text(encoding="utf-8")
+            text = text.replace("SCENE_ID", str(scene)).replace("CATEGORY", category).replace("CANARY", CANARY)
+            (target / name.format(scene)).write_text(text, encoding="utf-8")
+    except FileExistsError as error:
+        raise PackError(target, "exists already; choose another id") from error
+    except OSError as error:
+        raise PackError(target, f"cannot be written: {error.strerror}") from error
+    return target
+
+
+def _template(category: Category) -> str:
+    if category.endswith("hidden"):
+        return "hidden"
+    made = category.endswith("creation") or category is Category.CREATE_DELETE_ATTACH
+    return "creation" if made else "plain"

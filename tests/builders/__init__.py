@@ -1,0 +1,1 @@
+"""What several test folders build alike: sessions, packs, records, and where the project's files are."""

@@ -1,0 +1,10 @@
+"""Where the files of the project are, and the published prototype, where a checkout of it lies beside."""
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TESTS = ROOT / "tests"
+DOCS = ROOT / "docs"
+ORIGINAL = Path(os.environ.get("PHYSMENT_ORIGINAL", ROOT.parent / "shared" / "physment-original"))
+"""Scenes and logs of the published prototype; tests that need them are skipped where it is absent."""

@@ -1,0 +1,54 @@
+"""One warm host for the tests of this folder, and programs that play on it from outside."""
+
+import sys
+from collections.abc import AsyncGenerator, Callable
+from pathlib import Path
+
+import pytest
+
+from evaluator.episode.connect import HostLaboratory, LocalHost
+
+PRELUDE = """
+import json
+import sys
+
+import anyio
+from mcp import Client
+
+url = json.load(open(sys.argv[1]))["mcpServers"]["physment"]["url"]
+
+async def play():
+    async with Client(url) as client:
+{body}
+
+anyio.run(play)
+"""
+
+
+@pytest.fixture(scope="module")
+async def host(anyio_backend: str) -> AsyncGenerator[HostLaboratory]:
+    async with LocalHost() as laboratory:
+        yield laboratory
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Callable[..., list[str]]:
+    """The words of a Python program; its first argument is the MCP configuration, its second the prompt."""
+
+    def write(source: str, *words: str) -> list[str]:
+        file = tmp_path / "program.py"
+        file.write_text(source, encoding="utf-8")
+        return [sys.executable, str(file), *(words or ("{mcp_config}", "{prompt}"))]
+
+    return write
+
+
+@pytest.fixture
+def client(program: Callable[..., list[str]]) -> Callable[..., list[str]]:
+    """The words of a program that opens an MCP client and runs the lines it is given."""
+
+    def write(body: str, *words: str) -> list[str]:
+        indented = "\n".join(f"        {line}" for line in body.strip().splitlines())
+        return program(PRELUDE.format(body=indented), *words)
+
+    return write

@@ -1,0 +1,412 @@
+"""Programs that play by themselves, from real MCP clients to ones that crash, hang, overspend or pry."""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+
+import anyio
+import httpx2
+import pytest
+
+from evaluator.agents.external.agent import (
+    ExternalAgent,
+    child_environment,
+    parse_external,
+    play_external,
+    without_secrets,
+)
+from evaluator.agents.external.watched import WatchedEpisode
+from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
+from evaluator.errors import InfrastructureError, UsageError
+from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from tests.builders.paths import ROOT
+
+VERSIONS = Versions(physment="0", protocol="0", pack="0")
+Words = Callable[..., list[str]]
+
+SOLVE = """
+await client.list_tools()
+await client.call_tool("step", {"duration": 0.8})
+told = await client.call_tool("get_velocity", {"object_id": "object_1"})
+speed = abs(told.structured_content["velocity"][2])
+print("The speed is", speed)
+await client.call_tool("answer", {"answer": speed})
+"""
+
+
+def agent_of(words: list[str], **options: float) -> ExternalAgent:
+    return parse_external(words, "host", None, **options)  # pyright: ignore[reportArgumentType] - numbers of both kinds
+
+
+async def play(host: HostLaboratory, words: list[str], budget: int = 20, **options: float) -> Episode:
+    agent = agent_of(words, **options)
+    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=budget)
+    with anyio.fail_after(60):
+        episode = await play_external(agent, host, key, VERSIONS)
+    assert Episode.model_validate_json(episode.model_dump_json()) == episode
+    return episode
+
+
+async def test_a_real_client_solves_a_scene_and_is_judged_by_what_the_laboratory_saw(
+    host: HostLaboratory, client: Words
+) -> None:
+    episode = await play(host, client(SOLVE))
+    assert episode.outcome is Outcome.ANSWERED
+    assert episode.answer == pytest.approx(7.848, rel=0.05)
+    assert [turn.exchanges[0].call.tool for turn in episode.turns] == ["step", "get_velocity", "answer"]
+    assert episode.turns[1].exchanges[0].content is not None
+    assert episode.turns[1].exchanges[0].content["sim_time"] == pytest.approx(0.8)
+    assert [turn.reasoning for turn in episode.turns] == ["", "", f"The speed is {episode.answer}"]
+    assert episode.error is None
+    assert "You may make 200 tool calls" in episode.prompt
+    assert "iterations" not in episode.prompt
+
+
+async def test_calls_beyond_the_budget_are_refused_and_counted_nowhere(host: HostLaboratory, client: Words) -> None:
+    body = """
+for _ in range(5):
+    told = await client.call_tool("step", {"duration": 0.1})
+    print(told.is_error, told.content[0].text if told.is_error else "")
+late = await client.call_tool("answer", {"answer": 7.848})
+print(late.is_error)
+"""
+    episode = await play(host, client(body), max_calls=3)
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, None, 3)
+    assert episode.allowance == episode.max_calls == 3
+    said = episode.turns[-1].reasoning.splitlines()
+    assert [line.split(" ", 1)[0] for line in said] == ["False"] * 3 + ["True"] * 3
+    assert "its 3 calls are used up" in said[3]
+
+
+async def test_an_answer_the_laboratory_refuses_is_none(host: HostLaboratory, client: Words) -> None:
+    tries = """
+await client.call_tool("answer", {"answer": "x" * 20_000})
+await client.call_tool("answer", {"answer": "short"})
+"""
+    episode = await play(host, client(tries))
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, "short", 2)
+
+
+async def test_a_program_that_ends_without_an_answer_is_told_apart(host: HostLaboratory, client: Words) -> None:
+    episode = await play(host, client('await client.call_tool("step", {"duration": 0.1})'))
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.AGENT_ERROR, None, 1)
+    assert episode.error is not None
+    assert "ended without an answer after 1 of 200 calls" in episode.error
+
+
+async def test_a_crash_is_told_by_its_last_words(host: HostLaboratory, program: Words) -> None:
+    episode = await play(host, program("print('hello'); raise SystemExit('thinking\\nout of credit\\n')"))
+    assert (episode.outcome, episode.turns[0].exchanges) == (Outcome.AGENT_ERROR, ())
+    assert episode.error is not None
+    assert episode.error.endswith("ended with code 1: out of credit")
+    assert episode.turns[0].reasoning == "hello"
+
+
+async def test_a_crash_after_the_answer_leaves_the_answer(host: HostLaboratory, client: Words) -> None:
+    episode = await play(host, client('await client.call_tool("answer", {"answer": "x"})\nraise SystemExit(3)'))
+    assert (episode.outcome, episode.answer, episode.error) == (Outcome.ANSWERED, "x", None)
+
+
+async def test_one_that_lingers_after_its_answer_is_stopped_and_its_answer_stands(
+    host: HostLaboratory, client: Words
+) -> None:
+    body = 'await client.call_tool("answer", {"answer": 1})\nprint("done", flush=True)\nawait anyio.sleep(600)'
+    agent = replace(agent_of(client(body)), grace_s=0.1)
+    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    with anyio.fail_after(30):
+        episode = await play_external(agent, host, key, VERSIONS)
+    assert (episode.outcome, episode.answer, episode.turns[-1].reasoning) == (Outcome.ANSWERED, 1, "done")
+
+
+async def test_one_that_hangs_is_stopped_with_all_it_started(
+    host: HostLaboratory, program: Words, tmp_path: Path
+) -> None:
+    note = tmp_path / "pids"
+    source = f"""
+import os, signal, subprocess, sys, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+open({str(note)!r}, "w").write(f"{{os.getpid()}} {{child.pid}}")
+print("waiting", flush=True)
+time.sleep(600)
+"""
+    episode = await play(host, program(source), max_wall_s=1.5)
+    assert episode.outcome is Outcome.AGENT_ERROR
+    assert episode.error is not None
+    assert "gave no answer within 1.5 s and was stopped" in episode.error
+    assert episode.turns[0].reasoning == "waiting"
+    await gone(*map(int, note.read_text(encoding="utf-8").split()))
+
+
+async def test_what_a_program_leaves_running_is_ended_with_it(
+    host: HostLaboratory, program: Words, tmp_path: Path
+) -> None:
+    note = tmp_path / "pid"
+    source = f"""
+import subprocess, sys
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+open({str(note)!r}, "w").write(str(child.pid))
+"""
+    episode = await play(host, program(source))
+    assert episode.outcome is Outcome.AGENT_ERROR
+    await gone(int(note.read_text(encoding="utf-8")))
+
+
+async def test_interruption_ends_the_program_and_closes_the_episode(
+    program: Words, tmp_path: Path, host: HostLaboratory
+) -> None:
+    note = tmp_path / "pid"
+    words = program(f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
+    agent = agent_of(words)
+    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    with anyio.fail_after(30):
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(play_external, agent, host, key, VERSIONS)
+            await until(lambda: note.exists() and bool(note.read_text(encoding="utf-8")))
+            tasks.cancel_scope.cancel()
+    await gone(int(note.read_text(encoding="utf-8")))
+
+
+async def gone(*pids: int) -> None:
+    """Wait until processes are dead; one that nobody reaps counts as dead."""
+    await until(lambda: not any(map(_lives, pids)))
+
+
+async def until(true: Callable[[], bool]) -> None:
+    with anyio.fail_after(10):
+        while True:
+            if true():
+                return
+            await anyio.sleep(0.01)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    return not (stat.exists() and stat.read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z")
+
+
+async def test_the_prompt_comes_on_stdin_where_it_has_no_place(host: HostLaboratory, program: Words) -> None:
+    source = "import sys; print(sys.argv[1:], sys.stdin.read())"
+    episode = await play(host, program(source, "--url={mcp_url}", "{braces}"))
+    said = episode.turns[0].reasoning
+    assert said.startswith(f"['--url={host.base_url}/episodes/")
+    assert "'{braces}'" in said
+    assert said.endswith(episode.prompt)
+
+
+async def test_a_program_finds_an_empty_folder_a_configuration_and_no_trace_of_the_packs(
+    host: HostLaboratory, program: Words
+) -> None:
+    source = """
+import json, os, sys
+print(json.dumps({"cwd": os.listdir(), "env": dict(os.environ), "config": json.load(open(sys.argv[1]))}))
+"""
+    episode = await play(host, program(source))
+    found = json.loads(episode.turns[0].reasoning)
+    assert found["cwd"] == []
+    assert found["config"]["mcpServers"]["physment"]["url"].startswith(f"{host.base_url}/episodes/")
+    assert "PYTEST_CURRENT_TEST" not in found["env"]
+    assert not [value for value in found["env"].values() if str(ROOT) in value]
+
+
+def test_variables_that_tell_of_the_packs_are_left_out(tmp_path: Path) -> None:
+    ours = {
+        "ORDINARY": "kept",
+        "HOME": "/home/someone",
+        "SUITE": f"a {ROOT}/scenes/Scene7",
+        "MINE": str(tmp_path / "Scene7"),
+        "PHYSMENT_ANYTHING": "x",
+        "PWD": "/",
+        "VIRTUAL_ENV": "/",
+        "PATH": os.pathsep.join(["/bin", f"{ROOT}/.venv/bin", "/usr/bin"]),
+    }
+    theirs = {"ORDINARY": "kept", "HOME": "/home/someone", "PATH": f"/bin{os.pathsep}/usr/bin"}
+    assert child_environment(ours, tmp_path) == theirs
+    assert child_environment({}, None) == {"PATH": os.defpath}
+
+
+def test_a_secret_that_a_program_wrote_is_in_no_record() -> None:
+    environment = {
+        "MODEL_API_KEY": "sk-12345678",
+        "LONGER_TOKEN": "sk-12345678-9",
+        "SHORT_KEY": "1",
+        "HOME": "/home/you",
+    }
+    told = "sk-12345678-9 and sk-12345678 in /home/you, 1 of 2"
+    assert without_secrets(told, environment) == "[LONGER_TOKEN] and [MODEL_API_KEY] in /home/you, 1 of 2"
+
+
+async def test_only_the_end_of_much_output_is_kept(host: HostLaboratory, program: Words) -> None:
+    source = "import sys\nfor i in range(200_000): print(i)\nprint('the end')\nsys.stderr.write('y' * 10**6)"
+    episode = await play(host, program(source))
+    said = episode.turns[0].reasoning
+    assert said.endswith("199999\nthe end")
+    assert len(said) <= 20_000
+
+
+async def test_a_host_that_is_gone_is_infrastructure(program: Words) -> None:
+    with pytest.raises(InfrastructureError, match="cannot be reached"):
+        await play(HostLaboratory("http://127.0.0.1:9"), program("pass"))
+
+
+async def test_a_host_killed_in_an_episode_is_infrastructure_and_the_program_is_ended(
+    program: Words, tmp_path: Path
+) -> None:
+    note = tmp_path / "pid"
+    local = LocalHost()
+    async with local as laboratory:
+        assert local._process is not None
+        source = f"""
+import os, time
+open({str(note)!r}, "w").write(str(os.getpid()))
+os.kill({local._process.pid}, {int(signal.SIGKILL)})
+time.sleep(600)
+"""
+        with pytest.raises(InfrastructureError, match="log of calls could not be read"):
+            await play(laboratory, program(source))
+    await gone(int(note.read_text(encoding="utf-8")))
+
+
+async def test_a_laboratory_without_an_address_is_misuse(program: Words) -> None:
+    agent = agent_of(program("pass"))
+    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    with pytest.raises(UsageError, match="needs a laboratory with an address"):
+        await play_external(agent, ProcessLaboratory(("x",)), key, VERSIONS)
+
+
+@pytest.mark.parametrize(
+    ("words", "server", "said"),
+    [
+        ([], "host", "needs a command after --"),
+        ([sys.executable, "{prompt}"], "host", "could not find the laboratory"),
+        (["no-such-program", "{mcp_url}"], "host", "there is no program 'no-such-program'"),
+        ([sys.executable, "{mcp_url}"], "stdio", "--server host, or the URL"),
+        ([sys.executable, "{mcp_url}"], "python -m x", "--server host, or the URL"),
+    ],
+)
+def test_a_command_that_could_not_play_is_misuse(words: list[str], server: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        parse_external(words, server, None)
+
+
+def test_a_path_that_would_not_be_found_is_misuse(tmp_path: Path) -> None:
+    (tmp_path / "agent.py").write_text("", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"write the path in full: .*/agent\.py"):
+        parse_external([sys.executable, os.path.relpath(tmp_path / "agent.py"), "{mcp_url}"], "host", None)
+
+
+def test_who_could_read_the_packs_is_marked_and_kept_apart(tmp_path: Path) -> None:
+    words, ours = [sys.executable, "{mcp_url}"], {"PHYSMENT_HOST_TOKEN": "x"}
+    here = parse_external(words, "host", None)
+    assert here.unsealed is not None
+    assert "who can read the scene packs" in here.unsealed
+    assert here.name.startswith("external-unsealed:python")
+    vouched = parse_external(words, "host", None, vouched=True)
+    assert (vouched.unsealed, vouched.name) == (None, here.name.replace("-unsealed", ""))
+    far = "https://lab.example"
+    same_packs = parse_external(words, far, None, environ=ours)
+    assert same_packs.unsealed == here.unsealed
+    empty = tmp_path / "none"
+    empty.mkdir()
+    assert parse_external(words, far, empty, environ=ours).unsealed is None
+    local = parse_external(words, "http://127.0.0.1:8000", empty, environ=ours)
+    assert local.unsealed == "the host of the laboratory is on the machine where it runs"
+
+
+def test_a_host_on_which_anybody_may_practise_is_not_sealed(tmp_path: Path) -> None:
+    empty = tmp_path / "none"
+    empty.mkdir()
+    for vouched in (True, False):
+        open_to_all = parse_external(
+            [sys.executable, "{mcp_url}"], "https://lab.example", empty, vouched=vouched, environ={}
+        )
+        assert open_to_all.unsealed is not None
+        assert "practise" in open_to_all.unsealed
+
+
+async def test_an_agent_can_open_no_episode_of_its_own_on_the_evaluators_host(program: Words) -> None:
+    source = """
+import json, sys, urllib.error, urllib.request
+base = json.load(open(sys.argv[1]))["mcpServers"]["physment"]["url"].partition("/episodes/")[0]
+request = urllib.request.Request(base + "/episodes", b'{"scene": 7}', {"Content-Type": "application/json"})
+try:
+    print(urllib.request.urlopen(request).status)
+except urllib.error.HTTPError as error:
+    print(error.code)
+"""
+    async with connect("host", None) as laboratory:
+        assert isinstance(laboratory, HostLaboratory)
+        assert laboratory.token is not None
+        assert laboratory.token not in repr(laboratory)
+        episode = await play(laboratory, program(source))
+    assert episode.turns[0].reasoning == "401"
+
+
+def test_what_decides_a_result_can_be_written_down() -> None:
+    agent = parse_external([sys.executable, "{mcp_url}", "--fast"], "host", None, max_calls=7)
+    assert json.loads(json.dumps(agent.facts())) == {
+        "command": [sys.executable, "{mcp_url}", "--fast"],
+        "max_calls": 7,
+        "max_wall_s": 1800.0,
+        "unsealed": agent.unsealed,
+    }
+
+
+def test_calls_follow_the_budget_unless_told() -> None:
+    words = [sys.executable, "{mcp_url}"]
+    assert parse_external(words, "host", None).calls_for(5) == 50
+    assert parse_external(words, "host", None, max_calls=7).calls_for(5) == 7
+
+
+async def test_arguments_that_a_record_cannot_hold_are_left_out_and_said_to_be(
+    host: HostLaboratory, client: Words
+) -> None:
+    body = """
+deep = []
+for _ in range(90):
+    deep = [deep]
+await client.call_tool("step", {"duration": deep})
+await client.call_tool("answer", {"answer": 1})
+"""
+    episode = await play(host, client(body))
+    (first,), (last,) = (turn.exchanges for turn in episode.turns)
+    assert (first.call.arguments, first.is_error) == ({}, True)
+    assert "nests more than" in first.text
+    assert (last.call.arguments, episode.answer) == ({"answer": 1}, 1)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "said"),
+    [
+        (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp"}', "keeps no logs of calls"),
+        (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp", "owner_token": "x"}', "opening prompt"),
+        (401, b'{"error": "episodes are opened with the token of this host"}', "opened no episode: episodes are"),
+    ],
+)
+async def test_a_host_that_is_none_for_this_is_infrastructure(
+    program: Words, web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
+) -> None:
+    with web_server(status, body) as address, pytest.raises(InfrastructureError, match=said):
+        await play(HostLaboratory(address), program("pass"))
+
+
+async def test_a_log_that_is_none_is_infrastructure(
+    web_server: Callable[[int, bytes], AbstractContextManager[str]],
+) -> None:
+    for status, body in ((200, b"<html>"), (200, b'{"calls": 1}'), (500, b"oh")):
+        with web_server(status, body) as address:
+            async with httpx2.AsyncClient(base_url=address) as http:
+                episode = WatchedEpisode("", http, "/episodes/a", "x")
+                assert not await episode.until_end()
+                with pytest.raises(InfrastructureError, match="log of calls could not be read") as failed:
+                    await episode.turns()
+        assert len(str(failed.value).splitlines()) == 1

@@ -1,0 +1,52 @@
+"""The command line of an external agent: its words come through as they are."""
+
+import argparse
+import sys
+
+import pytest
+
+from evaluator.agents.external.agent import ExternalAgent
+from evaluator.commands.run_options import add_options, team_of
+from evaluator.errors import UsageError
+
+
+def parsed(*words: str) -> argparse.Namespace:
+    """As `physment-eval run` parses them: below a sub-command."""
+    parser = argparse.ArgumentParser()
+    add_options(parser.add_subparsers().add_parser("run"))
+    return parser.parse_args(["run", "--server", "host", *words])
+
+
+def external_agent(args: argparse.Namespace) -> ExternalAgent:
+    (agent,) = team_of(args).build().values()
+    assert isinstance(agent, ExternalAgent)
+    return agent
+
+
+def test_the_words_after_the_dashes_are_the_programs_own() -> None:
+    own = ["--print", "--agent", "x", "--", "{mcp_url}", "-h", ""]
+    agent = external_agent(parsed("--agent", "external", "--", sys.executable, *own))
+    assert agent.command == (sys.executable, *own)
+    assert (agent.max_calls, agent.max_wall_s) == (None, 1800.0)
+    assert agent.unsealed
+
+
+def test_its_bounds_and_the_operators_word_are_options() -> None:
+    options = ("--max-calls", "7", "--max-wall-time", "2.5", "--sealed")
+    agent = external_agent(parsed("--agent", "external", *options, "--", sys.executable, "{mcp_url}"))
+    assert (agent.max_calls, agent.max_wall_s, agent.unsealed) == (7, 2.5, None)
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "soon"])
+def test_a_wall_time_that_is_none_is_misuse(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parsed("--max-wall-time", value)
+    assert "is not a time above 0" in capsys.readouterr().err
+
+
+def test_a_command_belongs_to_an_external_agent_and_takes_no_advice() -> None:
+    with pytest.raises(UsageError, match="belongs to --agent external"):
+        team_of(parsed("--agent", "random", "--", sys.executable)).build()
+    words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
+    with pytest.raises(UsageError, match="cannot be told when to answer"):
+        team_of(parsed(*words)).build()

@@ -1,0 +1,55 @@
+"""The pages on external agents and on playing do what they say."""
+
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from evaluator.agents.external.agent import parse_external, play_external
+from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.player import ToolDescription
+from evaluator.protocols.typed import parse_line
+from evaluator.records import EpisodeKey, Outcome, Versions
+from physment_mcp.serving.server import published_tools
+from tests.builders.paths import DOCS
+
+TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in published_tools())
+PAGE = (DOCS / "how-to" / "external-agents.md").read_text(encoding="utf-8")
+
+
+async def test_the_smallest_agent_of_the_page_solves_its_scene(
+    host: HostLaboratory, program: Callable[..., list[str]]
+) -> None:
+    (source,) = re.findall(r"```python file=my_agent\.py\n(.*?)```", PAGE, re.DOTALL)
+    agent = parse_external(program(source, "{mcp_url}"), "host", None)
+    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=20)
+    episode = await play_external(agent, host, key, Versions(physment="0", protocol="0", pack="0"))
+    assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=0.05))
+
+
+def test_the_commands_of_the_page_could_play() -> None:
+    commands = [
+        shlex.split(line.partition(" -- ")[2])
+        for line in PAGE.replace("\\\n", "").splitlines()
+        if line.startswith("physment-eval run") and "COMMAND" not in line
+    ]
+    assert len(commands) == 2
+    for _program, *words in commands:
+        assert parse_external([sys.executable, *words], "host", None).command[1:] == tuple(words)
+
+
+def test_what_the_page_on_playing_shows_is_what_a_person_sees(tmp_path: Path) -> None:
+    page = (DOCS / "how-to" / "human-baseline.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    typed = "".join(f"{line}\n" for line in re.findall(r"left > (.*)", shown))
+    command = [sys.executable, "-m", "evaluator", "play", "7", "--out", "run"]
+    done = subprocess.run(command, cwd=tmp_path, input=typed, capture_output=True, text=True, check=True, timeout=60)
+    seen = done.stdout[done.stdout.index("20 iterations left") :]
+    # A pipe does not show what is typed into it.
+    assert seen.startswith(re.sub(r"(left > ).*\n", r"\1", shown))
+    for line in re.findall(r"`((?:apply_force|attach_objects) .*?)`", page):
+        assert parse_line(line, TOOLS)

@@ -1,0 +1,139 @@
+"""What stopping policies say, when, and that they change nothing else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import pytest
+from mcp import Client
+
+from evaluator.agents.scripted import ScriptedAgent
+from evaluator.agents.stopping import stated_confidence, with_stopping
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.errors import UsageError
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+STEP = ToolCall(tool="step", arguments={"duration": 0.1})
+ANSWER = ToolCall(tool="answer", arguments={"answer": 1})
+ASKED = "In the reasoning of your next reply, state how confident"
+
+
+@dataclass
+class Replies:
+    """Gives the replies it was made with, and keeps what it was told."""
+
+    replies: Sequence[Reply]
+    told: list[Feedback | None] = field(default_factory=list[Feedback | None])
+    name: str = "replies"
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "Replies":
+        return self
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        self.told.append(feedback)
+        return self.replies[len(self.told) - 1]
+
+    @property
+    def notes(self) -> list[str]:
+        return [feedback.note for feedback in self.told if feedback]
+
+
+async def play(agent: Replies | ScriptedAgent, policy: str, budget: int) -> Episode:
+    playing = with_stopping(agent, policy)
+    key = EpisodeKey(scene=7, seed=0, agent=playing.name, budget=budget)
+    versions = Versions(physment="0", protocol="0", pack="0")
+    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+        return await play_episode(playing, client, key, versions)
+
+
+async def test_budget_aware_asks_for_the_answer_in_the_last_two_iterations_alone() -> None:
+    agent = Replies([Reply(calls=(STEP,))] * 4)
+    episode = await play(agent, "budget-aware", budget=4)
+    assert [bool(note) for note in agent.notes] == [False, True, True]
+    assert agent.notes[1:] == [
+        "2 iterations are left: call answer now, with the best value you have.",
+        "This is your last iteration: call answer now, with the best value you have.",
+    ]
+    assert (episode.outcome, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, 4)
+
+
+async def test_confidence_asks_for_one_and_at_the_threshold_for_the_answer() -> None:
+    stated = ["", "Confidence: 0.89", "confidence: 0.95", "no idea any more", ""]
+    agent = Replies([Reply(text, (STEP,)) for text in stated])
+    await play(agent, "confidence", budget=5)
+    assert [note.startswith(ASKED) for note in agent.notes] == [True, True, False, True]
+    assert agent.notes[2] == "You stated a confidence of 0.95: call answer now."
+
+
+async def test_the_threshold_is_the_operators() -> None:
+    agent = Replies([Reply("confidence: 0.5", (STEP,)), Reply("", (ANSWER,))])
+    await play(agent, "confidence:0.5", budget=3)
+    assert agent.notes == ["You stated a confidence of 0.5: call answer now."]
+
+
+async def test_always_leaves_the_agent_as_it_is() -> None:
+    agent = Replies([])
+    assert with_stopping(agent, "always") is agent
+
+
+async def test_what_the_loop_says_comes_first() -> None:
+    agent = Replies([Reply("thinking"), Reply(calls=(ANSWER,))])
+    await play(agent, "budget-aware", budget=2)
+    assert agent.notes == [
+        "Your reply held no tool call.\n"
+        "This is your last iteration: call answer now, with the best value you have."
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("policy", ["budget-aware", "confidence", "confidence:0.25"])
+async def test_a_policy_changes_neither_calls_nor_outcome_nor_what_is_left(policy: str) -> None:
+    script = ((STEP, STEP), (), (STEP,), (ANSWER,))
+    plain, under = [await play(ScriptedAgent("script", {None: script}), one, budget=5) for one in ("always", policy)]
+    assert under.key.agent == f"script+{policy if ':' in policy or policy == 'budget-aware' else 'confidence:0.9'}"
+    assert [
+        (turn.reasoning, turn.note, [(one.call, one.content) for one in turn.exchanges]) for turn in under.turns
+    ] == [(turn.reasoning, turn.note, [(one.call, one.content) for one in turn.exchanges]) for turn in plain.turns]
+    assert (under.outcome, under.answer, under.prompt) == (plain.outcome, plain.answer, plain.prompt)
+
+
+@pytest.mark.parametrize(
+    ("text", "confidence"),
+    [
+        ("confidence: 0.5", 0.5),
+        ("Confidence = .75.", 0.75),
+        ("My confidence is now 0.9, so I go on", 0.9),
+        ("**Confidence:** 1", 1.0),
+        ("**confidence**: 0", 0.0),
+        ("confidence level of about 80%", 0.8),
+        ("confidence (0-1): 0.7", 0.7),
+        ("Confidence (0 to 1) is 0.7", 0.7),
+        ("a confidence of 0 to 1", None),
+        ("confidence: 1/10", None),
+        ("confidence: 1 out of 10", None),
+        ("confidence 0.51-0.6", None),
+        ("95 % confidence interval: 0.8", None),
+        ("confidence: 0.2 at first, then confidence: 0.6", 0.6),
+        ("confidence: 7", None),
+        ("confidence: 0.4 ... confidence: 12", 0.4),
+        ("confidence: 95", None),
+        ("confidence: 100 %", 1.0),
+        ("confidence: 0.5.1", None),
+        ("confident 0.5", None),
+        ("I have no confidence in 0.5", None),
+        ("", None),
+    ],
+)
+def test_a_stated_confidence_is_read_and_nothing_else(text: str, confidence: float | None) -> None:
+    assert stated_confidence(text) == (None if confidence is None else pytest.approx(confidence))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "never", "always:1", "budget-aware:2"] + [f"confidence:{rest}" for rest in ("", "0", "1.1", "nan", "high")],
+)
+def test_a_policy_that_is_none_is_misuse(text: str) -> None:
+    with pytest.raises(UsageError, match="--stopping"):
+        with_stopping(Replies([]), text)

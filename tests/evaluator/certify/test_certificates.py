@@ -1,0 +1,341 @@
+"""Each certificate catches its own fault, planted in a sound scene; the suite's certificates are those of its packs."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluator.certify.certificate import certify, check_sane, play_reference
+from evaluator.certify.keys import check_key
+from evaluator.certify.lint import lint
+from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, read_certificates
+from evaluator.certify.subject import Subject
+from evaluator.certify.twins import check_twins, same
+from evaluator.episode.connect import Laboratory
+from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack, write_new_scene
+
+SCENES = [files.scene_id for files in list_packs()]
+SEEDS = 4
+
+
+class Author:
+    """Writes a sound scene from the template, with one fault planted in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def write(self, category: Category) -> PackFiles:
+        write_new_scene(self.folder, 200, category)
+        return find_pack(200, self.folder)
+
+    def edit(self, files: PackFiles, change: Callable[[dict[str, Any]], None]) -> None:
+        pack = json.loads(files.json.read_text(encoding="utf-8"))
+        change(pack)
+        files.json.write_text(json.dumps(pack), encoding="utf-8")
+
+    def replace(self, file: Path, old: str, new: str) -> None:
+        text = file.read_text(encoding="utf-8")
+        assert old in text
+        file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.fixture
+def author(tmp_path: Path) -> Author:
+    return Author(tmp_path)
+
+
+async def proven(files: PackFiles, laboratory: Callable[[Path], Laboratory]) -> SceneCertificate:
+    return await certify(files, SEEDS, laboratory(files.folder.parent))
+
+
+def failed(certificate: SceneCertificate) -> dict[str, Check]:
+    return {check.name: check for check in certificate.checks if not check.passed}
+
+
+@pytest.mark.parametrize("category", [Category.EASY_SINGLE, Category.EASY_SINGLE_CREATION, Category.EASY_SINGLE_HIDDEN])
+async def test_a_new_scene_is_sound_as_it_is_written(
+    category: Category, author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    certificate = await proven(author.write(category), laboratory)
+    assert not failed(certificate)
+    assert tuple(check.name for check in certificate.checks) == CERTIFICATES
+
+
+async def test_a_wrong_theory_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.solution, 'return knobs["m"]', 'return 1.1 * knobs["m"]')
+    assert "theory gives" in " ".join(failed(await proven(files, laboratory))["key"].reasons)
+
+
+async def test_a_careless_reference_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.solution, "yield [answer(FORCE_N", "yield [answer(1.04 * FORCE_N")
+    (reason,) = {one.split(":")[1].split()[1] for one in failed(await proven(files, laboratory))["key"].reasons}
+    assert reason == "reference"
+
+
+async def test_a_wrong_stored_answer_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack.update(answer=2.1))
+    assert "the stored answer is 2.1" in failed(await proven(files, laboratory))["key"].reasons[0]
+
+
+async def test_a_coarse_engine_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.solution, "engine.step(engine.whole_steps(PUSH_S))", "engine.step(round(PUSH_S / 0.005))")
+    assert "half the time step" in " ".join(failed(await proven(files, laboratory))["key"].reasons)
+
+
+async def test_an_instrument_that_leaks_fails_the_twins(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack["apply"].update({"geom[object_1_geom].size": ["m / 10", "0.1", "0.1"]}))
+    reasons = failed(await proven(files, laboratory))["twins"].reasons
+    assert any("get_parameters(object_1)" in reason for reason in reasons), reasons
+
+
+async def test_a_scene_without_hidden_values_fails_the_twins(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack["knobs"]["m"].update({"log_uniform": None, "choice": [2.0]}))
+    found = failed(await proven(files, laboratory))
+    assert found["twins"].reasons == ("all seeds have the same key",)
+    assert "one constant answer is right on 100%" in found["constant"].reasons[0]
+
+
+async def test_a_lucky_constant_fails(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack["knobs"]["m"].update(log_uniform=[1.8, 2.2]))
+    assert set(failed(await proven(files, laboratory))) == {"constant"}
+
+
+async def test_create_objects_as_decoration_fails_the_modality(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE_CREATION)
+    # Unsealed, the pan can be pushed: no ball is needed to weigh its spring.
+    author.edit(files, lambda pack: pack["object_permissions"]["object_1_permissions"].update(actuate=True))
+    found = failed(await proven(files, laboratory))
+    assert set(found) == {"modality"}
+    assert "create_objects is decoration" in found["modality"].reasons[0]
+
+
+async def test_a_hidden_body_that_is_felt_without_being_found_fails_the_modality(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE_HIDDEN)
+    # The post now moves as its hidden neighbour does, so it can be pushed to weigh it.
+    author.replace(
+        files.mjcf,
+        '<body name="object_1" pos="0 2 0.5">',
+        '<body name="object_1" pos="0 2 0.5"><joint name="j" type="slide" axis="1 0 0"/>',
+    )
+    author.replace(
+        files.mjcf, "</worldbody>", '</worldbody><equality><joint joint1="object_2_joint" joint2="j"/></equality>'
+    )
+    assert "find_objects is decoration" in failed(await proven(files, laboratory))["modality"].reasons[0]
+
+
+async def test_a_hard_scene_solved_by_rote_fails_the_difficulty(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.HARD_SINGLE)
+    author.replace(
+        files.solution,
+        'call("step", duration=PUSH_S),',
+        'call("step", duration=PUSH_S / 4), ' + 'call("step", duration=PUSH_S / 4), ' * 3,
+    )
+    (reason,) = failed(await proven(files, laboratory))["difficulty"].reasons
+    assert "wrong on only 0 of 3" in reason
+
+
+async def test_a_hard_scene_with_an_easy_protocol_fails_the_difficulty(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    found = failed(await proven(author.write(Category.HARD_SINGLE), laboratory))
+    assert "needs only 2 interventions" in found["difficulty"].reasons[0]
+
+
+async def test_one_concept_in_a_multi_scene_fails_the_difficulty(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    found = failed(await proven(author.write(Category.EASY_MULTI), laboratory))
+    assert "two or more concepts" in found["difficulty"].reasons[0]
+
+
+async def test_friction_written_on_one_geom_only_is_not_sane(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(
+        files.mjcf,
+        "<worldbody>",
+        '<worldbody><geom name="floor" type="plane" size="9 9 0.1" pos="0 0 0.9" friction="0.1 0 0"/>',
+    )
+    found = failed(await proven(files, laboratory))
+    assert "the friction of floor is not what acts between floor and object_1_geom" in found["sane"].reasons[0]
+
+
+async def test_a_deep_contact_at_the_start_is_not_sane(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.mjcf, "<worldbody>", '<worldbody><geom size="0.1" pos="-0.25 0 1"/>')
+    assert "a contact is 50 mm deep at the start" in failed(await proven(files, laboratory))["sane"].reasons[0]
+
+
+async def test_energy_from_nowhere_is_not_sane(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    # Negative damping feeds a swing.
+    swing = (
+        '<body name="extra" pos="5 5 1"><joint type="hinge" axis="0 1 0" damping="-0.2"/>'
+        '<geom name="bob" size="0.1" pos="0.5 0 -0.5" mass="1" contype="0" conaffinity="0"/></body>'
+    )
+    author.replace(files.mjcf, "<worldbody>", f"<worldbody>{swing}")
+    (reason,) = failed(await proven(files, laboratory))["sane"].reasons
+    assert "gains mechanical energy" in reason
+
+
+async def test_whatever_a_solution_raises_is_a_reason(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.solution, 'return knobs["m"]', 'return knobs["mass"]')
+    assert "solution.py failed: KeyError('mass')" in failed(await proven(files, laboratory))["key"].reasons[0]
+
+
+async def test_a_pack_that_cannot_be_read_fails_everything(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    files.solution.unlink()
+    found = failed(await proven(files, laboratory))
+    assert set(found) == set(CERTIFICATES)
+    assert "no such file" in found["key"].reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda pack: pack.update(knob={}), "unknown field knob; did you mean knobs?"),
+        (lambda pack: pack["metadata"].update(author="x"), "unknown field metadata.author; nothing reads it"),
+        (lambda pack: pack["knobs"]["m"].update(unit="kg"), "unknown field knobs.m.unit"),
+        (lambda pack: pack.update(canary=None), "canary must be"),
+        (lambda pack: pack.update(number_of_objects=2), "number_of_objects is 2, but 1 objects are listed"),
+        (lambda pack: pack.update(reasoning=""), "reasoning is missing or empty"),
+        (lambda pack: pack["answer_spec"].update(unit=None), "answer_spec.unit is missing"),
+        (lambda pack: pack["answer_spec"].update(kind="choice"), "answer_spec.options is empty"),
+        (lambda pack: pack["answer_spec"].update(kind="choice", options=["1"]), "is not among the options"),
+        (lambda pack: pack["objects"]["object_1"].update(name="heavy cart"), "tells something: heavy"),
+        (lambda pack: pack["objects"]["object_1"].update(object_id="2"), "its XML has no body named object_2"),
+        (lambda pack: pack.update(object_permissions={}), "everything about object_1 would be withheld"),
+        (lambda pack: pack["object_permissions"].update(object_9_permissions={}), "belongs to no object"),
+        (lambda pack: pack["metadata"].update(task="Use apply_force."), "the task names the tool apply_force"),
+        (lambda pack: pack["metadata"].update(task="Push object_3."), "the task names object_3, which is not listed"),
+        (lambda pack: pack.update(disabled_tools={"fly": "x"}), "disabled_tools names fly, which is no tool"),
+        (lambda pack: pack.update(disabled_tools={"get_torque": " "}), "disabled_tools.get_torque gives no reason"),
+        (lambda pack: pack.update(requires=["fly"]), "requires names fly, which is no tool"),
+        (lambda pack: pack.update(disabled_tools={"step": "x"}), "requires names step, which the scene disables"),
+        (lambda pack: pack.update(category="easy-single-hidden"), "a hidden scene has no hidden object"),
+        (lambda pack: pack["knobs"]["m"].update(meaning=""), "knobs.m.meaning is missing"),
+        (lambda pack: pack["knobs"]["m"].update(canonical=9.0), "lies outside the range"),
+        (lambda pack: pack.update(apply={}), "knobs.m is used nowhere"),
+        (lambda pack: pack["knobs"]["m"].update(canonical=3.0), "differs from the canonical knobs in body_mass"),
+        (lambda pack: pack["knobs"]["m"].update(uniform=[1, 2]), "give exactly one of"),
+    ],
+)
+def test_lint_says_what_is_wrong(change: Callable[[dict[str, Any]], None], sentence: str, author: Author) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, change)
+    assert any(sentence in fault for fault in lint(files)), lint(files)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('timestep="0.005"', 'timestep="0.002"', "the time step is 0.002 s"),
+        ("<worldbody>", "<worldbody><!-- the mass is 2 -->", "the XML has comments"),
+        ("</body>", '<body name="knob"><geom size="0.01"/></body></body>', "body 'knob' has no joint"),
+        (
+            "<worldbody>",
+            '<worldbody><body name="object_7"><freejoint/><geom size="1"/></body>',
+            "can move but is no object",
+        ),
+        ("<worldbody>", "<worldbody><body/>", "does not compile"),
+        ("</mujoco>", "", "does not compile"),
+    ],
+)
+def test_lint_says_what_is_wrong_with_the_model(old: str, new: str, sentence: str, author: Author) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.replace(files.mjcf, old, new)
+    if "body/>" in new:
+        author.replace(files.mjcf, "<body/>", '<body pos="0 0"><joint type="free"/></body>')
+    assert any(sentence in fault for fault in lint(files)), lint(files)
+
+
+def test_lint_knows_that_created_balls_are_rough(author: Author) -> None:
+    files = author.write(Category.EASY_SINGLE_CREATION)
+    author.replace(
+        files.mjcf, "<worldbody>", '<worldbody><geom name="floor" type="plane" size="9 9 0.1" friction="0.2 0 0"/>'
+    )
+    assert any(
+        "a created ball has friction 1, which would act instead of that of floor" in fault for fault in lint(files)
+    )
+
+
+def test_lint_wants_objects_numbered_without_gaps(author: Author) -> None:
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack["objects"]["object_1"].update(object_id="2"))
+    author.replace(files.mjcf, 'body name="object_1"', 'body name="object_2"')
+    assert any("number them from object_1 on without gaps" in fault for fault in lint(files)), lint(files)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(scene: int, memory: Laboratory) -> None:
+    files = find_pack(scene)
+    subject = Subject.open(files)
+    episodes = [await play_reference(subject, seed, memory) for seed in range(2)]
+    checks = [check_key(subject, episodes), await check_twins(subject, episodes), check_sane(subject, 1, lint(files))]
+    # Two draws of a choice may agree; that keys differ over twenty is in the stored certificates.
+    assert not [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
+
+
+def test_the_stored_certificates_are_of_these_packs_and_all_sound() -> None:
+    """After a change of a pack: `make verify`."""
+    stored = read_certificates(default_folder())
+    assert stored is not None
+    certificates = {one.scene: one for one in stored.scenes}
+    assert list(certificates) == SCENES
+    for files in list_packs():
+        certificate = certificates[files.scene_id]
+        assert certificate.passed
+        assert certificate.seeds >= 20
+        assert certificate.pack == pack_hash(files), f"scene {files.scene_id} has changed since it was verified"
+
+
+def test_every_category_and_every_instrument_is_used() -> None:
+    packs = [read_pack(files) for files in list_packs()]
+    counts = {category: sum(pack.category is category for pack in packs) for category in Category}
+    assert list(counts.values()) == [9, 5, 5, 15, 5, 5, 15, 5, 5, 15, 5, 5, 11]
+    stored = read_certificates(default_folder())
+    assert stored is not None
+    from evaluator.answers.engine import TOOL_NAMES
+
+    used = {tool: 0 for tool in TOOL_NAMES if tool != "answer"}
+    for certificate in stored.scenes:
+        tools = certificate.checks[CERTIFICATES.index("difficulty")].figures["tools"]
+        assert isinstance(tools, list)
+        for tool in tools:
+            used[tool] += 1
+    assert not [tool for tool, count in used.items() if count < 2]
+
+
+def test_readings_are_compared_to_the_noise_of_arithmetic() -> None:
+    assert same({"a": [1.0, "x", None]}, {"a": (1.0 + 1e-13, "x", None)})
+    assert not same({"a": 1.0}, {"b": 1.0})
+    assert not same([1.0], [1.0, 2.0])
+    assert not same(1.0, 1.0 + 1e-6)
+    assert not same(math.nan, 1.0)

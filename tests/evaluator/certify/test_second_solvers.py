@@ -1,0 +1,43 @@
+"""Another experimenter, who read the opening prompt alone and not the reference protocol, comes to the same key."""
+
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from evaluator.answers.grading import grade
+from evaluator.answers.keys import KeyRing
+from evaluator.certify.driving import drive
+from evaluator.certify.subject import Subject
+from evaluator.records import Verdict
+from scenes import Category, find_pack, read_pack
+
+FOLDER = Path(__file__).parent / "second_solvers"
+SOLVERS = {int(file.stem.removeprefix("scene")): file for file in sorted(FOLDER.glob("scene*.py"))}
+KEYS = KeyRing()
+
+
+def second_solver(scene: int) -> ModuleType:
+    """The module of a second solver; it defines `solve(task)`, a generator like that of a pack's `solution.py`."""
+    spec = spec_from_file_location(f"second_solver_{scene}", SOLVERS[scene])
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("scene", SOLVERS)
+async def test_a_second_solver_comes_to_the_same_key(scene: int, seed: int) -> None:
+    subject = Subject.open(find_pack(scene))
+    driven = await drive(subject.session(subject.draw(seed)), second_solver(scene).solve)
+    assert not driven.failure
+    verdict = grade(driven.answer, KEYS.key(scene, seed))  # pyright: ignore[reportArgumentType] - what a solver submits
+    assert verdict.strict is Verdict.CORRECT, verdict.reason
+
+
+def test_there_are_thirty_second_solvers_over_all_categories() -> None:
+    assert len(SOLVERS) >= 30
+    assert {read_pack(find_pack(scene)).category for scene in SOLVERS} == set(Category)

@@ -1,0 +1,187 @@
+"""The loop against the real laboratory, in memory, with agents whose turns are written down."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mcp_types as types
+import pytest
+from mcp import Client
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
+
+from evaluator.agents.scripted import ScriptedAgent
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent, Briefing, Feedback, Reply
+from evaluator.errors import AgentError, InfrastructureError
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Versions
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+VERSIONS = Versions(physment="0", protocol="0", pack="0")
+STEP = ToolCall(tool="step", arguments={"duration": 0.1})
+LOOK = ToolCall(tool="get_position", arguments={"object_id": "object_1"})
+
+
+def answer(value: object) -> ToolCall:
+    return ToolCall(tool="answer", arguments={"answer": value})
+
+
+def call(tool: str, **arguments: object) -> ToolCall:
+    return ToolCall(tool=tool, arguments=arguments)
+
+
+@dataclass
+class Replies:
+    """An agent that gives the replies it was made with, and keeps what it was told."""
+
+    replies: Sequence[Reply | Exception]
+    told: list[Feedback | None] = field(default_factory=list[Feedback | None])
+    name: str = "replies"
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "Replies":
+        return self
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        self.told.append(feedback)
+        reply = self.replies[len(self.told) - 1] if len(self.told) <= len(self.replies) else Reply()
+        if isinstance(reply, Exception):
+            raise reply
+        return reply
+
+
+async def play(agent: Agent, budget: int = 5) -> Episode:
+    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+        return await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="x", budget=budget), VERSIONS)
+
+
+def script(*turns: tuple[ToolCall, ...]) -> ScriptedAgent:
+    return ScriptedAgent("script", {None: turns})
+
+
+@pytest.mark.parametrize("value", [7.848, "7.848 m/s", [1, "a", 2.5], "", 0, -1e-9])
+async def test_the_answer_is_taken_down_verbatim(value: object) -> None:
+    episode = await play(script((STEP, answer(value))))
+    assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, value)
+
+
+async def test_nothing_after_the_answer_in_a_batch_is_run() -> None:
+    episode = await play(script((answer(1), STEP, answer(2))))
+    assert episode.answer == 1
+    assert [one.returned for one in episode.turns[0].exchanges] == [True, False, False]
+
+
+async def test_an_answer_the_laboratory_refuses_does_not_end_the_episode() -> None:
+    too_long = answer("x" * 20_000)
+    episode = await play(script((too_long, STEP), (answer(3),)))
+    assert (episode.answer, len(episode.turns)) == (3, 2)
+
+
+async def test_a_call_that_fits_no_schema_stops_the_batch_and_what_ran_before_stands() -> None:
+    agent = Replies([Reply(calls=(STEP, call("step", duration="long"), STEP)), Reply(calls=(LOOK, answer(1)))])
+    episode = await play(agent)
+    first = episode.turns[0]
+    assert [(one.returned, one.is_error) for one in first.exchanges] == [(True, False), (False, True), (False, False)]
+    assert "duration" in first.note
+    assert episode.turns[1].exchanges[0].content is not None
+    assert episode.turns[1].exchanges[0].content["sim_time"] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "misfit",
+    [
+        call("fly"),
+        call("step", duration=math.nan),
+        call("step", duration=math.inf),
+        call("step", duration=0.1, hurry=True),
+        call("step"),
+        call("set_velocity", object_id="object_1", velocity_vector=[1, 2]),
+        call("apply_force", object_id="object_1", force_vector=[1, 2, True]),
+    ],
+    ids=str,
+)
+async def test_a_misfit_is_never_run(misfit: ToolCall) -> None:
+    episode = await play(script((misfit,), (answer(1),)))
+    (exchange,) = episode.turns[0].exchanges
+    assert (exchange.returned, exchange.is_error) == (False, True)
+    assert exchange.text
+
+
+async def test_a_refusal_by_the_laboratory_does_not_stop_the_batch() -> None:
+    episode = await play(script((call("get_position", object_id="object_9"), STEP, answer(1))))
+    assert [(one.returned, one.is_error) for one in episode.turns[0].exchanges] == [
+        (True, True),
+        (True, False),
+        (True, False),
+    ]
+
+
+async def test_a_reply_without_a_call_and_one_that_cannot_be_read_cost_an_iteration_each() -> None:
+    agent = Replies([Reply("thinking"), Reply(calls=(), malformed="no list of calls"), Reply(calls=(answer(1),))])
+    episode = await play(agent)
+    assert len(episode.turns) == 3
+    assert "no tool call" in episode.turns[0].note
+    assert "no list of calls" in episode.turns[1].note
+
+
+async def test_the_agent_is_told_truly_how_many_iterations_are_left() -> None:
+    agent = Replies([Reply(calls=(STEP,))] * 3)
+    episode = await play(agent, budget=3)
+    assert [feedback.remaining for feedback in agent.told if feedback] == [2, 1]
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, None, 3)
+    assert "You have 3 iterations" in episode.prompt
+
+
+async def test_an_answer_after_the_budget_is_no_answer() -> None:
+    episode = await play(script((STEP,), (STEP,), (answer(7.848),)), budget=2)
+    assert (episode.outcome, episode.answer) == (Outcome.BUDGET_EXHAUSTED, None)
+
+
+async def test_an_agent_that_cannot_go_on_is_recorded_with_its_reason_and_its_turns() -> None:
+    episode = await play(Replies([Reply(calls=(STEP,)), AgentError("the context is full")]))
+    assert (episode.outcome, episode.error, len(episode.turns)) == (Outcome.AGENT_ERROR, "the context is full", 1)
+
+
+async def test_the_agent_reads_the_very_text_the_laboratory_returned() -> None:
+    agent = Replies([Reply(calls=(STEP, LOOK)), Reply(calls=(answer(1),))])
+    await play(agent)
+    (feedback,) = [one for one in agent.told if one]
+    assert feedback.exchanges[0].text.startswith('{"sim_time":0.1')
+    assert feedback.exchanges[1].content is not None
+    assert feedback.exchanges[1].content["position"][2] < 30
+
+
+async def _no_tools(_ctx: object, _params: object) -> types.ListToolsResult:
+    tools = [types.Tool(name=name, input_schema={"type": "object"}) for name in ("step", "answer")]
+    return types.ListToolsResult(tools=tools)
+
+
+async def _short_prompt(_ctx: object, _params: object) -> types.GetPromptResult:
+    text = types.TextContent(type="text", text="task")
+    return types.GetPromptResult(messages=[types.PromptMessage(role="user", content=text)])
+
+
+async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_breaks_is_no_fault_of_the_agent() -> None:
+    async def call_tool(_ctx: object, params: types.CallToolRequestParams) -> types.CallToolResult:
+        if params.name == "step":
+            raise MCPError(types.INTERNAL_ERROR, "broken")
+        return types.CallToolResult(content=[types.TextContent(type="text", text="{}")], structured_content={})
+
+    server: Server[object] = Server("x", on_list_tools=_no_tools, on_call_tool=call_tool, on_get_prompt=_short_prompt)
+    key = EpisodeKey(scene=7, seed=0, agent="x", budget=5)
+    async with Client(server) as client:
+        episode = await play_episode(script((answer(1),)), client, key, VERSIONS)
+        assert (episode.prompt, episode.answer) == ("task", 1)
+        with pytest.raises(InfrastructureError, match="step did not return"):
+            await play_episode(script((STEP,)), client, key, VERSIONS)
+
+
+async def test_usage_is_added_up_and_a_cost_nobody_knows_stays_unknown() -> None:
+    tokens = Usage(input_tokens=10, output_tokens=3, cached_tokens=1)
+    priced = tokens.model_copy(update={"cost_usd": 0.25})
+    both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(answer(1),), usage=priced)]))
+    assert both.usage == Usage(input_tokens=20, output_tokens=6, cached_tokens=2, cost_usd=0.25)
+    one = await play(Replies([Reply(calls=(answer(1),), usage=tokens)]))
+    assert one.usage is not None
+    assert one.usage.cost_usd is None

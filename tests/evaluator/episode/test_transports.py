@@ -1,0 +1,77 @@
+"""The same script gives the same transcript through every front door."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from mcp import Client
+
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.agents.scripted import ScriptedAgent
+from evaluator.episode.connect import connect
+from evaluator.episode.loop import play_episode
+from evaluator.records import Episode, EpisodeKey, ToolCall, Versions
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+VERSIONS = Versions(physment="0", protocol="0", pack="0")
+
+
+def call(tool: str, **arguments: object) -> ToolCall:
+    return ToolCall(tool=tool, arguments=arguments)
+
+
+TOUR = ScriptedAgent(
+    "tour",
+    {
+        None: (
+            (
+                call("get_parameters", object_id=1),
+                call("create_objects", name="probe", pos=[2, 0, 3], density=800, rgba=[1, 0, 0, 1]),
+                call("apply_force", object_id="probe", force_vector=[1, 0.5, 0]),
+                call("step", duration=0.333),
+                call("get_acceleration", object_id="probe"),
+                call("get_position", object_id="object_9"),
+            ),
+            (call("find_objects"), call("get_center_of_mass"), call("delete_objects", object_id="probe")),
+            (call("step", duration=7), call("get_velocity", object_id="object_1"), call("answer", answer=[1, "a"])),
+        )
+    },
+)
+
+
+def canonical(episode: Episode) -> Mapping[str, Any]:
+    """An episode without its clock times."""
+    timed = {"started_at", "duration_s"}
+    plain = episode.model_dump(exclude=timed)
+    for turn in plain["turns"]:
+        del turn["agent_s"], turn["server_s"]
+        for exchange in turn["exchanges"]:
+            del exchange["duration_s"]
+    return plain
+
+
+async def through(server: str, agent: ScriptedAgent | ReferenceAgent, scene: int) -> Mapping[str, Any]:
+    key = EpisodeKey(scene=scene, seed=3, agent=agent.name, budget=20)
+    async with connect(server, None) as laboratory, laboratory.open(scene, 3) as client:
+        return canonical(await play_episode(agent, client, key, VERSIONS))
+
+
+async def in_memory(mode: Any, agent: ScriptedAgent | ReferenceAgent, scene: int) -> Mapping[str, Any]:
+    key = EpisodeKey(scene=scene, seed=3, agent=agent.name, budget=20)
+    async with Client(build_server(Laboratory(Session(load_scene(scene, 3)))), mode=mode) as client:
+        return canonical(await play_episode(agent, client, key, VERSIONS))
+
+
+@pytest.mark.parametrize(
+    ("agent", "scene"), [(TOUR, 7), (TOUR, 71), (ReferenceAgent(), 96)], ids=["created", "hidden", "reference"]
+)
+async def test_a_transcript_is_the_same_over_stdio_http_and_in_memory(
+    agent: ScriptedAgent | ReferenceAgent, scene: int
+) -> None:
+    expected = await in_memory("auto", agent, scene)
+    assert expected["turns"]
+    assert await in_memory("legacy", agent, scene) == expected
+    assert await through("stdio", agent, scene) == expected
+    assert await through("host", agent, scene) == expected

@@ -1,0 +1,112 @@
+"""Replies that no record could hold are malformed replies: they cost an iteration, and neither end nor spoil a run."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcp import Client
+
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.errors import AgentError
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.store import RunFolder
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.session import Session
+
+STEP = ToolCall(tool="step", arguments={"duration": 0.1})
+
+
+class Saying:
+    """An agent that gives one reply, and then answers 1."""
+
+    name = "saying"
+
+    def __init__(self, reply: Reply | Exception) -> None:
+        self.replies = [reply, Reply(calls=(answer(1),))]
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "Saying":
+        return self
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        reply = self.replies.pop(0)
+        if isinstance(reply, Exception):
+            raise reply
+        return reply
+
+
+def answer(value: object) -> ToolCall:
+    return ToolCall(tool="answer", arguments={"answer": value})
+
+
+def nested(levels: int) -> Any:
+    value: Any = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+async def stored(reply: Reply | Exception, path: Path) -> Episode:
+    """Play, write down, and read again."""
+    folder = RunFolder(path / "run")
+    folder.create(resume=False)
+    key = EpisodeKey(scene=7, seed=0, agent="x", budget=3)
+    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+        episode = await play_episode(Saying(reply), client, key, Versions(physment="0", protocol="0", pack="0"))
+    folder.append_episode(episode)
+    assert list(folder.episodes().values()) == [episode]
+    return episode
+
+
+@pytest.mark.parametrize(
+    ("bad", "problem"),
+    [
+        (answer("\ud800"), "half a surrogate pair"),
+        (ToolCall(tool="step", arguments={"\udfff": 1}), "half a surrogate pair"),
+        (ToolCall(tool="st\ud800ep", arguments={}), "half a surrogate pair"),
+        (answer(nested(64)), "nests more than 64 levels"),
+        (answer(nested(220)), "nests more than 64 levels"),
+        (answer(nested(5000)), "nests more than 64 levels"),
+        (ToolCall(tool="no such tool", arguments={"a": {"b": nested(300)}}), "nests more than 64 levels"),
+        (answer(object()), "is not JSON"),
+        (answer(10**5000), "is not JSON"),
+    ],
+    ids=[
+        "value",
+        "name of an argument",
+        "name of a tool",
+        "65 levels",
+        "220 levels",
+        "5000 levels",
+        "unknown tool",
+        "object",
+        "digits",
+    ],
+)
+async def test_a_call_that_no_record_can_hold_runs_nothing_and_costs_an_iteration(
+    bad: ToolCall, problem: str, tmp_path: Path
+) -> None:
+    episode = await stored(Reply("I try.", (STEP, bad)), tmp_path)
+    assert episode.turns[0].exchanges == ()
+    assert problem in episode.turns[0].note
+    assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, 1, 2)
+
+
+async def test_reasoning_that_is_no_text_is_kept_as_far_as_it_is_and_its_calls_run(tmp_path: Path) -> None:
+    episode = await stored(Reply("so \ud83d and \U0001f600", (answer("ä\u2028\U0001f600"),)), tmp_path)
+    assert episode.turns[0].reasoning == "so ? and \U0001f600"
+    assert episode.answer == "ä\u2028\U0001f600"
+
+
+async def test_what_is_said_of_a_malformed_reply_and_of_an_agents_end_is_text(tmp_path: Path) -> None:
+    malformed = await stored(Reply(malformed="no list in \ud800"), tmp_path / "one")
+    assert malformed.turns[0].note.endswith("no list in ?")
+    ended = await stored(AgentError("refused: \ud800"), tmp_path / "two")
+    assert (ended.outcome, ended.error) == (Outcome.AGENT_ERROR, "refused: ?")
+
+
+async def test_a_list_of_lists_within_bounds_is_a_matter_of_the_tools_schema(tmp_path: Path) -> None:
+    episode = await stored(Reply(calls=(answer(nested(62)),)), tmp_path)
+    (exchange,) = episode.turns[0].exchanges
+    assert (exchange.returned, exchange.is_error) == (False, True)

@@ -1,0 +1,428 @@
+"""The six detectors on episodes made by hand: what each finds, what it passes over, and the evidence it gives."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import JsonValue
+
+from evaluator.__main__ import main
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.strict import AnswerKey
+from evaluator.failures.counting import FailureCount, failure_counts
+from evaluator.failures.detect import failures_of
+from evaluator.failures.findings import Failure, FailureMode, form_of, quote_at
+from evaluator.records import Episode, EpisodeKey, Exchange, Grade, Outcome, ToolCall, Turn, Verdict, Versions
+from scenes.pack import AnswerKind, AnswerSpec, Scalar
+
+OBJECTS = {"object_1": "cart", "object_2": "wall", "object_3": "ball", "object_4": "ball"}
+PROMPT = "| id | name |\n| object_1 | cart |\n| object_2 | wall |\n| object_3 | ball |\n| object_4 | ball |"
+
+
+def number_key(value: Scalar | tuple[Scalar, ...] = 3.2) -> AnswerKey:
+    kind = AnswerKind.NUMBERS if isinstance(value, tuple) else AnswerKind.NUMBER
+    return AnswerKey(value, AnswerSpec(kind=kind), OBJECTS)
+
+
+def call(tool: str, content: dict[str, Any] | None = None, **arguments: Any) -> Exchange:
+    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, content=content or {}, text="read")
+
+
+def refused(tool: str, text: str, **arguments: Any) -> Exchange:
+    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, is_error=True, text=text)
+
+
+def rejected(tool: str, **arguments: Any) -> Exchange:
+    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=False, is_error=True, text="fits no schema")
+
+
+def answered(*turns: Turn, answer: JsonValue = 5.0, said: str = "", budget: int = 10) -> Episode:
+    """An episode that ends with a turn that answers."""
+    last = Turn(reasoning=said, exchanges=(call("answer", answer=answer),))
+    return Episode(
+        key=EpisodeKey(scene=7, seed=0, agent="scripted", budget=budget),
+        outcome=Outcome.ANSWERED,
+        answer=answer,
+        prompt=PROMPT,
+        turns=(*turns, last),
+        started_at="2026-01-01T00:00:00Z",
+        duration_s=0,
+        versions=Versions(physment="0", protocol="0", pack="1"),
+    )
+
+
+def unanswered(*turns: Turn) -> Episode:
+    return answered().model_copy(update={"turns": turns, "outcome": Outcome.BUDGET_EXHAUSTED, "answer": None})
+
+
+def turn(*exchanges: Exchange, said: str = "") -> Turn:
+    return Turn(reasoning=said, exchanges=exchanges)
+
+
+def found(episode: Episode, key: AnswerKey | None = None) -> dict[FailureMode, Failure]:
+    key = key or number_key()
+    return {one.mode: one for one in failures_of(episode, grade_episode(episode, key), form_of(key))}
+
+
+LOOK = call("get_position", {"position": [1.0, 0.0, 0.0]}, object_id="object_1")
+WAIT = call("step", {"sim_time": 1.0}, duration=1.0)
+PUSH = call("apply_force", object_id="object_1", force_vector=[1.0, 0.0, 0.0])
+SPEED = call("get_velocity", {"velocity": [5.0, 0.0, 0.0]}, object_id="object_1")
+REST = call("get_velocity", {"velocity": [0.0, 0.0, 0.0], "sim_time": 0.05}, object_id="object_1")
+SOUND = (turn(PUSH, WAIT), turn(SPEED, said="I read the speed."))
+
+
+def test_a_sound_episode_shows_nothing_even_if_it_is_wrong() -> None:
+    assert found(answered(*SOUND, said="The cart moves at 5 m/s.")) == {}
+
+
+def test_unscored_episodes_show_nothing() -> None:
+    key = number_key()
+    unscored = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
+    assert failures_of(answered(said="It is 5."), unscored, form_of(key)) == ()
+
+
+# Premature answer.
+@pytest.mark.parametrize(
+    "turns",
+    [
+        (),
+        (turn(PUSH, WAIT),),
+        (turn(refused("get_position", "object_1's position is withheld", object_id="object_1")),),
+        (turn(said="I think."),),
+    ],
+)
+def test_an_answer_before_any_reading_is_premature(turns: tuple[Turn, ...]) -> None:
+    failure = found(answered(*turns, said="A textbook case. So it is 5."))[FailureMode.PREMATURE_ANSWER]
+    (evidence,) = failure.evidence
+    assert (evidence.turn, evidence.quote) == (len(turns), "A textbook case.")
+    assert evidence.numbers == {"iterations_used": len(turns) + 1, "budget": 10, "readings": 0}
+    assert f"{9 - len(turns)} of 10 iterations left" in failure.explanation
+
+
+def test_readings_beside_the_answer_were_not_read() -> None:
+    episode = answered()
+    last = turn(LOOK, call("answer", answer=5.0))
+    assert FailureMode.PREMATURE_ANSWER in found(episode.model_copy(update={"turns": (last,)}))
+    assert FailureMode.PREMATURE_ANSWER not in found(episode.model_copy(update={"turns": (turn(LOOK), last)}))
+
+
+def test_the_last_iteration_is_not_too_early() -> None:
+    assert FailureMode.PREMATURE_ANSWER in found(answered(turn(PUSH, WAIT), budget=3))
+    assert FailureMode.PREMATURE_ANSWER not in found(answered(turn(PUSH, WAIT), budget=2))
+
+
+# Too little simulated time.
+@pytest.mark.parametrize(
+    ("turns", "simulated"),
+    [
+        ((turn(REST),), 0.0),
+        ((turn(PUSH), turn(LOOK)), 0.0),
+        ((turn(PUSH, call("step", duration=0.05), REST),), 0.05),
+        ((turn(PUSH, refused("step", "step: duration must be positive", duration=9.0), REST),), 0.0),
+        ((turn(call("detect_collision", {"collision_detected": False, "sim_time": 0.0})),), 0.0),
+        ((turn(call("get_momentum", {"momentum": {"x": 0.0, "y": 1e-17, "z": 0.0}})),), 0.0),
+    ],
+)
+def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float) -> None:
+    failure = found(answered(*turns))[FailureMode.TOO_LITTLE_TIME]
+    assert failure.evidence[0].numbers == {"simulated_s": simulated, "least_s": 0.1}
+    place = failure.evidence[0]
+    assert place.exchange is not None
+    assert turns[place.turn].exchanges[place.exchange].call.tool == place.quote
+
+
+@pytest.mark.parametrize(
+    "turns",
+    [
+        (turn(LOOK),),
+        # What moves after a moment may well be judged at that moment.
+        (turn(SPEED),),
+        (turn(PUSH, call("step", duration=0.01), SPEED, REST),),
+        (turn(call("detect_collision", {"collision_detected": True})),),
+        (turn(PUSH, call("step", duration=0.1), REST),),
+        (turn(PUSH, call("step", duration=0.06), call("step", duration=0.06), REST),),
+        (turn(call("create_objects", name="probe"), call("attach_objects")),),
+    ],
+)
+def test_statics_and_enough_time_are_not_rash(turns: tuple[Turn, ...]) -> None:
+    assert FailureMode.TOO_LITTLE_TIME not in found(answered(*turns))
+
+
+@pytest.mark.parametrize(
+    ("said", "rash"),
+    [
+        ("So the period is about 2.2 s.", True),
+        ("So the period is about 0.9 s.", False),
+        ("The periodic force acts for 2.2 s.", False),
+        ("The period is 2.2 m.", False),
+    ],
+)
+def test_a_period_longer_than_was_watched_is_rash(said: str, *, rash: bool) -> None:
+    failure = found(answered(*SOUND, said=said)).get(FailureMode.TOO_LITTLE_TIME)
+    assert (failure is not None) == rash
+    if failure is not None:
+        assert failure.evidence[0].numbers == {"simulated_s": 1.0, "period_s": 2.2}
+        assert failure.evidence[0].quote == said
+
+
+def test_an_episode_without_an_answer_judged_nothing() -> None:
+    assert found(unanswered(turn(REST))) == {}
+    assert found(unanswered()) == {}
+
+
+# Answer format.
+CHOICE = AnswerKey("left", AnswerSpec(kind=AnswerKind.CHOICE, options=("left", "right", "neither")), OBJECTS)
+NUMBERED = AnswerKey("1", AnswerSpec(kind=AnswerKind.CHOICE), OBJECTS)
+CART = AnswerKey("object_1", AnswerSpec(kind=AnswerKind.OBJECTS), OBJECTS)
+LENGTH = AnswerKey(3.2, AnswerSpec(kind=AnswerKind.NUMBER, unit="m"), OBJECTS)
+
+
+@pytest.mark.parametrize(
+    ("key", "answer", "why"),
+    [
+        (number_key((1.0, 2.0)), "5.0", "2 values were asked for"),
+        (number_key((1.0, 2.0)), [1.0, 2.0, 3.0], "2 values were asked for"),
+        (number_key(), [1.0, 2.0], "one value was asked for"),
+        (number_key(), "quickly", "words, where a number was asked for"),
+        (LENGTH, "320 cm", "right, but for its form (partial answer format)"),
+        (CHOICE, "upwards", "none of the options"),
+        (NUMBERED, "increases", "words, where a number was asked for"),
+        (CART, "the cart on the left", "no id of an object"),
+    ],
+)
+def test_an_answer_in_another_form(key: AnswerKey, answer: JsonValue, why: str) -> None:
+    failure = found(answered(*SOUND, answer=answer), key)[FailureMode.ANSWER_FORMAT]
+    assert failure.explanation == f"It answered in another form than was asked for: {why}."
+    assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (2, 0)
+
+
+@pytest.mark.parametrize(
+    ("key", "answer"),
+    [
+        (number_key(), 5.0),
+        (number_key(), "3.2"),
+        (number_key((1.0, 2.0)), "1.0, 5.0"),
+        (CHOICE, " Right"),
+        (CART, "object_2"),
+        (CART, "2"),
+        (NUMBERED, "2"),
+        (AnswerKey("friction", AnswerSpec(kind=AnswerKind.TEXT), OBJECTS), "inertia"),
+    ],
+)
+def test_a_wrong_or_right_answer_in_the_form_asked_for(key: AnswerKey, answer: JsonValue) -> None:
+    assert FailureMode.ANSWER_FORMAT not in found(answered(*SOUND, answer=answer), key)
+
+
+@pytest.mark.parametrize("value", [7.25, (7.25, 8.5)])
+def test_no_finding_tells_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
+    failures = found(answered(answer="quickly", said="It is fast."), number_key(value))
+    told = " ".join(one.model_dump_json() for one in failures.values())
+    assert FailureMode.ANSWER_FORMAT in failures
+    assert "7.25" not in told
+    assert "8.5" not in told
+
+
+# Object ids.
+@pytest.mark.parametrize(
+    "exchange",
+    [
+        refused("get_position", "there is no object 'object_9'; the objects are object_1", object_id="object_9"),
+        refused("get_position", "Body with name 'object_9' not found in the scene.", object_id="object_9"),
+        rejected("apply_force", object_id="object_9", force_vector=[1.0]),
+    ],
+)
+def test_an_object_that_the_agent_cannot_know_of(exchange: Exchange) -> None:
+    failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.OBJECT_ID]
+    assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (0, 1)
+    assert failure.explanation == "It named an object that it did not know of in 1 call."
+
+
+@pytest.mark.parametrize(
+    "exchange",
+    [
+        refused("get_position", "the position of object_2 is withheld", object_id="object_2"),
+        refused("set_velocity", "Joint named object_1_joint not found.", object_id="object_1"),
+        rejected("apply_force", object_id="object_1", force_vector=[1.0]),
+        refused("create_objects", "create_objects: there is an object 'probe' already", name="probe"),
+    ],
+)
+def test_an_object_that_cannot_be_used_so_is_not_confused(exchange: Exchange) -> None:
+    assert FailureMode.OBJECT_ID not in found(answered(turn(exchange), *SOUND))
+
+
+def test_ids_that_returns_told_exist() -> None:
+    told = call("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
+    misfit = rejected("apply_force", object_id="object_9", force_vector=[1.0])
+    assert FailureMode.OBJECT_ID in found(answered(turn(misfit), *SOUND))
+    assert FailureMode.OBJECT_ID not in found(answered(turn(told, misfit), *SOUND))
+
+
+@pytest.mark.parametrize(
+    ("said", "mistaken"),
+    [
+        ("The cart (object_2) hits first.", True),
+        ("Look at object_1 (wall), it moves.", True),
+        ("`object_2` (`cart`) hits first.", True),
+        ("The cart (object_1) hits the wall (object_2).", False),
+        ("The ball (object_3) and object_4 (ball) are alike.", False),
+        ("The heavy one (object_2) hits first.", False),
+    ],
+)
+def test_an_id_with_the_name_of_another_object(said: str, *, mistaken: bool) -> None:
+    failure = found(answered(*SOUND, said=said)).get(FailureMode.OBJECT_ID)
+    assert (failure is not None) == mistaken
+    if failure is not None:
+        assert (failure.explanation, failure.evidence[0].quote) == ("It took one object for another.", said)
+
+
+# Parameters.
+@pytest.mark.parametrize(
+    "exchange",
+    [
+        rejected("set_velocity", object_id="object_1", velocity_vector=[1.0, 0.0]),
+        refused("step", "step: duration must be greater than 0", duration=-1.0),
+        refused("set_velocity", "Failed to set velocity: velocity_vector must be a list of 3", object_id="object_1"),
+        call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass="MASS_FROM_PREVIOUS_RESULT"),
+    ],
+)
+def test_arguments_that_do_not_fit(exchange: Exchange) -> None:
+    failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.WRONG_PARAMETER]
+    assert [(one.turn, one.exchange) for one in failure.evidence] == [(0, 1)]
+
+
+@pytest.mark.parametrize(("mass", "wrong"), [(1.0, True), (2.2, True), (2.05, False), (2.0, False)])
+def test_another_mass_than_was_measured(mass: float, *, wrong: bool) -> None:
+    energy = call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass=mass)
+    weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
+    failure = found(answered(turn(energy, weigh), *SOUND)).get(FailureMode.WRONG_PARAMETER)
+    assert (failure is not None) == wrong
+    if failure is not None:
+        assert failure.evidence[0].numbers == {"given_kg": mass, "measured_kg": 2.0}
+
+
+@pytest.mark.parametrize(
+    "exchange",
+    [
+        call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_2", mass=7.0),
+        refused("move_object", "object_2 is fixed in the laboratory and cannot move", object_id="object_2", x=1.0),
+        call("attach_objects", object1_id="object_1", object2_id="object_2", joint="fixed"),
+        call("create_objects", name="probe", pos=[0.0, 0.0, 1.0], density=1.0),
+        call("get_position", object_id="1"),
+    ],
+)
+def test_calls_that_fit_are_no_wrong_parameters(exchange: Exchange) -> None:
+    weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
+    assert FailureMode.WRONG_PARAMETER not in found(answered(turn(weigh, exchange), *SOUND))
+
+
+# Theory and simulation.
+@pytest.mark.parametrize(
+    ("episode", "words"),
+    [
+        (answered(said="By energy conservation it is 5."), "without a reading"),
+        (answered(*SOUND, said="I will calculate this analytically: 5."), "set aside"),
+        (answered(*SOUND, said="The textbook value is 5."), "set aside"),
+        (answered(*SOUND, said="I'll assume a standard angle, so 5."), "set aside"),
+        (answered(turn(LOOK), said="Given the names, it is 5."), "what the objects are called"),
+        (answered(*SOUND, said="Its naming indicates that it is 5."), "what the objects are called"),
+        (answered(*SOUND, said="Despite the name, which implies 3, I trust the unusual 5."), "called unexpected"),
+        (answered(*SOUND, turn(said="The speed contradicts what I expect."), said="It is 5."), "called unexpected"),
+        (answered(*SOUND, said="A counterintuitive value, but it is 5."), "called unexpected"),
+    ],
+)
+def test_theory_over_simulation_or_the_reverse(episode: Episode, words: str) -> None:
+    failure = found(episode)[FailureMode.THEORY_OR_SIMULATION]
+    assert words in failure.explanation
+    place = failure.evidence[0]
+    assert place.quote
+    assert place.quote in episode.turns[place.turn].reasoning
+
+
+@pytest.mark.parametrize(
+    "episode",
+    [
+        answered(*SOUND, said="This matches the theoretical value: 5."),
+        answered(turn(LOOK), said="I'll assume a standard angle, so 5."),
+        answered(said="I guess."),
+        answered(),
+        unanswered(turn(said="By theory it is 5.")),
+        answered(turn(said="An unexpected result."), *SOUND, turn(LOOK), turn(LOOK), said="It is 5."),
+    ],
+)
+def test_theory_that_agrees_or_has_nothing_to_set_aside(episode: Episode) -> None:
+    assert FailureMode.THEORY_OR_SIMULATION not in found(episode)
+
+
+# Counting and quoting.
+def test_counts_have_every_mode_and_tell_wrong_answers_apart() -> None:
+    key = number_key(5.0)
+    right, wrong = answered(said="It is 5."), answered(answer=9.0, said="It is 9.")
+    grades = [grade_episode(one, key) for one in (right, wrong)]
+    lost = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
+    shown = failures_of(right, grades[0], form_of(key))
+    counts = failure_counts([(grades[0], shown), (grades[1], shown), (lost, shown)])
+    assert counts[FailureMode.PREMATURE_ANSWER] == FailureCount(n=2, n_incorrect=1)
+    assert counts[FailureMode.OBJECT_ID] == FailureCount(n=0, n_incorrect=0)
+    assert list(counts) == list(FailureMode)
+
+
+def test_a_quote_is_the_sentence_at_a_place_and_short() -> None:
+    text = "First this. Then that happened!\nAt last 3.5 m."
+    assert quote_at(text) == "First this."
+    assert quote_at(text, text.index("that")) == "Then that happened!"
+    assert quote_at(text, text.index("3.5")) == "At last 3.5 m."
+    assert quote_at("") == ""
+    assert len(quote_at("word " * 500, 1200)) <= 160
+    assert "word" in quote_at("word " * 500, 1200)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        "cart (object_2), ",
+        "object_1 (wall) ",
+        "the name 1",
+        "match ",
+        "period 1",
+        "expected ",
+        "assume ",
+        "given the ",
+        "x",
+    ],
+)
+def test_long_reasoning_is_judged_in_no_time(piece: str) -> None:
+    said = piece * (100_000 // len(piece))
+    began = time.process_time()
+    found(answered(*SOUND, turn(LOOK, said=said), said=said))
+    assert time.process_time() - began < 5
+
+
+def test_a_finding_shows_no_more_places_than_can_be_read() -> None:
+    unknown = refused("get_position", "there is no object 'object_9'", object_id="object_9")
+    misfit = rejected("step", duration="long")
+    failures = found(answered(turn(*[unknown] * 50, *[misfit] * 50), said="The cart (object_2) moves. " * 50))
+    assert failures[FailureMode.OBJECT_ID].explanation == (
+        "It named an object that it did not know of in 50 calls and took one object for another."
+    )
+    assert len(failures[FailureMode.OBJECT_ID].evidence) == 40
+    assert len(failures[FailureMode.WRONG_PARAMETER].evidence) == 20
+
+
+# A whole run.
+def test_the_reference_shows_no_failure_and_the_summary_counts_them_all(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert main(["run", "--agent", "reference", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) == 0
+    overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
+    assert overall["n_scored"] == 2
+    assert overall["failures"] == {mode.value: {"n": 0, "n_incorrect": 0} for mode in FailureMode}
+
+
+def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert main(["run", "--agent", "blind", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) in {0, 1}
+    overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
+    wrong = overall["n_scored"] - overall["n_correct"]
+    assert overall["failures"]["premature_answer"] == {"n": 2, "n_incorrect": wrong}

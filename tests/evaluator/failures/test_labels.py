@@ -1,0 +1,236 @@
+"""The detectors and the provenance links, held against labels given by hand to the authors' published logs.
+
+`labels.json` holds ids and labels alone: agent, scene and epoch of an episode, the stratum it was drawn from, and the
+failure modes that a reader saw; and agent, scene, epoch, turn and place of a number, and whether it was read from a
+return. The logs and packs are not part of this repository: PHYSMENT_ORIGINAL names the folder that holds them.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import NamedTuple
+
+import pytest
+
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
+from evaluator.failures.detect import failures_of
+from evaluator.failures.findings import FailureMode, form_of
+from evaluator.original.as_logged import as_logged
+from evaluator.original.logs import find_logs
+from evaluator.original.play import scene_of
+from evaluator.records import Episode, EpisodeKey, Grade, Verdict, Versions
+from evaluator.scores.dimensions import EpisodeScores, dimensions
+from evaluator.scores.grounding import grounding_of
+from evaluator.study.selection import parse_scenes
+from scenes import read_pack
+from tests.builders.paths import DOCS, ORIGINAL
+
+HERE = Path(__file__)
+DOC = DOCS / "explanation" / "failure-modes.md"
+BEGIN, END = "<!-- measured -->\n", "<!-- end -->\n"
+LABELS = json.loads(HERE.with_name("labels.json").read_text(encoding="utf-8"))
+SAMPLES = ("first", "second", "third")
+
+needs_logs = pytest.mark.skipif(
+    not (ORIGINAL / "logs").is_dir(),
+    reason="the authors' logs are not part of the repository; PHYSMENT_ORIGINAL names the folder that holds them",
+)
+
+Id = tuple[str, int, int]
+"""Agent, scene, epoch."""
+
+
+class Judged(NamedTuple):
+    """An episode as it was logged, its grade and scores, and the modes that the detectors find."""
+
+    episode: Episode
+    grade: Grade
+    scores: EpisodeScores
+    found: frozenset[str]
+
+
+class Agreement(NamedTuple):
+    """How findings agree with labels."""
+
+    both: int
+    found_only: int
+    labelled_only: int
+
+    @property
+    def precision(self) -> float | None:
+        found = self.both + self.found_only
+        return self.both / found if found else None
+
+    @property
+    def recall(self) -> float | None:
+        labelled = self.both + self.labelled_only
+        return self.both / labelled if labelled else None
+
+
+@pytest.fixture(scope="module")
+def judged() -> dict[Id, Judged]:
+    """All logged episodes."""
+    packs = ORIGINAL / "Scenes"
+    names = {files.scene_id: read_pack(files).metadata.scene_name for files in parse_scenes(None, packs)}
+    keys, epochs = KeyRing(packs), Counter[Id]()
+    rows: dict[Id, Judged] = {}
+    for log in find_logs(ORIGINAL / "logs"):
+        scene = scene_of(log, names)
+        if scene is None or not log.replies:
+            continue
+        epochs[log.model, log.budget, scene] += 1
+        key = EpisodeKey(
+            scene=scene,
+            seed=0,
+            agent=log.model,
+            budget=max(log.budget, len(log.replies)),
+            epoch=epochs[log.model, log.budget, scene],
+        )
+        episode = as_logged(log, key, Versions(physment="", protocol="", pack=""))
+        answer_key = keys.key(scene, 0)
+        grade = grade_episode(episode, answer_key)
+        found = frozenset(one.mode.value for one in failures_of(episode, grade, form_of(answer_key)))
+        rows[key.agent, scene, key.epoch] = Judged(episode, grade, dimensions(episode, grade), found)
+    return rows
+
+
+def agreement(judged: dict[Id, Judged], sample: Iterable[Sequence[object]], mode: FailureMode) -> Agreement:
+    pairs = Counter((mode in judged[_id(row)].found, mode in row[4]) for row in sample)  # type: ignore[operator]
+    return Agreement(pairs[True, True], pairs[True, False], pairs[False, True])
+
+
+def link_agreement(judged: dict[Id, Judged]) -> tuple[Agreement, Counter[tuple[str, str]]]:
+    """How links agree with labels, and how each label is treated: `linked`, `unsupported` or `left out`."""
+    treated: Counter[tuple[str, str]] = Counter()
+    for row in LABELS["numbers"]:
+        assertions = grounding_of(judged[_id(row)].episode).assertions
+        one = next((one for one in assertions if (one.turn, one.start) == (row[3], row[4])), None)
+        treated[row[5], "left out" if one is None else "linked" if one.support else "unsupported"] += 1
+    linked = sum(count for (_, how), count in treated.items() if how == "linked")
+    right = treated["read", "linked"]
+    read = sum(count for (label, _), count in treated.items() if label == "read")
+    return Agreement(right, linked - right, read - right), treated
+
+
+def _id(row: Sequence[object]) -> Id:
+    agent, scene, epoch = row[:3]
+    assert isinstance(agent, str)
+    assert isinstance(scene, int)
+    assert isinstance(epoch, int)
+    return agent, scene, epoch
+
+
+def test_labels_name_each_episode_once_and_known_modes_only() -> None:
+    rows = [row for sample in SAMPLES for row in LABELS[sample]]
+    assert len({_id(row) for row in rows}) == len(rows) >= 200
+    assert {mode for row in rows for mode in row[4]} <= set(FailureMode)
+    assert {row[5] for row in LABELS["numbers"]} == {"read", "own", "no assertion"}
+    assert len(LABELS["numbers"]) >= 40
+
+
+@needs_logs
+@pytest.mark.parametrize("mode", list(FailureMode))
+def test_a_finding_is_nearly_always_what_a_reader_saw(judged: dict[Id, Judged], mode: FailureMode) -> None:
+    rows = [row for sample in SAMPLES for row in LABELS[sample]]
+    precision = agreement(judged, rows, mode).precision
+    assert precision is not None
+    assert precision >= 0.85
+
+
+@needs_logs
+def test_links_lead_to_where_a_number_was_read(judged: dict[Id, Judged]) -> None:
+    links, treated = link_agreement(judged)
+    assert links.precision is not None
+    assert links.recall is not None
+    assert (links.precision >= 0.95, links.recall >= 0.9) == (True, True), treated
+
+
+@needs_logs
+def test_the_page_states_what_is_measured(judged: dict[Id, Judged], *, update_goldens: bool) -> None:
+    page = DOC.read_text(encoding="utf-8")
+    before, _, rest = page.partition(BEGIN)
+    _, sign, after = rest.partition(END)
+    assert sign
+    remade = before + BEGIN + measured(judged) + END + after
+    if update_goldens:
+        DOC.write_text(remade, encoding="utf-8")
+    assert page == remade, "remake it with `pytest tests/evaluator/failures/test_labels.py --update-goldens`"
+
+
+def measured(judged: dict[Id, Judged]) -> str:
+    """The tables of the page."""
+    blocks = [
+        "### The samples\n\n" + _composition(judged),
+        "### Precision and recall of each detector\n\n" + _detectors(judged),
+        "### Provenance links\n\n" + _links(judged),
+        f"### All {len(judged)} episodes\n\n" + _all_episodes(judged),
+    ]
+    return "\n" + "\n\n".join(blocks) + "\n\n"
+
+
+def _composition(judged: dict[Id, Judged]) -> str:
+    lines = ["| sample | model | strictly right | wrong | of these drawn for an error |", "|---|---|---|---|---|"]
+    for sample in SAMPLES:
+        for agent in sorted({row[0] for row in LABELS[sample]}):
+            rows = [row for row in LABELS[sample] if row[0] == agent]
+            right = sum(judged[_id(row)].grade.strict is Verdict.CORRECT for row in rows)
+            drawn = sum(row[3] != "any" for row in rows)
+            lines.append(f"| {sample} | {agent} | {right} | {len(rows) - right} | {drawn} |")
+    return "\n".join(lines)
+
+
+def _detectors(judged: dict[Id, Judged]) -> str:
+    lines = ["| mode | " + " | ".join(SAMPLES) + " | precision | recall |", "|---|" + "---|" * (len(SAMPLES) + 2)]
+    for mode in FailureMode:
+        cells = [" / ".join(map(str, agreement(judged, LABELS[sample], mode))) for sample in SAMPLES]
+        total = agreement(judged, [row for sample in SAMPLES for row in LABELS[sample]], mode)
+        precision = _share(total.both, total.both + total.found_only)
+        recall = _share(total.both, total.both + total.labelled_only)
+        lines.append(f"| {_worded(mode)} | {' | '.join(cells)} | {precision} | {recall} |")
+    return "\n".join(lines)
+
+
+def _links(judged: dict[Id, Judged]) -> str:
+    links, treated = link_agreement(judged)
+    hows = ("linked", "unsupported", "left out")
+    lines = ["| the number was | " + " | ".join(hows) + " |", "|---|---|---|---|"]
+    for label, said in (("read", "read from a return"), ("own", "the agent's own"), ("no assertion", "no assertion")):
+        lines.append(f"| {said} | " + " | ".join(str(treated[label, how]) for how in hows) + " |")
+    precision = _share(links.both, links.both + links.found_only)
+    recall = _share(links.both, links.both + links.labelled_only)
+    return "\n".join(lines) + f"\n\nPrecision of the links {precision}, recall {recall}."
+
+
+def _all_episodes(judged: dict[Id, Judged]) -> str:
+    agents = sorted({agent for agent, _, _ in judged})
+    groups = [[one for (agent, _, _), one in judged.items() if agent == name] for name in agents]
+    lines = ["| | " + " | ".join(agents) + " |", "|---|" + "---|" * len(agents)]
+    wrong = [sum(one.grade.strict is Verdict.INCORRECT for one in group) for group in groups]
+    lines.append(
+        "| episodes (wrong) | "
+        + " | ".join(f"{len(group)} ({count})" for group, count in zip(groups, wrong, strict=True))
+        + " |"
+    )
+    for mode in FailureMode:
+        cells = [
+            f"{sum(mode in one.found for one in group)}"
+            f" ({sum(mode in one.found and one.grade.strict is Verdict.INCORRECT for one in group)})"
+            for group in groups
+        ]
+        lines.append(f"| {_worded(mode)} | {' | '.join(cells)} |")
+    for name in ("e", "g", "v", "r"):
+        values = [[getattr(one.scores, name) for one in group] for group in groups]
+        cells = [f"{fmean(one or 0.0 for one in group):.3f} ({sum(one is None for one in group)})" for group in values]
+        lines.append(f"| mean {name.upper()} (undefined in) | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part}/{whole} = {100 * part / whole:.0f} %" if whole else "–"
+
+
+def _worded(mode: FailureMode) -> str:
+    return mode.value.replace("_", " ")

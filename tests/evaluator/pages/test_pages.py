@@ -1,0 +1,323 @@
+"""The pages about the scenes: what they say, what they must not say, and what pictures may show."""
+
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluator.__main__ import main
+from evaluator.certify.transcript import play
+from evaluator.certify.visible import visible_parts
+from evaluator.pages.listing import Listing, Steps
+from evaluator.pages.scene_table import KINDS, scenes_page
+from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
+from physment_mcp.world.pictures.framing import Subject, view_of
+from physment_mcp.world.pictures.png import png_of
+from scenes import Category, Pack, PackFiles, default_folder, find_pack, list_packs, read_pack
+from tests.builders.paths import DOCS
+
+PLANTED = "planted-canary"
+
+
+def readable() -> list[tuple[PackFiles, Pack]]:
+    return [(files, read_pack(files)) for files in list_packs()]
+
+
+def copied(target: Path, *scenes: int) -> Path:
+    for scene in scenes:
+        shutil.copytree(default_folder() / f"Scene{scene}", target / f"Scene{scene}")
+    return target
+
+
+def edited(folder: Path, scene: int, **fields: object) -> None:
+    path = folder / f"Scene{scene}" / f"scene{scene}.json"
+    path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **fields}), "utf-8")
+
+
+def written(folder: Path, out: Path, *options: str) -> tuple[int, str, str]:
+    """Exit code and both pages."""
+    code = main(["scenes", "pages", "--scenes-dir", str(folder), "--out", str(out), *options])
+    pages = (out / "reference" / "scenes.md", out / "explanation" / "worked-examples.md")
+    return code, pages[0].read_text("utf-8"), pages[1].read_text("utf-8")
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Path:
+    return copied(tmp_path / "packs", 7, 8, 21)
+
+
+def test_a_row_says_what_an_agent_may_know(three: Path, tmp_path: Path) -> None:
+    code, page, _ = written(three, tmp_path / "out", "--no-pictures")
+    assert code == 0
+    assert re.search(
+        r"\| no picture drawn .*\| Speed of a dropped ball \| free fall \| number, m/s \| 2, 1 \| 1 \|", page
+    )
+    assert re.search(r"\| Two balls on one slope \| rolling inertia \| objects, 3 options \| 2, 1 \| 2 \|", page)
+    assert page.index("## easy-single\n") < page.index("## easy-single-hidden\n")
+
+
+def test_the_length_of_a_protocol_does_not_tell_the_outcome_of_one_seed(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "packs", 107)
+    _, page, _ = written(folder, tmp_path / "out", "--no-pictures")
+    lengths = {(len(run.turns), run.interventions) for run in (play(find_pack(107), seed) for seed in range(5))}
+    assert lengths == {(2, 2), (3, 4)}
+    assert "| 2–3, 2–4 | 6 |" in page
+
+
+def test_the_same_packs_give_the_same_bytes(three: Path, tmp_path: Path) -> None:
+    assert written(three, tmp_path / "one", "--no-pictures") == written(three, tmp_path / "two", "--no-pictures")
+
+
+def test_the_number_of_objects_does_not_count_the_hidden(three: Path, tmp_path: Path) -> None:
+    _, page, _ = written(three, tmp_path / "out", "--no-pictures")
+    assert re.search(r"Something is in the chamber .*\| 1 \|\n", page)
+
+
+def test_nothing_private_gets_into_a_page(three: Path, tmp_path: Path) -> None:
+    edited(
+        three,
+        21,
+        answer=2.7182818,
+        expected_behavior=f"{PLANTED} how",
+        reasoning=f"{PLANTED} why",
+        objects={
+            "object_1": {"name": "post", "object_id": "1"},
+            "object_2": {"name": f"{PLANTED} thing", "object_id": "2"},
+        },
+        disabled_tools={"create_objects": PLANTED},
+        knobs={"planted_knob": {"canonical": 3.14159, "log_uniform": [0.31234, 8.76543], "meaning": PLANTED}},
+        derive={"planted_derived": "planted_knob"},
+        apply={"geom[object_2_geom].mass": "planted_derived"},
+    )
+    _, page, examples = written(three, tmp_path / "out", "--no-pictures")
+    everywhere = ("planted_knob", "planted_derived", "2.7182818", "2.7183", "3.1416", "3.14159", "0.31234", "8.76543")
+    assert [one for one in (PLANTED, *everywhere) if one in page] == []
+    assert [one for one in everywhere if one in examples] == []
+    # Beside the method, which they are there to tell, examples show what the experimenter itself brought to light.
+    assert examples.count(PLANTED) == len(("how", "why", "thing"))
+
+
+def test_no_row_depends_on_what_a_pack_keeps_to_itself() -> None:
+    steps = Steps((3, 3), (2, 4))
+    for files, pack in readable():
+        kept = {key: one for key, one in pack.objects.items() if not pack.permissions_of(key).hidden}
+        public = pack.model_copy(
+            update={
+                "answer": "x",
+                "objects": kept,
+                "metadata": pack.metadata.model_copy(update={"description": ""}),
+                **dict.fromkeys(("expected_behavior", "reasoning"), ""),
+                **{key: {} for key in ("knobs", "derive", "apply", "disabled_tools")},
+                **dict.fromkeys(("accept_draw", "requires", "soft_objects"), ()),
+            }
+        )
+        assert Listing.of(files, public, steps) == Listing.of(files, pack, steps), files.scene_id
+
+
+def test_the_list_quotes_no_private_sentence_of_any_pack() -> None:
+    packs = readable()
+    page = scenes_page([Listing.of(files, pack, Steps((3, 3), (2, 4))) for files, pack in packs], {}, drawn=False)
+    for files, pack in packs:
+        row = next(line for line in page.splitlines() if f'id="scene-{files.scene_id}"' in line)
+        meanings = [knob.meaning for knob in pack.knobs.values()]
+        private = [pack.reasoning, pack.expected_behavior, *meanings, *pack.disabled_tools.values()]
+        assert not [text for text in private if text and text.lower() in row.lower()], files.scene_id
+        assert not [text for text in told_numbers(pack) if text in row], files.scene_id
+
+
+def told_numbers(pack: Pack) -> list[str]:
+    """Hidden numbers of three digits and more, as the pack and as pages write them; shorter ones coincide by chance."""
+    answer = pack.answer if isinstance(pack.answer, tuple) else (pack.answer,)
+    knobs = [one for knob in pack.knobs.values() for one in (knob.canonical, *(knob.uniform or knob.log_uniform or ()))]
+    texts = {text for one in (*answer, *knobs) if isinstance(one, float) for text in (repr(one), f"{one:.5g}")}
+    return [text for text in texts if len(re.sub(r"\D|^0\.0*", "", text.rstrip("0"))) >= 4]
+
+
+def test_the_examples_are_one_of_each_category() -> None:
+    assert [read_pack(find_pack(scene)).category for scene in EXAMPLES] == list(Category)
+
+
+def test_the_examples_show_neither_canonical_values_nor_ranges() -> None:
+    for scene in EXAMPLES:
+        files = find_pack(scene)
+        pack = read_pack(files)
+        page = examples_page([Example(scene, pack, play(files, SEED), "")])
+        numbers = set(re.findall(r"\d+(?:\.\d+)?", page.replace(pack.metadata.task, "")))
+        assert numbers.isdisjoint(told_numbers(pack)), scene
+        changed = pack.model_copy(update={"answer": "x", "knobs": {}, "derive": {}, "apply": {}, "accept_draw": ()})
+        assert examples_page([Example(scene, changed, play(files, SEED), "")]) == page
+
+
+def test_an_example_tells_the_task_the_method_and_the_run(three: Path, tmp_path: Path) -> None:
+    _, _, page = written(three, tmp_path / "out", "--no-pictures")
+    assert "## easy-single: Speed of a dropped ball (scene 7)" in page
+    assert "scene 8" not in page
+    assert "v = g t, with the gravity of this laboratory." in page
+    assert "step(duration=0.8)  →  t = 0.8" in page
+    assert "advantage" in page.split("##", 1)[0]
+    assert "answer(answer=7.848)" not in page
+
+
+def test_a_long_run_says_what_it_leaves_out() -> None:
+    files = find_pack(96)
+    transcript = play(files, SEED)
+    page = examples_page([Example(96, read_pack(files), transcript, "")])
+    left_out = [int(one) for one in re.findall(r"left out: (\d+) call|and (\d+) more call", page) for one in one if one]
+    calls = sum(len(turn.calls) for turn in transcript.turns)
+    assert f"and {calls} calls. {sum(left_out)} of the calls are left out" in page
+    assert page.count("→") + page.count("answer(") == calls - sum(left_out)
+
+
+def test_the_kinds_of_utopia_name_scenes_there_are() -> None:
+    there = {files.scene_id for files in list_packs()}
+    assert len(KINDS) == 6
+    assert all(1 <= len(scenes) <= 4 and there.issuperset(scenes) for scenes in KINDS.values())
+
+
+def test_a_broken_pack_is_left_out_with_a_sentence(
+    three: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    edited(three, 8, metadata={})
+    (three / "Scene21" / "solution.py").write_text("def solve(task):\n    yield 1 / 0\n\ntheory = solve\n", "utf-8")
+    code, page, _ = written(three, tmp_path / "out", "--no-pictures")
+    said = capsys.readouterr().out
+    assert code == 1
+    assert "scene 8 is left out" in said
+    assert "scene 21 is listed without its run" in said
+    assert "Two balls" not in page
+    assert "Something is in the chamber | Newton's second law | number, kg | – | 1 |" in page
+
+
+def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why(three: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "evaluator", "scenes", "pages", "--scenes-dir", str(three), "--out", "out"]
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "off"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [line for line in done.stdout.splitlines() if "nothing draws off-screen" in line and "libosmesa6" in line]
+    assert (tmp_path / "out/reference/scenes.md").read_text("utf-8").count("no picture drawn") == 3
+    assert not list(tmp_path.rglob("*.png"))
+
+
+def test_no_hidden_body_of_the_suite_is_visible() -> None:
+    for files, pack in readable():
+        mjcf = files.mjcf.read_text("utf-8")
+        hidden = [f"object_{one.object_id}" for key, one in pack.objects.items() if pack.permissions_of(key).hidden]
+        if not hidden:
+            continue
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string(mjcf)
+        owners = {model.body(int(model.geom_bodyid[geom])).name for geom in visible_parts(files, pack).geoms}
+        assert owners.isdisjoint(hidden), files.scene_id
+
+
+def test_a_part_that_is_drawn_from_the_seed_is_not_visible(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "packs", 8)
+    before = visible_parts(find_pack(8, folder), read_pack(find_pack(8, folder))).geoms
+    path = folder / "Scene8" / "scene8.xml"
+    (name,) = {re.findall(r'<geom name="(object_1\w*)"', path.read_text("utf-8"))[0]}
+    pack = json.loads((folder / "Scene8" / "scene8.json").read_text("utf-8"))
+    knobs = {**pack["knobs"], "red": {"canonical": 0.5, "uniform": [0.1, 0.9], "meaning": "colour"}}
+    edited(folder, 8, knobs=knobs, apply={**pack["apply"], f"geom[{name}].rgba": ["red", 0, 0, 1]})
+    after = visible_parts(find_pack(8, folder), read_pack(find_pack(8, folder))).geoms
+    assert len(after) == len(before) - 1
+
+
+DRAW = """
+import json, sys
+from pathlib import Path
+import numpy as np
+from evaluator.certify.pictures import check_renderer, draw_picture
+from scenes import find_pack
+try:
+    check_renderer()
+except Exception as error:
+    sys.exit(print("no renderer:", error))
+for folder, scene, seed in json.loads(sys.argv[1]):
+    pixels = draw_picture(find_pack(scene, Path(folder)), seed)
+    np.save(sys.stdout.buffer, np.zeros(0) if pixels is None else pixels)
+"""
+
+
+def drawn(*wanted: tuple[Path, int, int]) -> list[np.ndarray]:
+    """Pictures of (folder, scene, seed), drawn in a process of its own."""
+    environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "osmesa")}
+    command = [sys.executable, "-c", DRAW, json.dumps([(str(folder), scene, seed) for folder, scene, seed in wanted])]
+    done = subprocess.run(command, env=environment, capture_output=True, check=False, timeout=300)
+    if done.returncode or done.stdout.startswith(b"no renderer"):
+        pytest.skip(f"nothing draws off-screen here (MUJOCO_GL={environment['MUJOCO_GL']}); install libosmesa6")
+    stream = io.BytesIO(done.stdout)
+    return [np.load(stream) for _ in wanted]
+
+
+def test_a_picture_is_the_same_for_every_seed() -> None:
+    scenes = (13, 21, 35, 40, 47, 76, 85, 96, 107, 109)
+    pictures = drawn(*((default_folder(), scene, seed) for scene in scenes for seed in (0, 1, 2)))
+    for place, scene in enumerate(scenes):
+        first, *others = pictures[3 * place : 3 * place + 3]
+        assert first.shape == (240, 320, 3), scene
+        assert np.mean(np.any(first != first[0, 0], axis=2)) > 0.002, scene
+        assert all(np.array_equal(first, other) for other in others), scene
+
+
+def test_a_hidden_body_leaves_no_trace_in_the_picture(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "packs", 21)
+    path = folder / "Scene21" / "scene21.xml"
+    text = path.read_text("utf-8")
+    changed = text.replace('rgba="0.2 0.4 0.8 0"', 'rgba="0.2 0.4 0.8 1"').replace(
+        'pos="1.5 0.4 1"', 'pos="0.3 -0.4 1"'
+    )
+    assert changed != text
+    path.write_text(changed, "utf-8")
+    plain, planted = drawn((default_folder(), 21, 0), (folder, 21, 0))
+    assert np.array_equal(plain, planted)
+
+
+def test_where_everything_is_drawn_from_the_seed_there_is_no_picture() -> None:
+    (nothing,) = drawn((default_folder(), 17, 0))
+    assert nothing.size == 0
+
+
+def test_the_camera_keeps_all_things_in_the_picture() -> None:
+    cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    near, far = view_of(Subject(cube, [], 1), 4 / 3), view_of(Subject(np.vstack([cube, cube + 9]), [], 1), 4 / 3)
+    assert near.distance > 1
+    assert far.distance > 3 * near.distance
+    assert np.linalg.norm(near.centre - 0.5) < 0.2
+
+
+def test_a_png_says_what_the_pixels_say() -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (5, 4, 3), dtype=np.uint8)
+    pixels[2:] = pixels[1]
+    png = png_of(pixels)
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    size = int.from_bytes(png[33:37], "big")
+    lines = np.frombuffer(zlib.decompress(png[41 : 41 + size]), np.uint8).reshape(5, 13)
+    rows = np.zeros((6, 12), np.uint8)
+    for place, line in enumerate(lines):
+        rows[place + 1] = line[1:] + (rows[place] if line[0] == 2 else 0)
+    assert np.array_equal(rows[1:].reshape(5, 4, 3), pixels)
+    assert set(lines[:, 0]) == {0, 2}
+
+
+def test_the_stored_page_shows_only_pictures_that_are_there_and_small() -> None:
+    page = (DOCS / "reference" / "scenes.md").read_text("utf-8")
+    sources = re.findall(r'<img src="([^"]+)"', page)
+    assert sources
+    assert [one for one in sources if not (DOCS / "reference" / one).is_file()] == []
+    assert sum(path.stat().st_size for path in (DOCS / "reference" / "scenes").glob("*.png")) < 2_000_000

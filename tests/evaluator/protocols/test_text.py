@@ -1,0 +1,232 @@
+"""The text protocol: what of a reply is a call, what is prose, and what the agent reads back."""
+
+import json
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from evaluator.episode.player import Feedback
+from evaluator.protocols.text import feedback_text, parse_reply
+from evaluator.records import Exchange, ToolCall
+
+STEP = ToolCall(tool="step", arguments={"duration": 0.5})
+LOOK = ToolCall(tool="get_position", arguments={"object_id": "object_1"})
+ANSWER = ToolCall(tool="answer", arguments={"answer": "2"})
+STEP_TEXT = '{"tool": "step", "parameters": {"duration": 0.5}}'
+LOOK_TEXT = '{"tool": "get_position", "parameters": {"object_id": "object_1"}}'
+ANSWER_TEXT = '{"tool": "answer", "parameters": {"answer": "2"}}'
+
+NAMES = st.from_regex(r"[a-z_]{1,12}", fullmatch=True)
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**9), 10**9)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    # A reply is text: it holds no half of a surrogate pair.
+    | st.text(st.characters(codec="utf-8"), max_size=12),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4),
+    max_leaves=10,
+)
+CALLS = st.lists(st.builds(ToolCall, tool=NAMES, arguments=st.dictionaries(NAMES, JSON, max_size=4)), min_size=1)
+PROSE = st.text(st.characters(codec="utf-8", exclude_characters="{}[]`<>"), max_size=200)
+
+
+def written(calls: list[ToolCall], indent: int | None = None) -> str:
+    listed = [{"tool": call.tool, "parameters": call.arguments} for call in calls]
+    return json.dumps(listed, ensure_ascii=False, indent=indent)
+
+
+@given(calls=CALLS, before=PROSE, after=PROSE, fenced=st.booleans(), indent=st.sampled_from([None, 2]))
+def test_calls_written_in_prose_are_found_again(
+    calls: list[ToolCall], before: str, after: str, fenced: bool, indent: int | None
+) -> None:
+    listed = written(calls, indent)
+    reply = parse_reply(f"{before}\n```json\n{listed}\n```\n{after}" if fenced else f"{before}\n{listed}\n{after}")
+    assert (reply.malformed, list(reply.calls)) == ("", calls)
+    assert reply.reasoning == "\n\n".join(part for part in (before.strip(), after.strip()) if part)
+
+
+@given(st.text() | st.text(alphabet="[]{}\":,'\\ \n`/*1e-.tol<|>", max_size=400))
+@settings(max_examples=300)
+def test_no_text_makes_the_parser_fail(text: str) -> None:
+    reply = parse_reply(text)
+    assert not (reply.malformed and reply.calls)
+    assert reply.calls or reply.reasoning == text
+
+
+@given(CALLS, st.data())
+def test_a_list_cut_off_runs_nothing_or_is_whole(calls: list[ToolCall], data: st.DataObject) -> None:
+    text = written(calls)
+    cut = data.draw(st.integers(0, len(text) - 1))
+    assert parse_reply(text[:cut]).calls == ()
+
+
+@given(CALLS, st.data())
+def test_a_list_with_one_bracket_too_few_or_too_many_never_runs_a_part_of_it(
+    calls: list[ToolCall], data: st.DataObject
+) -> None:
+    text = written(
+        [ToolCall(tool=f"{one.tool}{number}", arguments={"x": [number]}) for number, one in enumerate(calls)]
+    )
+    at = data.draw(st.sampled_from([index for index, sign in enumerate(text) if sign in "[]{}"]))
+    changed = text[:at] + text[at + 1 :] if data.draw(st.booleans()) else text[:at] + text[at] + text[at:]
+    run = parse_reply(f"I look.\n{changed}\nAnd see.").calls
+    # Only the outer brackets of the list can be missed without harm.
+    assert run == () or len(run) == len(calls)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    [
+        '[{"tool":"a"},',
+        '{"a": /* }',
+        '{"tool": \\"',
+        "[{",
+        "{'",
+        "1",
+        '{"tool":"x"} ',
+        "```json {'tool':x} ```",
+        '[{"tool":"a","parameters":{}}',
+        '\\"',
+        '{"a":[',
+        '[{"tool": 1/3}]\n',
+        "[{'a",
+        "<|tool_call_begin|>",
+        '{"a":"\n',
+        "[ ",
+    ],
+)
+def test_time_grows_with_the_length_and_no_faster(unit: str) -> None:
+    """Processor time for a megabyte of the worst; anything quadratic takes many minutes."""
+    text = unit * (1_000_000 // len(unit)) + "x"
+    before = time.process_time()
+    parse_reply(text)
+    assert time.process_time() - before < 20
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"I look.\n\n[{STEP_TEXT}, {LOOK_TEXT}]",
+        f"```json\n[{STEP_TEXT}, {LOOK_TEXT}]\n```",
+        f"```\n[{STEP_TEXT},\n {LOOK_TEXT}]",
+        f"```json [{STEP_TEXT}, {LOOK_TEXT},] ```",
+        f"{STEP_TEXT}\n{LOOK_TEXT}",
+        f"{STEP_TEXT}, {LOOK_TEXT}",
+        f"[{STEP_TEXT} {LOOK_TEXT}]",
+        f"<tool_call>\n[{STEP_TEXT}, {LOOK_TEXT}]\n</tool_call>",
+        f'{{"thoughts": ["a", "b"], "tool_calls": [{STEP_TEXT}, {LOOK_TEXT}]}}',
+        f"[{STEP_TEXT}, // half a second\n {LOOK_TEXT} /* and look */]",
+        "[{'tool': 'step', 'parameters': {'duration': .5}}, "
+        "{'name': 'get_position', 'arguments': {'object_id': 'object_1'}}]",
+        '[{"function": "step", "args": {"duration": 0.5}}, '
+        '{"tool": "get_position", "input": {"object_id": "object_1"}}]',
+        '[{"type": "function", "function": {"name": "step", "arguments": "{\\"duration\\": 0.5}"}}, '
+        '{"type": "function", "function": {"name": "get_position", "arguments": {"object_id": "object_1"}}}]',
+        "<|tool_calls_section_begin|> <|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> "
+        '{"duration": 0.5} <|tool_call_end|> <|tool_call_begin|> functions.get_position:1 '
+        '<|tool_call_argument_begin|> {"object_id": "object_1"} <|tool_call_end|> <|tool_calls_section_end|>',
+        f"At [0, 0, 1] it has v = {{2}}.\n[{STEP_TEXT}, {LOOK_TEXT}]\nThen [1, 2, 3] follows, or {{'x': 1}}.",
+        f"[{ANSWER_TEXT}]\n</think>\nNo, I look first.\n[{STEP_TEXT}, {LOOK_TEXT}]",
+        f"```json\n[{ANSWER_TEXT}]\n```\nNo:\n```json\n[{STEP_TEXT}, {LOOK_TEXT}]\n```",
+        f"```json\n[{STEP_TEXT}, {LOOK_TEXT}]\n```\nLater I will write [{ANSWER_TEXT}].",
+        f"[{ANSWER_TEXT}] or rather [{STEP_TEXT}, {LOOK_TEXT}]",
+        f'It returned {{"tool": "step", "parameters": {{...}}}}.\n\n[{STEP_TEXT}, {LOOK_TEXT}]',
+    ],
+)
+def test_a_certain_meaning_is_read(text: str) -> None:
+    reply = parse_reply(text)
+    assert (reply.malformed, reply.calls) == ("", (STEP, LOOK))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"[{STEP_TEXT}, {LOOK_TEXT}", "breaks off before its ]"),
+        (f"```json\n[{STEP_TEXT},\n  {{tool: 1}}]\n```", "a name in quotes is expected (line 3, column 4"),
+        ('[{"tool": "step", "parameters": {"duration": 1/3}}]', "near '/3}}]': a comma or } is expected"),
+        ('[{"tool": "step", "parameters": {"duration": NaN}}]', "near 'NaN}}]': this is no JSON value"),
+        ('[{"tool": "answer", "parameters": {"answer": "2}}]', "this string does not end on its line"),
+        ('[{"tool": "step", "tool": "answer"}]', "given twice"),
+        (f'[{STEP_TEXT}, "get_position"]', "item 2 of the list of calls is no call"),
+        ('[{"tool": "step", "duration": 1}]', 'call 1 has no "parameters"'),
+        ('[{"tool": "step", "parameters": 1}]', "no JSON object"),
+        ('[{"tool": "step", "parameters": {}, "args": {}}]', 'both "parameters" and "args"'),
+        ('[{"tool": {"name": "step"}, "parameters": {}}]', "does not name its tool"),
+        (f"[{STEP_TEXT}]\n```json\n[{{'tool': x}}]\n```", "this is no JSON value"),
+        (
+            '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1} <|tool_call_end|> <|too',
+            "markup",
+        ),
+        (
+            "<|tool_calls_section_begin|><|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> "
+            '{"duration": 1} <|tool_call_end|>',
+            "markup",
+        ),
+        (
+            '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1/3} <|tool_call_end|>',
+            "call 1 are a text that is no JSON: a comma or }",
+        ),
+        ("<tool>get_position</tool><parameter>object_1</parameter>", "markup"),
+        (f"<think>I could write [{STEP_TEXT}]", "inside <think>"),
+        # What is left of a broken list is not a shorter list, wherever its brackets seem to close.
+        (f'[{STEP_TEXT}, "tool": "step", "parameters": {{}}}}, {LOOK_TEXT}, {ANSWER_TEXT}]', "a comma or ]"),
+        (f"[{STEP_TEXT}}}, {LOOK_TEXT},\n {ANSWER_TEXT}]", "a comma or ]"),
+        (f"[{STEP_TEXT}], {LOOK_TEXT}, {ANSWER_TEXT}]", "do not match"),
+        (f"[{STEP_TEXT},] {LOOK_TEXT}]", "do not match"),
+        (f'["tool": "step", "parameters": {{}}}}, {LOOK_TEXT}]', "do not match"),
+        (f'[{{"tool": "step", ]"parameters": {{}}}}\n, {ANSWER_TEXT}]', "a name in quotes"),
+        (f'[{{"tool": "step", "parameters": {{"duration": 2*3}}}}, {ANSWER_TEXT}]', "a comma or }"),
+    ],
+)
+def test_an_uncertain_one_runs_nothing_and_says_why(text: str, said: str) -> None:
+    reply = parse_reply(text)
+    assert said in reply.malformed
+    assert (reply.calls, reply.reasoning) == ((), text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "It moves with v = [1.0, 0.0, -2.5] from [0, 0, 1].",
+        "[]",
+        '```json\n{"sim_time": 0.5, "velocity": [0, 0, -4.9]}\n```',
+        '[{"name": "ball", "mass": 1}, {"name": "box", "mass": 2}]',
+        f"[{STEP_TEXT}] </think> I think that is all.",
+    ],
+)
+def test_data_and_vectors_are_no_calls(text: str) -> None:
+    reply = parse_reply(text)
+    assert (reply.calls, reply.malformed, reply.reasoning) == ((), "", text)
+
+
+def test_a_thought_ends_where_the_sign_stands_outside_calls() -> None:
+    quoted = ToolCall(tool="answer", arguments={"answer": "</think>"})
+    text = f"I think. </think> I answer. {written([quoted])}"
+    assert parse_reply(text).calls == (quoted,)
+    assert parse_reply(f"{text} </think> No.").calls == ()
+
+
+def test_a_call_without_arguments_needs_none_written() -> None:
+    assert parse_reply('[{"tool": "find_objects"}]').calls == (ToolCall(tool="find_objects", arguments={}),)
+
+
+def test_the_agent_reads_each_return_the_note_and_what_is_left() -> None:
+    exchanges = [
+        Exchange(call=STEP, returned=True, content={"sim_time": 0.5}, text='{"sim_time":0.5}'),
+        Exchange(call=LOOK, returned=True, is_error=True, text="no such object"),
+        Exchange(call=ToolCall(tool="fly", arguments={}), returned=False, is_error=True, text="there is no tool 'fly'"),
+        Exchange(call=ANSWER, returned=False),
+    ]
+    assert feedback_text(Feedback(exchanges, "fly: not run.", 3)) == (
+        'Returns:\n1. step(duration=0.5) -> {"sim_time":0.5}\n'
+        '2. get_position(object_id="object_1") -> error: no such object\n'
+        "3. fly() -> error: there is no tool 'fly'\n"
+        '4. answer(answer="2") -> not run\n\n'
+        "fly: not run.\n\n"
+        "Iterations left: 3."
+    )
+    assert feedback_text(Feedback([], "", 1)) == "Iterations left: 1 (the coming reply is the last)."

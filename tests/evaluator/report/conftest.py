@@ -1,0 +1,32 @@
+"""A study for the pages of the report, and a browser to open them in."""
+
+import shutil
+from collections.abc import Generator
+
+import pytest
+
+from evaluator.report.contenders import Run
+from tests.builders.chromium import Page, chromium
+from tests.builders.reports import played, run_of
+
+
+@pytest.fixture(scope="session")
+def study() -> Run:
+    """A model, right where scene and budget add up to an even number, and the reference; 64 episodes."""
+    rows = [
+        played(scene, agent, budget, right=agent == "reference" or (scene + budget) % 2 == 0)
+        for scene in range(7, 23)
+        for agent in ("model:x", "reference")
+        for budget in (5, 20)
+    ]
+    return run_of(rows)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Generator[Page]:
+    """A tab of headless Chromium; tests that need it are skipped where none is installed."""
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("no Chromium is installed, so the page is not opened in a browser")
+    with chromium(program, tmp_path_factory.mktemp("profile")) as page:
+        yield page

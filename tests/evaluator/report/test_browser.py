@@ -1,0 +1,184 @@
+"""The page as a reader has it: opened from disk in Chromium, by mouse and by keyboard alone."""
+
+from pathlib import Path
+
+import pytest
+
+from evaluator.report.contenders import Run
+from evaluator.report.page import PAGES, write_report
+from evaluator.store import RunFolder
+from tests.builders.chromium import Page
+
+SECTIONS = ("overview", "budgets", "categories", "dimensions", "failures", "spending", "episodes", "provenance")
+SHOWN = "document.getElementById('shown').textContent"
+LISTED = "document.querySelectorAll('#list > details').length"
+FOCUSED = "document.activeElement.closest('details')?.id"
+
+
+@pytest.fixture(scope="module", params=[300, 10], ids=["one file", "notebooks beside"])
+def report(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, study: Run) -> Path:
+    """The report as one file, and with notebooks that are loaded when opened."""
+    folder = tmp_path_factory.mktemp("report")
+    file = write_report(RunFolder(folder), [study], inline=request.param)
+    assert (folder / PAGES).is_dir() == (request.param == 10)
+    return file
+
+
+@pytest.fixture(autouse=True)
+def no_complaints(browser: Page) -> object:
+    browser.complaints.clear()
+    yield
+    assert browser.complaints == []
+
+
+def choose(browser: Page, field: str, value: str) -> None:
+    browser.run(
+        f"(() => {{ const one = document.getElementById('{field}'); one.value = '{value}';"
+        "one.dispatchEvent(new Event('input')); one.dispatchEvent(new Event('change')); })()"
+    )
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_every_section_is_there_and_the_page_fits_its_window(
+    browser: Page, report: Path, width: int, scheme: str
+) -> None:
+    browser.look(width, scheme)
+    browser.open(report)
+    for name in SECTIONS:
+        assert browser.run(f"document.getElementById('{name}').getBoundingClientRect().height > 0"), name
+        assert browser.run(f"!!document.querySelector('nav a[href=\"#{name}\"]')"), name
+    assert browser.run("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    assert browser.run("document.querySelectorAll('main figure.chart').length") >= 5
+    paper = browser.run("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)[0]")
+    assert (paper < 60) == (scheme == "dark")
+
+
+def test_filters_narrow_the_list_and_say_how_far(browser: Page, report: Path) -> None:
+    browser.open(report)
+    assert browser.run(SHOWN) == "64 of 64 episodes."
+    assert browser.run(LISTED) == 50
+    browser.run("document.getElementById('next').click()")
+    assert browser.run(LISTED) == 14
+    for field, value, left in [
+        ("agent", "0", 32),
+        ("verdict", "incorrect", 16),
+        ("budget", "5", 8),
+        ("mode", "answer_format_mismatch", 8),
+        ("category", "hard-single", 4),
+        ("outcome", "answered", 4),
+        ("scene", "10", 1),
+        ("find", "NO idea", 1),
+        ("find", "nowhere", 0),
+    ]:
+        choose(browser, field, value)
+        assert browser.run(SHOWN) == f"{left} of 64 episodes.", field
+    browser.run("document.getElementById('clear').click()")
+    assert browser.run(SHOWN) == "64 of 64 episodes."
+
+
+def test_a_count_of_failures_leads_to_its_episodes(browser: Page, report: Path) -> None:
+    browser.open(report)
+    assert browser.run("document.querySelector('a[data-filter*=answer_format]').textContent") == "16 of 32"
+    browser.run("document.querySelector('a[data-filter*=answer_format]').click()")
+    assert browser.run(SHOWN) == "16 of 64 episodes."
+    assert browser.run("location.hash") == "#episodes"
+
+
+def test_an_episode_opens_by_its_address_and_its_links_lead_to_the_return_behind_a_number(
+    browser: Page, report: Path
+) -> None:
+    browser.open(report, "#episode-61")
+    browser.wait("document.querySelector('#episode-61[open] .notebook') !== null")
+    assert browser.run("document.querySelectorAll('#episode-61 .notebook figure.chart').length") == 1
+    assert browser.run("document.querySelector('#episode-61 .baseless').textContent") == "55.3 kg"
+    browser.run("document.querySelector('#episode-61 a.grounded').click()")
+    browser.wait("document.activeElement.id === 'episode-61-1-2'")
+    assert "1.951" in browser.run("document.activeElement.textContent")
+    assert browser.run("document.querySelectorAll('#episode-61 .notebook').length") == 1
+
+
+def test_the_keyboard_alone_reaches_and_opens_an_episode(browser: Page, report: Path) -> None:
+    browser.look(1280, "light")
+    browser.open(report)
+    browser.press("Tab")
+    assert browser.run("document.activeElement.className") == "skip"
+    browser.press("Enter")
+    browser.wait("document.activeElement.id === 'overview'")
+    browser.run("document.getElementById('close').focus()")
+    browser.press("Tab")
+    assert browser.run(FOCUSED) == "episode-1"
+    assert browser.run("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    for key, reached in [("ArrowDown", 2), ("ArrowDown", 3), ("ArrowUp", 2), ("End", 50), ("Home", 1)]:
+        browser.press(key)
+        assert browser.run(FOCUSED) == f"episode-{reached}"
+    browser.press("Enter")
+    browser.wait("document.querySelector('#episode-1[open] .notebook') !== null")
+
+
+def test_everything_that_takes_a_click_can_be_reached_by_keyboard(browser: Page, report: Path) -> None:
+    browser.open(report)
+    assert browser.run(
+        "[...document.querySelectorAll('a, button, select, input, summary')].every(n => n.tabIndex >= 0)"
+    )
+    unnamed = "n => !(n.labels?.length || n.getAttribute('aria-label') || n.textContent.trim())"
+    assert browser.run(f"[...document.querySelectorAll('a, button, select, input')].filter({unnamed}).length") == 0
+
+
+def test_text_stands_out_from_its_ground_in_light_and_dark(browser: Page, report: Path) -> None:
+    """WCAG 2.2, 1.4.3: a contrast of 4.5, on every tint of the heat map too."""
+    for scheme in ("light", "dark"):
+        browser.look(1280, scheme)
+        browser.open(report)
+        weak = browser.run(CONTRAST)
+        assert weak == [], scheme
+
+
+CONTRAST = """(() => {
+  const canvas = new OffscreenCanvas(1, 1).getContext('2d', { willReadFrequently: true });
+  const rgb = (colours) => {
+    for (const one of colours) { canvas.fillStyle = one; canvas.fillRect(0, 0, 1, 1); }
+    return [...canvas.getImageData(0, 0, 1, 1).data].slice(0, 3);
+  };
+  const light = (c) => c.map((v) => v / 255).map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const weak = new Set();
+  for (const node of document.querySelectorAll('main *, footer *, header *')) {
+    if (![...node.childNodes].some((n) => n.nodeType === 3 && n.data.trim()) || !node.checkVisibility()) continue;
+    const grounds = [];
+    for (let n = node; n; n = n.parentElement) grounds.unshift(getComputedStyle(n).backgroundColor);
+    const style = getComputedStyle(node);
+    const [a, b] = [light(rgb(grounds)), light(rgb([...grounds, node.closest('svg') ? style.fill : style.color]))];
+    const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    if (contrast < 4.5 && !node.disabled) weak.add(`${node.tagName} ${node.textContent.slice(0, 30)} ${contrast}`);
+  }
+  return [...weak].slice(0, 10);
+})()"""
+
+
+def test_a_missing_notebook_is_said_in_its_place(browser: Page, tmp_path: Path, study: Run) -> None:
+    file = write_report(RunFolder(tmp_path), [study], inline=10)
+    (tmp_path / PAGES / "3.js").unlink()
+    browser.open(file, "#episode-3")
+    browser.wait("document.querySelector('#episode-3 .notebook') !== null")
+    assert "report_episodes/3.js" in browser.run("document.querySelector('#episode-3').textContent")
+    browser.complaints.clear()  # the browser itself says that the file is not there
+
+
+def test_it_prints_whole_pages_without_controls(browser: Page, report: Path) -> None:
+    browser.open(report)
+    browser.send("Emulation.setEmulatedMedia", media="print")
+    visible = "n => n.checkVisibility()"
+    assert not browser.run(f"[...document.querySelectorAll('nav, .filter, .skip')].some({visible})")
+    assert browser.run(f"[...document.querySelectorAll('#list > details')].filter({visible}).length") == 50
+    browser.send("Emulation.setEmulatedMedia", media="")
+
+
+def test_without_scripts_all_episodes_are_there_to_read(browser: Page, tmp_path: Path, study: Run) -> None:
+    file = write_report(RunFolder(tmp_path), [study])
+    browser.send("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(file)
+        assert browser.run("document.querySelectorAll('#list > details .notebook').length") == 64
+        assert not browser.run("document.getElementById('find').checkVisibility()")
+    finally:
+        browser.send("Emulation.setScriptExecutionDisabled", value=False)

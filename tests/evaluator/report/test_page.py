@@ -1,0 +1,196 @@
+"""The page of a run: true to its records, self-contained, and safe whatever an agent wrote."""
+
+import base64
+import hashlib
+import re
+from html.parser import HTMLParser
+
+from evaluator.records import (
+    Episode,
+    EpisodeKey,
+    Exchange,
+    Grade,
+    GradeRecord,
+    Outcome,
+    ToolCall,
+    Turn,
+    Verdict,
+    Versions,
+)
+from evaluator.report.contenders import Run
+from evaluator.report.page import render
+from evaluator.scores.metrics import ScoredEpisode
+
+EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
+FACTS = {
+    "plan": {"agents": [f"agent {EVIL}"], "scenes": [7, 21], "budgets": [5]},
+    "server": {"option": "stdio"},
+    "created_at": "2026-01-01T00:00:00+00:00",
+}
+
+
+def row(scene: int, verdict: Verdict, category: str, said: str = "I look.") -> ScoredEpisode:
+    call = ToolCall(tool="step", arguments={"duration": 0.1, "note": said})
+    turn = Turn(reasoning=said, exchanges=(Exchange(call=call, returned=True, is_error=True, text=said),), note=said)
+    unplayed = verdict is Verdict.UNSCORED
+    episode = Episode(
+        key=EpisodeKey(scene=scene, seed=0, agent="x", budget=5),
+        outcome=Outcome.INFRASTRUCTURE_ERROR if unplayed else Outcome.ANSWERED,
+        answer=None if unplayed else said,
+        prompt=said,
+        turns=() if unplayed else (turn,),
+        error=said if unplayed else None,
+        started_at="2026-01-01T00:00:00+00:00",
+        duration_s=1.0,
+        versions=Versions(physment="0", protocol="0", pack="0"),
+    )
+    grade = Grade(
+        strict=verdict, graded=None if unplayed else float(verdict is Verdict.CORRECT), normalised=verdict, reason=said
+    )
+    return ScoredEpisode(episode, grade, category, "calculation")
+
+
+def page(*rows: ScoredEpisode) -> str:
+    records = {
+        one.episode.key: GradeRecord(
+            key=one.episode.key, grade=one.grade, answer_key=1.5, grader_version="1", pack_version="0"
+        )
+        for one in rows
+    }
+    return render([Run("run", FACTS, rows, records, {})]).page
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append((tag, dict(attrs)))
+        if tag not in {"meta", "input", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def tags(text: str) -> _Tags:
+    parser = _Tags()
+    parser.feed(text)
+    return parser
+
+
+def test_nothing_an_agent_wrote_becomes_markup() -> None:
+    text = page(row(7, Verdict.CORRECT, "easy-single", EVIL), row(21, Verdict.UNSCORED, "hard-single", EVIL))
+    parsed = tags(text)
+    assert parsed.open == []
+    assert [tag for tag, _ in parsed.seen if tag == "script"] == ["script"]
+    assert not [tag for tag, _ in parsed.seen if tag == "img"]
+    assert "&lt;script&gt;alert" in text
+    assert "{{ 7*7 }}" in text
+
+
+def test_the_page_needs_nothing_from_elsewhere() -> None:
+    text = page(row(7, Verdict.CORRECT, "easy-single"))
+    assert not re.search(r"https?://|//cdn|@import|url\(", text)
+    assert not [tag for tag, attributes in tags(text).seen if tag == "link" or attributes.get("src")]
+
+
+def test_the_numbers_are_those_of_the_records() -> None:
+    text = page(
+        row(7, Verdict.CORRECT, "easy-single"),
+        row(16, Verdict.INCORRECT, "easy-single-creation"),
+        row(21, Verdict.UNSCORED, "easy-single-hidden"),
+    )
+    assert "1 of 2; 95 % interval 9.5 % to 90.5 %" in text
+    assert text.count('data-verdict="correct"') == text.count('data-verdict="incorrect"') == 1
+    assert text.count('data-verdict="unscored"') == 1
+    assert "Infrastructure error" in text
+
+
+def test_tables_and_controls_have_names_for_those_who_cannot_see_them() -> None:
+    parsed = tags(page(row(7, Verdict.CORRECT, "easy-single")))
+    names = [tag for tag, _ in parsed.seen]
+    assert names.count("caption") == names.count("table")
+    assert all(attributes.get("scope") in {"row", "col"} for tag, attributes in parsed.seen if tag == "th")
+    assert [attributes for tag, attributes in parsed.seen if tag == "html"] == [{"lang": "en"}]
+    assert "main" in names
+    assert "h1" in names
+
+
+def test_the_page_lets_its_own_script_run_and_nothing_else() -> None:
+    text = page(row(7, Verdict.CORRECT, "easy-single"))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    script = re.search(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert policy is not None
+    assert script is not None
+    own = base64.b64encode(hashlib.sha256(script[1].encode()).digest()).decode()
+    assert "default-src 'none'" in policy[1]
+    assert f"script-src 'sha256-{own}';" in policy[1]
+    assert not [name for _, attributes in tags(text).seen for name in attributes if name.startswith("on")]
+
+
+def test_every_link_of_the_page_leads_somewhere_in_it() -> None:
+    parsed = tags(page(row(7, Verdict.CORRECT, "easy-single"), row(21, Verdict.UNSCORED, "hard-single")))
+    ids = [attributes["id"] for _, attributes in parsed.seen if "id" in attributes]
+    links = [attributes["href"] for tag, attributes in parsed.seen if tag == "a"]
+    assert len(ids) == len(set(ids))
+    assert links
+    assert {f"#{name}" for name in ids} >= set(links)
+
+
+def played(seed: int, budget: int, *turns: Turn, answer: str = "1.5") -> ScoredEpisode:
+    episode = Episode(
+        key=EpisodeKey(scene=7, seed=seed, agent="x", budget=budget),
+        outcome=Outcome.ANSWERED,
+        answer=answer,
+        prompt="task",
+        turns=turns,
+        started_at="2026-01-01T00:00:00+00:00",
+        duration_s=1.0,
+        versions=Versions(physment="0", protocol="0", pack="0"),
+    )
+    grade = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="right")
+    return ScoredEpisode(episode, grade, "easy-single", "calculation")
+
+
+def look(text: str) -> Exchange:
+    call = ToolCall(tool="get_velocity", arguments={"object_id": "object_1"})
+    return Exchange(call=call, returned=True, content={"velocity": [0.0, 0.0, -7.848]}, text=text)
+
+
+def test_a_stated_number_leads_to_the_return_behind_it_and_one_without_is_marked() -> None:
+    first = Turn(reasoning="I look.", exchanges=(look('{"velocity": [0.0, 0.0, -7.848]}'),))
+    second = Turn(reasoning="It is -7.85 m/s,\nand the mass is 55.3 kg.", exchanges=())
+    text = page(played(0, 5, first, second))
+    assert 'href="#episode-1-1-1" title="returned as -7.848 at $.velocity[2]">-7.85 m/s</a>,\nand the mass is' in text
+    assert 'title="no earlier return supports this number">55.3 kg</span>.</p>' in text
+    assert 'id="episode-1-1-1"' in text
+
+
+def test_episodes_are_named_by_what_tells_them_apart_and_sorted_as_numbers() -> None:
+    several = page(*(played(seed, budget) for seed in (10, 2) for budget in (10, 5)))
+    names = re.findall(r"Scene 7, seed \d+, budget \d+", several)
+    assert names == [f"Scene 7, seed {seed}, budget {budget}" for seed in (2, 10) for budget in (5, 10)]
+    assert "budget" not in str(re.findall(r"<span>Scene.*?</span>", page(played(0, 5), played(1, 5))))
+
+
+def test_a_number_that_is_not_defined_is_a_dash() -> None:
+    text = page(row(7, Verdict.UNSCORED, "easy-single"))
+    assert "None" not in text
+    assert re.search(r"<dt>Strict accuracy</dt><dd>–", text)
+    assert "C –, E –, G –, V –, R –" in text
+
+
+def test_a_return_that_is_no_json_or_no_text_is_shown_as_it_came() -> None:
+    hostile = ['"\\ud800"', "[" * 5000, "9" * 5000, "not JSON", "NaN", ""]
+    text = page(played(0, 5, Turn(reasoning="", exchanges=tuple(look(one) for one in hostile))))
+    assert text.encode()
+    assert "→ &#34;\\ud800&#34;" in text
+    assert "→ not JSON" in text
+
+
+def test_long_returns_break_into_lines_and_vectors_do_not() -> None:
+    text = page(played(0, 5, Turn(reasoning="", exchanges=(look('{"a": [1, 2, 3], "b": "%s"}' % ("x" * 90)),))))
+    assert "→ {\n  &#34;a&#34;: [1, 2, 3],\n  &#34;b&#34;: &#34;xxx" in text

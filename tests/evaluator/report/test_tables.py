@@ -1,0 +1,134 @@
+"""What stands in tables, exports and figures, and what it may do to the programs that read them."""
+
+import csv
+import io
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from evaluator.errors import UsageError
+from evaluator.report.contenders import Run, contenders
+from evaluator.report.export import csv_text, latex, markdown
+from evaluator.report.figures import write_figures
+from evaluator.report.page import render
+from evaluator.report.quoted import PAPER
+from evaluator.report.tables import Count, Share, by_budget, by_category, group_picks, tables
+from evaluator.scores.spending import spending
+from evaluator.scores.wording import curve_sentence
+from tests.builders.reports import played, run_of
+
+EVIL = "=x|<b>&\\input{/etc/passwd}$_^\n%"
+
+
+def hostile() -> Run:
+    return run_of([played(scene, EVIL, budget, right=scene == 7) for scene in (7, 8) for budget in (5, 20)])
+
+
+def test_agents_under_test_come_first_and_the_baselines_last(study: Run) -> None:
+    other = run_of(
+        [played(7, agent, 5, right=False) for agent in ("blind-constant", "zeta", "random", "reference")], "b"
+    )
+    names = [one.label for one in contenders([other, study])]
+    assert names == ["model:x", "zeta", "reference (b)", "reference (study)", "random", "blind-constant"]
+    assert [one.is_baseline for one in contenders([other, study])] == [False, False, True, True, True, True]
+
+
+def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run) -> None:
+    who = contenders([study])
+    model, reference = by_budget(who).rows
+    assert model[:1] == ["model:x"]
+    assert [cell.value for cell in model[1:] if isinstance(cell, Share)] == [0.5, 0.5]
+    assert isinstance(reference[1], Share)
+    assert reference[1].low == pytest.approx(16 / (16 + 1.959964**2))  # Wilson's interval of 16 of 16
+    assert (reference[1].value, reference[1].high, reference[1].n) == (1.0, 1.0, 16)
+    categories = {row[0]: row[1] for row in by_category(who).rows}
+    assert list(categories) == ["easy-multi-hidden", "easy-single", "hard-multi", "hard-single"]
+    assert isinstance(categories["hard-single"], Share)
+    assert (categories["hard-single"].value, categories["hard-single"].n) == (0.5, 8)
+
+
+def test_the_page_says_of_a_curve_what_the_terminal_says(study: Run) -> None:
+    (curve,) = contenders([study])[0].summary.budget_curves
+    assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in render([study]).page
+
+
+def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
+    picks = dict(group_picks(contenders([study])))
+    assert list(picks) == ["all", "easy-single", "easy-multi", "hard-single", "hard-multi"]
+    easy_multi = picks["easy-multi"]
+    assert easy_multi is not None
+    assert {row.category for row in study.rows if easy_multi(row)} == {"easy-multi-hidden"}
+
+
+def test_failure_modes_are_counted_with_their_denominator(study: Run) -> None:
+    table = next(one for one in tables(contenders([study])) if one.name == "failure_modes")
+    assert {str(row[0]): row[1:] for row in table.rows}["answer format mismatch"] == [Count(16, 32), Count(0, 32)]
+
+
+def test_the_paper_is_quoted_with_seven_models_and_without_intervals() -> None:
+    assert len(PAPER) == 7
+    assert all(len(one.accuracy) == 4 for one in PAPER)
+    assert "GPT-5.5 | 51.4 | 49.5 | 48.6 | 50.5" in markdown(tables([]))
+
+
+def test_every_row_of_markdown_has_the_cells_of_its_head() -> None:
+    for part in re.split(r"^## .*$", markdown(tables(contenders([hostile()]))), flags=re.MULTILINE)[1:]:
+        rows = [re.split(r"(?<!\\)\|", line) for line in part.strip().splitlines()]
+        assert len({len(row) for row in rows}) == 1
+    assert "<b>" not in markdown(tables(contenders([hostile()])))
+
+
+def test_latex_runs_nothing_that_an_agent_is_called(study: Run) -> None:
+    text = latex(tables(contenders([hostile()])))
+    assert "\\input" not in text
+    assert "=x|<b>\\&\\textbackslash{}input\\{/etc/passwd\\}\\$\\_\\textasciicircum{} \\%" in text
+    assert text.count("\\begin{") == text.count("\\end{")
+    rows = [line for line in latex(tables(contenders([study]))).splitlines() if line.endswith("\\\\")]
+    assert all(line.startswith("    ") for line in rows)
+
+
+def test_csv_keeps_full_precision_and_gives_a_spreadsheet_no_formula(study: Run) -> None:
+    table = by_budget(contenders([study]))
+    head, model, _ = csv.reader(io.StringIO(csv_text(table)))
+    assert head == ["agent", *(f"{budget}{what}" for budget in (5, 20) for what in ("", " low", " high", " n"))]
+    share = table.rows[0][1]
+    assert isinstance(share, Share)
+    assert [float(one) for one in model[1:5]] == [share.value, share.low, share.high, share.n]
+    rows = list(csv.reader(io.StringIO(csv_text(by_budget(contenders([hostile()]))))))
+    assert rows[1][0].startswith("'=x")
+    assert {len(row) for row in rows} == {9}
+
+
+def test_spending_says_what_it_speaks_of(study: Run) -> None:
+    model = spending([row for row in study.rows if row.episode.key.agent == "model:x"])
+    assert (model.n, model.n_metered, model.n_priced, model.input_tokens) == (32, 32, 32, 32_000)
+    assert model.cost_usd == pytest.approx(0.32)
+    assert model.cost_per_correct_usd == pytest.approx(0.02)
+    assert (model.iterations, model.calls) == (2, 4)
+    assert model.agent_turn is not None
+    assert (model.agent_turn.median, model.agent_turn.p95) == (2.5, 3.0)
+    nothing = spending([])
+    assert (nothing.cost_usd, nothing.iterations, nothing.episode) == (None, None, None)
+
+
+@pytest.mark.parametrize("form", ["svg", "pdf"])
+def test_figures_are_whole_files_and_the_same_each_time(tmp_path: Path, study: Run, form: str) -> None:
+    who = contenders([study, hostile()])
+    files = write_figures(tmp_path / "a", who, form)
+    assert [file.stem for file in files] == ["budget", "categories", "dimensions", "failure_modes"]
+    again = write_figures(tmp_path / "b", who, form)
+    assert [one.read_bytes() for one in files] == [one.read_bytes() for one in again]
+    if form == "svg":
+        assert all(ET.parse(file).getroot().tag.endswith("svg") for file in files)
+        assert "model:x" in files[0].read_text(encoding="utf-8")
+
+
+def test_without_the_plotting_library_one_sentence_says_what_to_install(
+    tmp_path: Path, study: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(UsageError, match=r"pip install physment-mcp\[report\]"):
+        write_figures(tmp_path, contenders([study]), "svg")

@@ -1,0 +1,280 @@
+"""Two runs compared: what pairs with what, who is said to be better, and what is refused."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+from evaluator.__main__ import main
+from evaluator.errors import UsageError
+from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Outcome, Verdict, Versions
+from evaluator.scores.comparison import Comparison, Side, compare
+from evaluator.scores.metrics import ScoredEpisode
+from evaluator.statistics.paired import PairedTest
+from evaluator.store import RunFolder
+
+CATEGORIES = ("easy-single", "hard-multi", "create-delete-attach")
+
+
+def episode(key: EpisodeKey, pack: str = "aa", outcome: Outcome = Outcome.ANSWERED) -> Episode:
+    return Episode(
+        key=key,
+        outcome=outcome,
+        answer=1 if outcome is Outcome.ANSWERED else None,
+        prompt="",
+        turns=(),
+        started_at="2026-01-01T00:00:00Z",
+        duration_s=0,
+        versions=Versions(physment="0", protocol="0", pack=pack),
+    )
+
+
+def verdict(right: bool | None) -> Grade:
+    strict = Verdict.UNSCORED if right is None else Verdict.CORRECT if right else Verdict.INCORRECT
+    return Grade(strict=strict, graded=None if right is None else float(right), normalised=strict, reason="")
+
+
+def side(
+    name: str,
+    right: Callable[[EpisodeKey], bool | None],
+    *,
+    scenes: Iterable[int] = range(7, 47),
+    agents: Iterable[str] = ("x",),
+    budgets: Iterable[int] = (20,),
+    seeds: Iterable[int] = (0,),
+    prompting: str = "zero-shot",
+    packs: Callable[[int], str] = lambda _: "aa",
+    grader: str = "1",
+    key: float = 1.0,
+) -> Side:
+    rows: list[ScoredEpisode] = []
+    grades: dict[EpisodeKey, GradeRecord] = {}
+    for one in (
+        EpisodeKey(scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting)
+        for scene in scenes
+        for seed in seeds
+        for agent in agents
+        for budget in budgets
+    ):
+        pack, grade = packs(one.scene), verdict(right(one))
+        outcome = Outcome.INFRASTRUCTURE_ERROR if right(one) is None else Outcome.ANSWERED
+        kind = "comparison" if one.scene % 2 else "calculation"
+        rows.append(ScoredEpisode(episode(one, pack, outcome), grade, CATEGORIES[one.scene % 3], kind))
+        grades[one] = GradeRecord(key=one, grade=grade, answer_key=key, grader_version=grader, pack_version=pack)
+    return Side(name, rows, grades)
+
+
+def test_the_better_of_two_agents_is_named_with_its_certainty() -> None:
+    found = compare(
+        side("runs/one", lambda key: key.scene < 22, agents=["x"]),
+        side("runs/two", lambda key: key.scene < 32, agents=["y"]),
+    )
+    # 40 scenes: 15 against 25, all ten that differ for y: p = 2 / 2¹⁰.
+    assert (found.a, found.b, found.better) == ("x", "y", "b")
+    assert (found.strict.first_correct, found.strict.second_correct, found.strict.n) == (15, 25, 40)
+    assert found.strict.p_value == pytest.approx(2 / 2**10)
+    assert found.sentence.startswith(
+        "y is better than x on 40 common episodes of 40 scenes: 62.5 % against 37.5 % right, +25.0 points (95 % interv"
+    )
+    assert found.sentence.endswith("; p = 0.002, exact McNemar test.")
+
+
+def test_the_order_of_the_runs_does_not_change_who_is_better() -> None:
+    one = side("one", lambda key: key.scene < 22, agents=["x"], seeds=range(3))
+    two = side("two", lambda key: key.scene < 40 and key.seed < 2, agents=["y"], seeds=range(3))
+    forth, back = compare(one, two), compare(two, one)
+    # 15 scenes of three against 33 scenes of two: 45 and 66 of 120.
+    assert (forth.better, back.better) == ("b", "a")
+    assert forth.strict.p_value == back.strict.p_value
+    assert forth.strict.difference == -back.strict.difference == pytest.approx(21 / 120)
+    assert forth.strict.test is PairedTest.SIGN_FLIP
+    for found in (forth, back):
+        assert found.sentence.startswith(
+            "y is better than x on 120 common episodes of 40 scenes: 55.0 % against 37.5 % right, +17.5 points"
+        )
+
+
+def test_a_run_against_itself_is_first_and_second() -> None:
+    found = compare(side("one", bool), side("one", bool))
+    assert (found.a, found.b, found.better) == ("one (first)", "one (second)", None)
+    lone = compare(side("one", bool, scenes=[8]), side("two", bool, scenes=[8]))
+    assert "on 1 common episode of 1 scene: 100.0 % against 100.0 % right, +0.0 points; p = 1" in lone.sentence
+
+
+def test_two_that_cannot_be_told_apart_are_not_ranked() -> None:
+    found = compare(side("one", lambda key: key.scene < 30), side("two", lambda key: key.scene < 31))
+    assert (found.better, found.a, found.b) == (None, "one", "two")
+    assert found.sentence.startswith("two and one cannot be told apart on 40 common episodes of 40 scenes: 60.0 % ")
+    assert "p = 1, exact McNemar test" in found.sentence
+
+
+def test_what_differs_as_a_whole_is_what_is_compared() -> None:
+    found = compare(
+        side("one", lambda key: key.scene < 20, budgets=[5]),
+        side("two", lambda key: key.scene < 40, budgets=[20], prompting="few-shot"),
+    )
+    assert (found.a, found.b) == ("x (budget 5, zero-shot)", "x (budget 20, few-shot)")
+    assert found.better == "b"
+    assert {one.grouping for one in found.groups} == {
+        *("problem kind", "problem type", "difficulty and breadth", "modality", "category")
+    }
+
+
+def test_what_a_run_has_several_of_is_paired_with_its_like() -> None:
+    found = compare(
+        side("one", lambda key: key.scene < 20, agents=["x"], budgets=[5, 10, 20]),
+        side("two", lambda key: key.scene < 20 or key.budget == 20, agents=["y"], budgets=[10, 20, 40]),
+    )
+    assert (found.strict.n, found.only_a, found.only_b) == (80, 40, 40)
+    groups = {one.group: one for one in found.groups if one.grouping == "budget"}
+    assert list(groups) == ["10", "20"]
+    assert groups["10"].difference.difference == 0
+    assert groups["20"].difference.difference == pytest.approx(27 / 40)
+    assert groups["20"].p_adjusted == pytest.approx(2 * 2 / 2**27)
+    assert groups["10"].p_adjusted == 1
+
+
+def test_a_common_agent_among_several_is_compared_with_itself() -> None:
+    one = side("one", lambda key: key.scene < 20, agents=["x", "y"])
+    two = side("two", lambda key: key.scene < 20, agents=["x"])
+    found = compare(one, two)
+    assert (found.strict.n, found.only_a, found.strict.difference) == (40, 40, 0)
+
+
+def test_unscored_episodes_are_left_out_and_counted() -> None:
+    found = compare(
+        side("one", lambda key: None if key.scene == 7 else True),
+        side("two", lambda key: None if key.scene in {7, 8} else False),
+    )
+    assert (found.unscored, found.strict.n, found.strict.n_scenes) == (2, 38, 38)
+    with pytest.raises(UsageError, match="an infrastructure error ended every episode"):
+        compare(side("one", lambda _: None), side("two", lambda _: True))
+
+
+def refusal(one: Side, two: Side) -> str:
+    with pytest.raises(UsageError) as refused:
+        compare(one, two)
+    return str(refused.value)
+
+
+def test_runs_without_a_common_episode_are_refused_with_what_they_do_not_share() -> None:
+    one = side("one", bool, scenes=range(7, 30))
+    assert refusal(one, side("two", bool, scenes=range(50, 60))) == (
+        "one and two have no episode in common: scene 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21 … against"
+        " 50, 51, 52, 53, 54, 55, 56, 57, 58, 59"
+    )
+    assert "seed 0 against 1, 2" in refusal(one, side("two", bool, seeds=[1, 2]))
+    several = side("two", bool, agents=["y", "z"])
+    assert refusal(one, several).endswith("agent x against y, z; choose one of each with --a agent=… --b agent=…")
+    assert refusal(one, side("two", bool, scenes=[])) == "two holds no episodes, or none of those chosen"
+    crossed = Side("two", [*side("", bool, scenes=[7], seeds=[1]).rows, *side("", bool, scenes=[99]).rows], {})
+    assert "no scene, seed, epoch is the same in both" in refusal(side("one", bool, scenes=[7]), crossed)
+
+
+def test_other_packs_are_refused_by_scene() -> None:
+    one, two = side("one", bool), side("two", bool, packs=lambda scene: "bb" if scene in {8, 21} else "aa")
+    assert refusal(one, two) == (
+        "one and two were played on different packs of scenes 8, 21, which are not the same tasks;"
+        " leave them out with --without 8,21"
+    )
+    every = refusal(one, side("two", bool, packs=lambda _: "bb"))
+    assert "scenes 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18 and 28 more, which" in every
+
+
+def test_other_grades_are_refused() -> None:
+    one = side("one", bool)
+    assert "different versions of the grader (1, 2); run `physment-eval grade` on both" in refusal(
+        one, side("two", bool, grader="2")
+    )
+    assert "graded against different keys of scenes 7, 8" in refusal(one, side("two", bool, key=2.0))
+
+
+def test_an_unsealed_run_compares_with_nothing() -> None:
+    assert refusal(side("one", bool), side("two", bool, agents=["external-unsealed:codex"])) == (
+        "two: external-unsealed:codex could read the packs, so its results compare with nothing"
+    )
+
+
+# As a command.
+def stored(folder: Path, made: Side) -> Path:
+    run = RunFolder(folder)
+    run.create(resume=False)
+    run.write_run({})
+    for row in made.rows:
+        run.append_episode(row.episode)
+    run.write_grades(made.grades.values())
+    return folder
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> tuple[str, str]:
+    one = side("", lambda key: key.scene < 12, scenes=range(7, 23), agents=["x[/]"], budgets=[5, 20])
+    two = side("", lambda key: key.scene < 21, scenes=range(7, 23), agents=["y"], budgets=[5, 20])
+    return str(stored(tmp_path / "one", one)), str(stored(tmp_path / "two", two))
+
+
+def test_the_command_says_it_in_a_sentence_and_a_table(
+    runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *runs]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(
+        "y is better than x[/] on 32 common episodes of 16 scenes: 87.5 % against 31.2 % right, +56.2"
+    )
+    lines = {line.split("  ")[0].strip(): line.split() for line in said.splitlines() if "/" in line}
+    assert lines["strict"][1:7] == ["16", "10/32", "31.2", "%", "28/32", "87.5"]
+    for group in ("budget", "category", "easy-single", "quantitative", "modality"):
+        assert group in said
+
+
+def test_the_command_gives_all_numbers_as_json(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", *runs, "--json", "--a", "budget=5", "--b", "budget=20"]) == 0
+    found = Comparison.model_validate_json(capsys.readouterr().out)
+    assert (found.a, found.b, found.better) == ("x[/] (budget 5)", "y (budget 20)", "b")
+    assert (found.strict.n, found.strict.n_scenes) == (16, 16)
+    # Nine scenes of nine: 2 / 2⁹.
+    assert found.strict.p_value == pytest.approx(2 / 2**9)
+
+
+def test_one_study_is_compared_with_itself(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", runs[0], runs[0], "--a", "budget=5", "--b", "budget=20"]) == 0
+    assert "cannot be told apart on 16 common episodes of 16 scenes" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--a", "budget"], "--a budget: write NAME=VALUE, NAME one of agent, budget, prompting, protocol"),
+        (["--b", "scene=7"], "--b scene=7: write NAME=VALUE"),
+        (["--b", "budget=7"], "two holds no episodes, or none of those chosen"),
+        (["--without", "x"], "--without x: write whole numbers and ranges"),
+        (["--without", "0-200"], "one holds no episodes, or none of those chosen"),
+    ],
+)
+def test_a_wrong_choice_is_refused_in_a_sentence(
+    runs: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
+) -> None:
+    assert main(["compare", *runs, *words]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_folder_without_run_or_grades_is_refused(
+    tmp_path: Path, runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", runs[0], str(tmp_path)]) == 2
+    assert "is not a run folder" in capsys.readouterr().err
+    (Path(runs[1]) / "grades.jsonl").unlink()
+    assert main(["compare", *runs]) == 2
+    assert "not every episode is graded; run `physment-eval grade" in capsys.readouterr().err
+
+
+def test_scenes_left_out_take_their_other_packs_with_them(
+    tmp_path: Path, runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = side("", bool, scenes=range(7, 23), agents=["z"], budgets=[5, 20], packs=lambda n: "b" if n < 9 else "aa")
+    folder = str(stored(tmp_path / "other", other))
+    assert main(["compare", runs[0], folder]) == 2
+    assert "leave them out with --without 7,8" in capsys.readouterr().err
+    assert main(["compare", runs[0], folder, "--without", "7,8", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["strict"]["n_scenes"] == 14

@@ -1,0 +1,319 @@
+"""Dimensions and the Final Score against hand-computed traces, published rows and published intervals."""
+
+import itertools
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import JsonValue
+
+from evaluator.records import (
+    Episode,
+    EpisodeKey,
+    Exchange,
+    Grade,
+    NormalisationClass,
+    Outcome,
+    ToolCall,
+    Turn,
+    Verdict,
+    Versions,
+)
+from evaluator.scores.grouping import quadrant
+from evaluator.scores.metrics import (
+    WEIGHTS,
+    ScoredEpisode,
+    dimensions,
+    final_score,
+    held_out_accuracy,
+    non_repetition,
+    summarise,
+)
+from evaluator.statistics.intervals import wilson_interval
+
+RIGHT = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="")
+WRONG = Grade(strict=Verdict.INCORRECT, graded=0.0, normalised=Verdict.INCORRECT, reason="")
+HALF = Grade(strict=Verdict.INCORRECT, graded=0.5, normalised=Verdict.INCORRECT, reason="")
+FORGIVEN = Grade(
+    strict=Verdict.INCORRECT,
+    graded=0.0,
+    normalised=Verdict.CORRECT,
+    normalisation=NormalisationClass.ANSWER_FORMAT,
+    reason="",
+)
+UNSCORED = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
+
+
+def exchange(tool: str = "step", *, ran: bool = True, error: bool = False) -> Exchange:
+    return Exchange(call=ToolCall(tool=tool, arguments={}), returned=ran, is_error=error)
+
+
+def episode(
+    *turns: Turn,
+    outcome: Outcome = Outcome.ANSWERED,
+    answer: JsonValue = 1,
+    scene: int = 7,
+    budget: int = 20,
+    agent: str = "scripted",
+    prompting: str = "zero-shot",
+) -> Episode:
+    return Episode(
+        key=EpisodeKey(scene=scene, seed=0, agent=agent, budget=budget, prompting=prompting),
+        outcome=outcome,
+        answer=answer if outcome is Outcome.ANSWERED else None,
+        prompt="",
+        turns=turns,
+        started_at="2026-01-01T00:00:00Z",
+        duration_s=0,
+        versions=Versions(physment="0", protocol="0", pack="1"),
+    )
+
+
+def turn(reasoning: str = "", *exchanges: Exchange) -> Turn:
+    return Turn(reasoning=reasoning, exchanges=exchanges)
+
+
+def row(
+    grade: Grade,
+    category: str = "easy-single",
+    *,
+    agent: str = "scripted",
+    budget: int = 20,
+    outcome: Outcome = Outcome.ANSWERED,
+    problem_type: str = "calculation",
+) -> ScoredEpisode:
+    played = episode(turn("push", exchange("answer")), agent=agent, budget=budget, outcome=outcome)
+    return ScoredEpisode(played, grade, category, problem_type)
+
+
+# The paper's table: C, E, G, V, R, G' → FS.
+PUBLISHED = [
+    ((0.583, 0.537, 0.729, 1.000, 0.701, 0.476), 64.1),
+    ((0.555, 0.420, 0.598, 1.000, 0.657, 0.437), 58.4),
+    ((0.503, 0.655, 0.544, 0.999, 0.613, 0.580), 60.0),
+    ((0.480, 0.418, 0.514, 1.000, 0.633, 0.588), 55.4),
+    ((0.351, 0.238, 0.744, 1.000, 0.700, 0.426), 50.0),
+    ((0.308, 0.201, 0.702, 0.999, 0.708, 0.381), 46.7),
+    ((0.224, 0.280, 0.712, 1.000, 0.678, 0.432), 44.9),
+]
+
+
+@pytest.mark.parametrize(("row", "published"), PUBLISHED)
+def test_the_published_rows_give_the_published_score(row: tuple[float, ...], published: float) -> None:
+    # No allowance is needed: the printed inputs, each uncertain by 0.0005 (together 100 · 0.0005 = 0.05 points, as the
+    # weights add up to 1), give the printed score when rounded to one decimal place.
+    assert round(final_score(*row), 1) == published
+
+
+def test_the_weights_add_up_to_one() -> None:
+    assert sum(WEIGHTS.values()) == pytest.approx(1)
+    assert final_score(1, 1, 1, 1, 1, 1) == pytest.approx(100)
+
+
+def test_undefined_dimensions_count_nothing_in_the_score() -> None:
+    assert final_score(1, 0.5, None, None, None, None) == pytest.approx(100 * (0.40 + 0.15 * 0.5))
+
+
+# One episode.
+def test_efficiency_is_the_share_of_the_budget_left() -> None:
+    turns = [turn("", exchange()) for _ in range(5)]
+    assert dimensions(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
+    assert dimensions(episode(*turns, budget=5), RIGHT).e == 0
+    assert dimensions(episode(*turns, budget=20), WRONG).e == pytest.approx(0.75)
+    limited_by_calls = episode(*turns, budget=5).model_copy(update={"max_calls": 50})
+    assert dimensions(limited_by_calls, RIGHT).e == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("outcome", [Outcome.BUDGET_EXHAUSTED, Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR])
+def test_without_an_answer_efficiency_is_nothing(outcome: Outcome) -> None:
+    assert dimensions(episode(turn(), outcome=outcome), WRONG).e == 0
+
+
+def test_correctness_is_the_graded_one() -> None:
+    assert [dimensions(episode(), grade).c for grade in (RIGHT, HALF, WRONG, UNSCORED)] == [1, 0.5, 0, None]
+
+
+def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_behind_them() -> None:
+    played = episode(
+        turn("", exchange(), exchange(error=True), exchange()),
+        # Rejected, then one that never ran.
+        turn("", exchange(), exchange(ran=False, error=True), exchange(ran=False)),
+        turn("", exchange("answer")),
+    )
+    scores = dimensions(played, RIGHT)
+    # Made: 3 + 2 + 1 = 6, of which one returned an error and one was rejected.
+    assert (scores.v, scores.calls, scores.disabled_calls) == (pytest.approx(4 / 6), 6, 0)
+
+
+def test_calls_to_disabled_tools_are_counted_apart() -> None:
+    played = episode(turn("", exchange(), exchange("detect_collision", error=True), exchange("answer")))
+    scores = dimensions(played, RIGHT, frozenset({"detect_collision"}))
+    assert (scores.v, scores.calls, scores.disabled_calls) == (1.0, 2, 1)
+
+
+def test_without_calls_words_or_assertions_the_dimensions_are_undefined() -> None:
+    scores = dimensions(episode(turn(""), turn(" …\n"), outcome=Outcome.AGENT_ERROR), WRONG)
+    assert (scores.g, scores.v, scores.r) == (None, None, None)
+
+
+def test_grounding_is_the_share_of_supported_assertions() -> None:
+    read = Exchange(
+        call=ToolCall(tool="get_velocity", arguments={}), returned=True, content={"velocity": [1.5, 0.0, 0.0]}
+    )
+    scores = dimensions(episode(turn("", read), turn("It has 1.5 m/s, so 7 J.", exchange("answer"))), RIGHT)
+    assert scores.g == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("reasoning", "expected"),
+    [
+        ([], None),
+        (["", "  "], None),
+        (["…!"], None),
+        (["Push"], 1.0),
+        (["push the ball now"], 1.0),
+        # the-ball, ball-the, the-ball, ball-rolls: 2 of 4.
+        (["The ball, the ball rolls"], 0.5),
+        # Bigrams do not reach over turns: read-it twice among two.
+        (["Read it.", "read IT"], 0.0),
+        (["read", "it", "read", "it"], 1.0),
+        # A decimal and an id are one word each: object_2-is, is-0.5, 0.5-object_2, object_2-is: 2 of 4.
+        (["object_2 is 0.5; object_2 is"], 0.5),
+        # Five words, one bigram four times.
+        (["go go go go go"], 0.0),
+    ],
+)
+def test_non_repetition_by_hand(reasoning: list[str], expected: float | None) -> None:
+    found = non_repetition(reasoning)
+    assert found == (None if expected is None else pytest.approx(expected))
+
+
+# A run.
+def test_a_scene_is_held_against_the_other_categories_each_counted_once() -> None:
+    rows = [
+        row(RIGHT, "easy-single"),
+        *(row(RIGHT, "hard-single"), row(WRONG, "hard-single")),
+        *(row(RIGHT, "hard-multi"), row(WRONG, "hard-multi"), row(FORGIVEN, "hard-multi"), row(HALF, "hard-multi")),
+        row(UNSCORED, "easy-multi", outcome=Outcome.INFRASTRUCTURE_ERROR),
+    ]
+    found = {category: value for (_, category), value in held_out_accuracy(rows).items()}
+    # Accuracies: 1, 1/2 and 1/4; the category with nothing scored does not exist.
+    assert found == {
+        "easy-single": pytest.approx((1 / 2 + 1 / 4) / 2),
+        "hard-single": pytest.approx((1 + 1 / 4) / 2),
+        "hard-multi": pytest.approx((1 + 1 / 2) / 2),
+    }
+
+
+def test_held_out_accuracy_is_not_pooled_over_agents_or_budgets() -> None:
+    rows = [
+        *(row(RIGHT, "easy-single", agent="a"), row(RIGHT, "hard-single", agent="a")),
+        *(row(WRONG, "easy-single", agent="b"), row(WRONG, "hard-single", agent="b")),
+        row(RIGHT, "easy-single", agent="b", budget=5),
+    ]
+    summary = summarise(rows)
+    assert summary.by_agent["a"].g_prime == 1
+    assert summary.by_agent["b"].g_prime is None
+    assert summary.by_budget[20].g_prime == pytest.approx(0.5)
+    assert summary.by_budget[5].g_prime is None
+
+
+def test_a_run_of_one_category_has_no_held_out_accuracy_and_no_final_score() -> None:
+    overall = summarise([row(RIGHT), row(WRONG)]).overall
+    assert (overall.g_prime, overall.final_score, overall.strict_accuracy) == (None, None, 0.5)
+
+
+def test_a_run_by_hand() -> None:
+    played = episode(turn("It moves at 1.5 m/s", exchange(), exchange(error=True)), turn("", exchange("answer")))
+    silent = episode(turn("", exchange("answer")), scene=8)
+    lost = episode(turn("no idea"), outcome=Outcome.BUDGET_EXHAUSTED, scene=51)
+    broken = episode(outcome=Outcome.INFRASTRUCTURE_ERROR, scene=52)
+    summary = summarise(
+        [
+            ScoredEpisode(played, HALF, "easy-single", "computation"),
+            ScoredEpisode(silent, RIGHT, "easy-single", "comparison", frozenset({"step"})),
+            ScoredEpisode(lost, WRONG, "easy-multi", "comparison"),
+            ScoredEpisode(broken, UNSCORED, "easy-multi-hidden", "comparison"),
+        ]
+    )
+    overall = summary.overall
+    assert (overall.n, overall.n_scored, overall.n_correct) == (4, 3, 1)
+    assert overall.strict_accuracy == pytest.approx(1 / 3)
+    assert overall.normalised_accuracy == pytest.approx(1 / 3)
+    assert overall.strict_interval == wilson_interval(1, 3)
+    assert overall.c == pytest.approx((0.5 + 1 + 0) / 3)
+    assert overall.e == pytest.approx((0.9 + 0.95 + 0) / 3)
+    assert overall.g == 0
+    assert overall.g_undefined == pytest.approx(2 / 3)
+    assert overall.v == pytest.approx((2 / 3 + 1 + 0) / 3)
+    assert overall.v_undefined == pytest.approx(1 / 3)
+    assert overall.r == pytest.approx((1 + 0 + 1) / 3)
+    assert overall.r_undefined == pytest.approx(1 / 3)
+    # Easy-single is 1/2 right, easy-multi 0: held out against each other 0, 0 and 1/2.
+    assert overall.g_prime == pytest.approx(0.5 / 3)
+    assert overall.final_score == pytest.approx(
+        100 * (0.40 * 0.5 + 0.15 * 1.85 / 3 + 0.10 * (5 / 9) + 0.10 * (2 / 3) + 0.10 * 0.5 / 3)
+    )
+    assert overall.outcomes == {
+        Outcome.ANSWERED: 2,
+        Outcome.BUDGET_EXHAUSTED: 1,
+        Outcome.INFRASTRUCTURE_ERROR: 1,
+    }
+    assert list(summary.by_category) == ["easy-multi", "easy-multi-hidden", "easy-single"]
+    assert summary.by_category["easy-multi-hidden"].model_dump(exclude={"outcomes", "failures"}) == {
+        **dict.fromkeys(summary.overall.model_dump(exclude={"outcomes", "failures"})),
+        "n": 1,
+        "n_scored": 0,
+        "n_scenes": 0,
+        "n_correct": 0,
+        "disabled_calls": 0,
+    }
+    assert {name: group.n for name, group in summary.by_quadrant.items()} == {"easy-multi": 2, "easy-single": 2}
+    assert {name: group.n for name, group in summary.by_problem_type.items()} == {"comparison": 3, "computation": 1}
+    assert set(summary.by_prompting) == {"zero-shot"}
+
+
+def test_a_dimension_that_no_episode_defines_is_shown_as_undefined() -> None:
+    overall = summarise([row(RIGHT, "easy-single"), row(RIGHT, "hard-single")]).overall
+    assert (overall.g, overall.g_undefined) == (None, 1.0)
+    assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10 + 0.10 + 0.10))
+
+
+def test_normalised_accuracy_stands_beside_the_strict_one() -> None:
+    overall = summarise([row(RIGHT), row(FORGIVEN), row(WRONG), row(WRONG)]).overall
+    assert (overall.strict_accuracy, overall.normalised_accuracy) == (0.25, 0.5)
+
+
+def test_an_empty_run_has_no_numbers() -> None:
+    summary = summarise([])
+    assert (summary.overall.n, summary.overall.strict_accuracy, summary.overall.strict_interval) == (0, None, None)
+    assert summary.by_category == {}
+
+
+@pytest.mark.parametrize(
+    ("category", "expected"),
+    [
+        ("easy-single", "easy-single"),
+        ("hard-multi-hidden", "hard-multi"),
+        ("create-delete-attach", "create-delete-attach"),
+        ("uncategorised", "uncategorised"),
+        ("easy", "easy"),
+    ],
+)
+def test_categories_fall_into_quadrants(category: str, expected: str) -> None:
+    assert quadrant(category) == expected
+
+
+@settings(max_examples=50)
+@given(data=st.data())
+def test_numbers_stay_in_bounds_and_do_not_depend_on_the_order(data: st.DataObject) -> None:
+    grades = data.draw(st.lists(st.sampled_from([RIGHT, WRONG, HALF, FORGIVEN, UNSCORED]), min_size=1, max_size=12))
+    categories = itertools.cycle(["easy-single", "hard-multi", "create-delete-attach"])
+    rows = [row(grade, category) for grade, category in zip(grades, categories, strict=False)]
+    summary = summarise(rows)
+    assert summarise(data.draw(st.permutations(rows))) == summary
+    for group in (summary.overall, *summary.by_category.values()):
+        for share in (group.strict_accuracy, group.normalised_accuracy, group.c, group.e, group.g_prime):
+            assert share is None or 0 <= share <= 1
+        assert group.final_score is None or 0 <= group.final_score <= 100
+        assert sum(group.outcomes.values()) == group.n

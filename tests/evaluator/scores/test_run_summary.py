@@ -1,0 +1,175 @@
+"""The statistics as they stand in a run's summary and in the terminal."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from evaluator.commands.terminal import summary_lines
+from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
+from evaluator.scores.grouping import modality, problem_kind
+from evaluator.scores.metrics import RunSummary, ScoredEpisode, summarise
+from evaluator.scores.wording import curve_sentence
+from evaluator.statistics.budget_curve import Cell, Shape, budget_curve
+from evaluator.statistics.intervals import IntervalMethod, proportion
+from tests.builders.paths import DOCS
+
+SCHEMA = DOCS / "reference" / "run-summary.schema.json"
+
+
+def rows(
+    right: Callable[[EpisodeKey], bool | None],
+    *,
+    scenes: int = 12,
+    budgets: tuple[int, ...] = (20,),
+    seeds: int = 1,
+    agents: tuple[str, ...] = ("x",),
+    protocol: str = "native",
+) -> list[ScoredEpisode]:
+    found: list[ScoredEpisode] = []
+    for key in (
+        EpisodeKey(scene=7 + scene, seed=seed, agent=agent, budget=budget, protocol=protocol)
+        for scene in range(scenes)
+        for seed in range(seeds)
+        for agent in agents
+        for budget in budgets
+    ):
+        said = right(key)
+        strict = Verdict.UNSCORED if said is None else Verdict.CORRECT if said else Verdict.INCORRECT
+        played = Episode(
+            key=key,
+            outcome=Outcome.INFRASTRUCTURE_ERROR if said is None else Outcome.BUDGET_EXHAUSTED,
+            prompt="",
+            turns=(),
+            started_at="2026-01-01T00:00:00Z",
+            duration_s=0,
+            versions=Versions(physment="0", protocol="0", pack="1"),
+        )
+        grade = Grade(strict=strict, graded=None if said is None else float(said), normalised=strict, reason="")
+        kind = "comparison" if key.scene % 2 else "computation"
+        found.append(ScoredEpisode(played, grade, "hard-multi-hidden" if key.scene % 3 else "easy-single", kind))
+    return found
+
+
+def test_the_interval_of_a_group_goes_by_scenes() -> None:
+    summary = summarise(rows(lambda key: key.scene < 12, seeds=5))
+    whole = summary.overall
+    assert (whole.n_scored, whole.n_scenes, whole.n_correct) == (60, 12, 25)
+    assert whole.interval_method is IntervalMethod.CLUSTERED
+    expected = proportion((scene, scene < 5) for scene in range(12) for _ in range(5))
+    assert whole.strict_interval == whole.normalised_interval == expected.interval
+    one_each = summarise(rows(lambda key: key.scene < 12)).overall
+    assert one_each.interval_method is IntervalMethod.WILSON
+
+
+def test_every_way_of_grouping_counts_every_episode_once() -> None:
+    summary = summarise(
+        [*rows(lambda _: True, agents=("x", "y")), *rows(lambda _: False, protocol="text", budgets=(5, 10))]
+    )
+    assert summary.overall.n == 48
+    for name, groups in summary:
+        if name.startswith("by_"):
+            assert sum(group.n for group in groups.values()) == 48, name
+    assert {name: group.n for name, group in summary.by_modality.items()} == {"hidden": 32, "plain": 16}
+    assert {name: group.n for name, group in summary.by_problem_kind.items()} == {"qualitative": 24, "quantitative": 24}
+    assert {name: group.n_correct for name, group in summary.by_protocol.items()} == {"native": 24, "text": 0}
+
+
+@pytest.mark.parametrize(
+    ("category", "expected"),
+    [
+        ("easy-single", "plain"),
+        ("hard-multi-creation", "creation"),
+        ("easy-multi-hidden", "hidden"),
+        ("create-delete-attach", "create-delete-attach"),
+        ("uncategorised", "uncategorised"),
+        ("easy", "easy"),
+    ],
+)
+def test_categories_have_modalities(category: str, expected: str) -> None:
+    assert modality(category) == expected
+
+
+def test_problem_types_are_of_two_kinds_or_other() -> None:
+    kinds = [problem_kind(one) for one in ("comparison", "Observation ", "calculation", "computation", "estimation")]
+    assert kinds == ["qualitative", "qualitative", "quantitative", "quantitative", "other"]
+
+
+def test_a_curve_is_of_the_episodes_that_every_budget_scored() -> None:
+    def right(key: EpisodeKey) -> bool | None:
+        return None if (key.scene, key.budget) == (7, 10) else key.budget > 5 or key.scene < 9
+
+    summary = summarise(rows(right, budgets=(20, 5, 10), agents=("y", "x")))
+    assert [(one.agent, one.prompting, one.protocol) for one in summary.budget_curves] == [
+        ("x", "zero-shot", "native"),
+        ("y", "zero-shot", "native"),
+    ]
+    curve = summary.budget_curves[0].curve
+    assert (curve.n, curve.n_scenes) == (11, 11)
+    assert [(point.budget, point.accuracy.n_correct) for point in curve.points] == [(5, 1), (10, 11), (20, 11)]
+    assert (curve.shape, curve.enough) == (Shape.RISING, 10)
+
+
+def test_one_budget_or_no_common_episode_gives_no_curve() -> None:
+    assert summarise(rows(lambda _: True)).budget_curves == ()
+    apart = [*rows(lambda _: True, scenes=3), *rows(lambda _: True, scenes=6, budgets=(5,))[3:]]
+    assert summarise(apart).budget_curves == ()
+
+
+def test_several_tries_are_told_of_each_condition_that_has_them() -> None:
+    summary = summarise(
+        [
+            *rows(lambda key: key.seed == 0, seeds=4),
+            *rows(lambda _: True, agents=("once",)),
+            *rows(lambda _: None, agents=("never",)),
+        ]
+    )
+    (found,) = summary.attempts
+    assert (found.agent, found.budget, found.attempts.n_scenes, found.attempts.tries) == ("x", 20, 12, 4)
+    # One of four on every scene: one of two in half of the ways to choose two.
+    assert [(point.k, point.pass_at_k, point.pass_hat_k) for point in found.attempts.points] == [
+        (1, 0.25, 0.25),
+        (2, 0.5, 0),
+        (4, 1, 0),
+    ]
+
+
+def test_the_summary_fits_its_published_schema_and_reads_back() -> None:
+    summary = summarise(rows(lambda key: key.budget > 5, budgets=(5, 20), seeds=2))
+    text = summary.model_dump_json()
+    validator = Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
+    validator.validate(json.loads(text))  # pyright: ignore[reportUnknownMemberType] - partly typed
+    assert RunSummary.model_validate_json(text) == summary
+
+
+def test_the_terminal_tells_denominators_and_what_the_budget_does() -> None:
+    lines = summary_lines(summarise(rows(lambda key: key.budget > 5, budgets=(5, 20))))
+    assert "by budget  5: 0.0 % (0/12)   20: 100.0 % (12/12)" in lines
+    assert (
+        "accuracy is rising with the budget on 12 episodes of 12 scenes at each budget, with 99 % certainty;"
+        " gains have not ended at 20" in lines
+    )
+    two = summary_lines(summarise(rows(lambda key: key.budget > 5, budgets=(5, 20), agents=("x", "y"))))
+    assert any(line.startswith("x, zero-shot, native: accuracy is rising") for line in two)
+
+
+def test_a_flat_curve_is_told_with_its_certainty_unless_too_little_was_played() -> None:
+    def told(scenes: int) -> str:
+        return curve_sentence(budget_curve((5, 20), [Cell(scene, (scene < 3, scene < 3)) for scene in range(scenes)]))
+
+    assert told(40) == (
+        "no two budgets can be told apart on 40 episodes of 40 scenes at each budget; within 5 points with 99 %"
+        " certainty; beyond 5 no budget gains more than 5 points, with 99 % certainty"
+    )
+    assert told(4) == (
+        "no two budgets can be told apart on 4 episodes of 4 scenes at each budget;"
+        " beyond 5 no budget gains more than 5 points"
+    )
+
+
+def test_the_command_starts_without_the_parts_of_scipy() -> None:
+    code = "import sys, evaluator.__main__; sys.exit(any(f'scipy.{x}' in sys.modules for x in ('stats', 'special')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,323 @@
+"""The matrix of a run: a few episodes at a time, each on disk once, whatever fails and whenever it is stopped."""
+
+import shutil
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import anyio
+import pytest
+from mcp import Client
+
+from evaluator.agents.scripted import ScriptedAgent
+from evaluator.answers.grading import grade_missing
+from evaluator.episode.connect import LocalHost
+from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
+from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Verdict, Versions
+from evaluator.store import RunFolder
+from evaluator.study.attempts import MAX_ATTEMPTS
+from evaluator.study.limits import Limits, Meter
+from evaluator.study.plan import Plan, missing
+from evaluator.study.runner import Runner
+from physment_mcp.scene import load_scene
+from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.session import Session
+from scenes import PackFiles, find_pack, pack_hash
+
+PACK = ("scene7.json", "scene7.xml", "solution.py")
+VERSIONS = Versions(physment="0", protocol="0", pack="0")
+SCRIPT = ScriptedAgent("x", {None: ((ToolCall(tool="answer", arguments={"answer": 1}),),)})
+
+
+@dataclass
+class InMemory:
+    """A laboratory in this process that counts, and fails the first times it opens some seeds."""
+
+    failures: dict[int, int] = field(default_factory=dict[int, int])
+    opened: list[int] = field(default_factory=list[int])
+    now: int = 0
+    most: int = 0
+    toolboxes: None = None
+
+    @asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        self.opened.append(seed)
+        if self.opened.count(seed) <= self.failures.get(seed, 0):
+            raise InfrastructureError(f"failure {self.opened.count(seed)} of seed {seed}")
+        self.now += 1
+        self.most = max(self.most, self.now)
+        try:
+            async with Client(build_server(Laboratory(Session(load_scene(scene, 0))))) as client:
+                yield client
+        except ExceptionGroup as group:
+            # As the real laboratories do: a client wraps what happens while it is connected.
+            if group.subgroup(InfrastructureError):
+                raise InfrastructureError("failed while connected") from group
+            raise
+        finally:
+            self.now -= 1
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    made = RunFolder(tmp_path / "run")
+    made.create(resume=False)
+    return made
+
+
+def keys(seeds: int) -> list[EpisodeKey]:
+    return Plan(scenes=(7,), agents=("x",), budgets=(3,), seeds=tuple(range(seeds))).matrix()
+
+
+async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:
+    todo = missing(keys(seeds), folder.episodes())
+    with anyio.fail_after(30):
+        await Runner(laboratory, {"x": agent}, folder, lambda _scene: VERSIONS, concurrency).run(todo)
+
+
+def lines(folder: RunFolder) -> int:
+    return folder.episodes_file.read_bytes().count(b"\n")
+
+
+@pytest.mark.parametrize("concurrency", [1, 3, 50])
+async def test_no_more_episodes_are_open_at_a_time_than_asked_for_and_each_is_played_once(
+    folder: RunFolder, concurrency: int
+) -> None:
+    laboratory = InMemory()
+    await run(laboratory, folder, 10, concurrency=concurrency)
+    assert laboratory.most <= concurrency
+    assert sorted(laboratory.opened) == list(range(10))
+    assert (lines(folder), set(folder.episodes())) == (10, set(keys(10)))
+
+
+async def test_as_many_episodes_are_open_at_a_time_as_asked_for(folder: RunFolder) -> None:
+    class Waiting:
+        """Answers only when three of its kind are playing."""
+
+        name = "x"
+
+        def __init__(self) -> None:
+            self.playing = 0
+            self.all_here = anyio.Event()
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> "Waiting":
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            self.playing += 1
+            if self.playing == 3:
+                self.all_here.set()
+            await self.all_here.wait()
+            return Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1}),))
+
+    laboratory = InMemory()
+    await run(laboratory, folder, 6, Waiting(), concurrency=3)
+    assert laboratory.most == 3
+
+
+@pytest.mark.parametrize(("failing", "replies"), [(0, 2), (1, 3), (2, 4), (3, 3)])
+async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, failing: int, replies: int) -> None:
+    class Failing:
+        """Loses the laboratory after its first turn in some attempts, and answers in its second in the next."""
+
+        name = "x"
+        attempts = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            self.attempts += 1
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            used = Usage(input_tokens=10, output_tokens=1, cost_usd=0.5)
+            if feedback is None:
+                return Reply(calls=(ToolCall(tool="step", arguments={"duration": 0.1}),), usage=used)
+            if self.attempts <= failing:
+                raise InfrastructureError("the provider is gone")
+            return Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1}),), usage=used)
+
+    meter = Meter(Limits(tokens=1_000_000))
+    with anyio.fail_after(30):
+        await Runner(InMemory(), {"x": Failing()}, folder, lambda _scene: VERSIONS, meter=meter).run(keys(1))
+    (episode,) = folder.episodes().values()
+    expected = Outcome.INFRASTRUCTURE_ERROR if failing == MAX_ATTEMPTS else Outcome.ANSWERED
+    assert episode.outcome is expected
+    assert episode.usage == Usage(input_tokens=10 * replies, output_tokens=replies, cost_usd=0.5 * replies)
+    assert (meter.tokens, meter.cost_usd) == (11 * replies, 0.5 * replies)
+
+
+async def test_a_failure_of_the_infrastructure_costs_an_attempt_and_not_the_episode(folder: RunFolder) -> None:
+    laboratory = InMemory(failures={0: 1, 1: MAX_ATTEMPTS - 1})
+    await run(laboratory, folder, 3)
+    played = sorted(folder.episodes().values(), key=lambda one: one.key.seed)
+    assert [(one.outcome, one.attempts) for one in played] == [
+        (Outcome.ANSWERED, 2),
+        (Outcome.ANSWERED, MAX_ATTEMPTS),
+        (Outcome.ANSWERED, 1),
+    ]
+
+
+async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(folder: RunFolder) -> None:
+    class Keyless:
+        """Its provider refuses the key."""
+
+        name = "keyless"
+        asked = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            return self
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            self.asked += 1
+            raise PermanentFailure("the provider refused the key")
+
+    agent = Keyless()
+    plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
+    with anyio.fail_after(60):
+        async with LocalHost() as laboratory:
+            runner = Runner(laboratory, {"keyless": agent, "x": SCRIPT}, folder, lambda _scene: VERSIONS)
+            assert await runner.run(plan.matrix()) == "the provider refused the key"
+    assert agent.asked == 1
+    assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
+
+
+async def test_an_episode_is_played_anew_from_its_beginning_after_a_failure_in_the_middle(folder: RunFolder) -> None:
+    class Shaky:
+        """Looks, and on the first attempt fails at its second turn."""
+
+        name = "x"
+        attempts = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            self.attempts += 1
+            return _ShakyPlayer(fails=self.attempts == 1)
+
+    @dataclass
+    class _ShakyPlayer:
+        fails: bool
+
+        async def act(self, feedback: Feedback | None) -> Reply:
+            if feedback is None:
+                return Reply("one", calls=(ToolCall(tool="step", arguments={"duration": 0.1}),))
+            if self.fails:
+                raise InfrastructureError("the provider is down")
+            assert feedback.exchanges[0].content is not None
+            answer = feedback.exchanges[0].content["sim_time"]
+            return Reply("two", calls=(ToolCall(tool="answer", arguments={"answer": answer}),))
+
+    laboratory = InMemory()
+    await run(laboratory, folder, 1, Shaky())
+    (episode,) = folder.episodes().values()
+    assert [turn.reasoning for turn in episode.turns] == ["one", "two"]
+    assert (episode.answer, episode.attempts) == (pytest.approx(0.1), 2)
+
+
+async def test_an_episode_that_only_ever_failed_is_recorded_not_scored_and_played_on_resumption(
+    folder: RunFolder,
+) -> None:
+    laboratory = InMemory(failures={1: MAX_ATTEMPTS})
+    await run(laboratory, folder, 3)
+    failed = folder.episodes()[keys(3)[1]]
+    assert (failed.outcome, failed.attempts, failed.error) == (
+        Outcome.INFRASTRUCTURE_ERROR,
+        MAX_ATTEMPTS,
+        f"failure {MAX_ATTEMPTS} of seed 1",
+    )
+    assert grade_missing(failed.outcome).strict is Verdict.UNSCORED
+    again = InMemory()
+    await run(again, folder, 3)
+    assert again.opened == [1]
+    assert [one.outcome for one in folder.episodes().values()] == [Outcome.ANSWERED] * 3
+
+
+async def test_an_agent_that_gives_up_is_a_result_and_not_played_again(folder: RunFolder) -> None:
+    class Unwilling:
+        name = "x"
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            raise AgentError("I will not")
+
+    laboratory = InMemory()
+    await run(laboratory, folder, 2, Unwilling())
+    await run(laboratory, folder, 2, Unwilling())
+    assert sorted(laboratory.opened) == [0, 1]
+    assert {one.outcome for one in folder.episodes().values()} == {Outcome.AGENT_ERROR}
+
+
+async def test_a_run_goes_on_where_it_was_stopped_whenever_that_was(folder: RunFolder) -> None:
+    class Stop(Exception):
+        pass
+
+    @dataclass
+    class Stopper:
+        """Plays the script, and is stopped from outside at its third episode."""
+
+        name: str = "x"
+        started: int = 0
+
+        def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
+            self.started += 1
+            if self.started == 3:
+                raise Stop
+            return SCRIPT.player(key, briefing)
+
+    rounds = 0
+    while missing(keys(11), folder.episodes()):
+        rounds += 1
+        try:
+            await run(InMemory(), folder, 11, Stopper(), concurrency=1)
+        except* Stop:
+            with folder.episodes_file.open("ab") as stream:
+                stream.write(b'{"format":1,"key":{"sc' * rounds)
+    assert rounds == 6
+    assert lines(folder) == 11
+    assert set(folder.episodes()) == set(keys(11))
+
+
+async def test_an_episode_is_on_disk_when_its_end_is_told(folder: RunFolder) -> None:
+    told: list[tuple[str, int]] = []
+
+    def on_start(key: EpisodeKey) -> None:
+        told.append(("start", key.seed))
+
+    def on_end(episode: Episode) -> None:
+        assert folder.episodes()[episode.key] == episode
+        told.append(("end", episode.key.seed))
+
+    runner = Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_start=on_start, on_end=on_end)
+    await runner.run(keys(2))
+    assert told == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
+
+
+async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_written(folder: RunFolder) -> None:
+    def on_end(episode: Episode) -> None:
+        if episode.key.seed == 1:
+            folder.episodes_file.rename(folder.path / "moved")
+            folder.episodes_file.mkdir()
+
+    with pytest.raises(ExceptionGroup) as stopped:
+        await Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_end=on_end).run(keys(5))
+    assert stopped.value.subgroup(StoreError) is not None
+    assert (folder.path / "moved").read_bytes().count(b"\n") == 2
+
+
+async def test_a_run_with_nothing_to_play_is_done(folder: RunFolder) -> None:
+    await run(InMemory(), folder, 0)
+    assert folder.episodes() == {}
+
+
+def test_the_hash_of_a_pack_changes_with_each_of_its_files_and_not_with_its_place(tmp_path: Path) -> None:
+    original = find_pack(7)
+
+    def copied(name: str, spoiled: str = "") -> str:
+        folder = tmp_path / name
+        shutil.copytree(original.folder, folder)
+        if spoiled:
+            with (folder / spoiled).open("a", encoding="utf-8") as stream:
+                stream.write(" ")
+        return pack_hash(PackFiles(7, folder))
+
+    hashes = [copied("same"), *(copied(f"with another {name}", name) for name in PACK)]
+    assert hashes[0] == pack_hash(original)
+    assert len(set(hashes)) == 4

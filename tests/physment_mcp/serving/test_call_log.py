@@ -1,0 +1,185 @@
+"""The host's own log of an episode that somebody else plays: complete, limited, and for its owner alone."""
+
+import contextlib
+import json
+import math
+import subprocess
+import time
+from collections.abc import AsyncGenerator, Callable
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from mcp_types import CallToolRequestParams
+
+from physment_mcp.serving.call_log import CallLog
+
+BASE = "http://127.0.0.1"
+
+
+async def opened(http: httpx.AsyncClient, max_calls: int) -> dict[str, str]:
+    reply = await http.post("/episodes", json={"scene": 7, "max_calls": max_calls})
+    assert reply.status_code == 201
+    return reply.json()
+
+
+async def log_of(http: httpx.AsyncClient, episode: dict[str, str], **query: Any) -> dict[str, Any]:
+    reply = await http.get(f"/episodes/{episode['episode_id']}/calls", headers=owner(episode), params=query)
+    assert reply.status_code == 200, reply.text
+    return reply.json()
+
+
+def owner(episode: dict[str, str]) -> dict[str, str]:
+    return {"Authorization": f"Bearer {episode['owner_token']}"}
+
+
+@contextlib.asynccontextmanager
+async def client_of(http: httpx.AsyncClient, episode: dict[str, str]) -> AsyncGenerator[Client]:
+    in_process: Any = http  # the SDK's own HTTP client has another name and the same methods
+    async with Client(streamable_http_client(episode["mcp_url"], http_client=in_process)) as client:
+        yield client
+
+
+async def test_the_log_holds_what_was_called_and_what_came_back(inside: Callable[..., Any]) -> None:
+    async with inside() as (_, http):
+        episode = await opened(http, 10)
+        assert await log_of(http, episode) == {"ended": False, "calls": []}
+        async with client_of(http, episode) as client:
+            fell = await client.call_tool("step", {"duration": 0.5})
+            refused = await client.call_tool("get_position", {"object_id": "nobody"})
+            await client.call_tool("answer", {"answer": [1, "a"]})
+        told = await log_of(http, episode)
+        assert told["ended"]
+        assert [(one["tool"], one["arguments"], one["is_error"]) for one in told["calls"]] == [
+            ("step", {"duration": 0.5}, False),
+            ("get_position", {"object_id": "nobody"}, True),
+            ("answer", {"answer": [1, "a"]}, False),
+        ]
+        first, second, _last = told["calls"]
+        assert (first["content"], first["text"]) == (fell.structured_content, fell.content[0].text)
+        assert (second["content"], second["text"]) == (None, refused.content[0].text)
+        assert all(one["returned"] for one in told["calls"])
+        assert [one["started_s"] for one in told["calls"]] == sorted(one["started_s"] for one in told["calls"])
+        assert (await log_of(http, episode, start=2))["calls"] == told["calls"][2:]
+        assert (await log_of(http, episode, start=3))["calls"] == []
+
+
+async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside: Callable[..., Any]) -> None:
+    async with inside() as (_, http):
+        episode = await opened(http, 2)
+        async with client_of(http, episode) as client:
+            assert not (await client.call_tool("step", {"duration": 0.5})).is_error
+            assert (await client.call_tool("get_position", {"object_id": "nobody"})).is_error  # counts too
+            for tool, arguments in (("step", {"duration": 0.5}), ("answer", {"answer": 1}), ("fly", {})):
+                late = await client.call_tool(tool, arguments)
+                assert late.is_error
+                assert late.content[0].text == (
+                    "the episode is over: its 2 calls are used up and no further is possible"
+                )
+        told = await log_of(http, episode)
+        assert told["ended"]
+        assert [one["tool"] for one in told["calls"]] == ["step", "get_position"]
+
+
+async def test_whoever_has_only_the_url_can_neither_read_the_log_nor_close_the_episode(
+    inside: Callable[..., Any],
+) -> None:
+    async with inside() as (host, http):
+        episode, other = await opened(http, 5), await opened(http, 5)
+        path = f"/episodes/{episode['episode_id']}"
+        assert episode["owner_token"] not in episode["mcp_url"]
+        for headers in ({}, owner(other), {"Authorization": "Bearer "}, {"Authorization": "Bearer é".encode()}):
+            assert (await http.get(f"{path}/calls", headers=headers)).status_code == 401
+            assert (await http.delete(path, headers=headers)).status_code == 401
+        assert len(host._episodes) == 2
+        assert (await http.delete(path, headers=owner(episode))).status_code == 204
+        assert (await http.get(f"{path}/calls", headers=owner(episode))).status_code == 404
+
+
+async def test_nothing_an_agent_can_read_names_the_token(inside: Callable[..., Any]) -> None:
+    async with inside() as (_, http):
+        episode = await opened(http, 5)
+        async with client_of(http, episode) as client:
+            said = str(client.instructions) + (await client.list_tools()).model_dump_json()
+            said += (await client.get_prompt("scene", {})).model_dump_json()
+            for resource in (await client.list_resources()).resources:
+                said += (await client.read_resource(resource.uri)).model_dump_json()
+            said += (await client.call_tool("step", {"duration": 0.1})).model_dump_json()
+        assert "max_calls" in said
+        assert episode["owner_token"] not in said
+
+
+async def test_an_episode_opened_without_a_limit_has_no_log(inside: Callable[..., Any]) -> None:
+    async with inside() as (_, http):
+        episode = (await http.post("/episodes", json={"scene": 7})).json()
+        assert "owner_token" not in episode
+        assert (await http.get(f"/episodes/{episode['episode_id']}/calls")).status_code == 404
+        assert (await http.delete(f"/episodes/{episode['episode_id']}")).status_code == 204
+
+
+@pytest.mark.parametrize("limit", [0, -1, 10_001, "5", 2.5, True])
+async def test_a_limit_that_is_none_opens_nothing(inside: Callable[..., Any], limit: object) -> None:
+    async with inside() as (host, http):
+        refused = await http.post("/episodes", json={"scene": 7, "max_calls": limit})
+        assert refused.status_code == 400
+        assert "max_calls" in refused.json()["error"]
+        assert not host._episodes
+
+
+@pytest.mark.parametrize("start", ["-1", "x", "1" * 5000, "٣x"])
+async def test_a_start_that_is_none_is_refused(inside: Callable[..., Any], start: str) -> None:
+    async with inside() as (_, http):
+        episode = await opened(http, 5)
+        path = f"/episodes/{episode['episode_id']}/calls"
+        assert (await http.get(path, headers=owner(episode), params={"start": start})).status_code == 400
+
+
+def test_numbers_that_json_does_not_know_leave_the_log_readable() -> None:
+    log, arguments = CallLog(), {"duration": math.nan, "more": [math.inf, {"x": -math.inf}]}
+    log.add(CallToolRequestParams(name="step", arguments=arguments), None, time.monotonic())
+    (call,) = json.loads(json.dumps([one.as_json() for one in log.calls], allow_nan=False))
+    assert call["arguments"] == {"duration": "NaN", "more": ["Infinity", {"x": "-Infinity"}]}
+
+
+async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(inside: Callable[..., Any]) -> None:
+    async with inside() as (host, http):
+        episode = await opened(http, 5)
+        laboratory = host._episodes[episode["episode_id"]].laboratory
+        with anyio.fail_after(30):
+            async with client_of(http, episode) as client, anyio.create_task_group() as tasks:
+                async with laboratory.lock:
+                    tasks.start_soon(client.call_tool, "step", {"duration": 60})
+                    while not laboratory.lock.statistics().tasks_waiting:
+                        await anyio.lowlevel.checkpoint()
+                while laboratory.session is not None and laboratory.session.calls == 0:
+                    await anyio.lowlevel.checkpoint()
+                tasks.cancel_scope.cancel()
+            told = await log_of(http, episode)
+        (call,) = told["calls"]
+        assert (call["tool"], call["returned"], call["is_error"]) == ("step", False, False)
+        assert (call["content"], call["text"]) == (None, "")
+
+
+async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: Callable[..., Any]) -> None:
+    async with inside(token="ours") as (host, http):
+        for headers in ({}, {"Authorization": "Bearer theirs"}, {"Authorization": "Bearer "}):
+            refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
+            assert refused.status_code == 401
+            assert "token" in refused.json()["error"]
+            assert "ours" not in refused.text
+        assert not host._episodes
+        assert "ours" not in repr(host)
+        opened = await http.post("/episodes", json={"scene": 7}, headers={"Authorization": "Bearer ours"})
+        assert opened.status_code == 201
+        async with client_of(http, opened.json()) as client:  # the URL is enough to play
+            assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+
+
+def test_a_variable_that_holds_no_token_is_misuse(command: Callable[..., list[str]]) -> None:
+    words = command("serve", "--port", 0, "--token-env", "NO_SUCH_TOKEN")
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "physment-mcp: --token-env NO_SUCH_TOKEN: this variable holds no token\n"

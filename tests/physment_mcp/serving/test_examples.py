@@ -1,0 +1,115 @@
+"""The worked examples of the prompt, run in the engine: each return shown is what the tool returned."""
+
+import ast
+import json
+import math
+import re
+from decimal import Decimal
+from typing import Any
+
+import pytest
+
+from physment_mcp.scene import ListedObject, Scene
+from physment_mcp.serving.examples import EXAMPLES
+from physment_mcp.session import Session
+from physment_mcp.tools.calls import call
+from scenes import Permissions
+
+OPEN = Permissions(geom_type=True, geom_density=True, body_mass=True, geom_size=True, geom_radius=True, body_pos=True)
+SLOPE = math.atan2(3, 4)
+WORLDS = (
+    '<body name="object_1" pos="0 0 5"><joint type="free"/><geom type="sphere" size="0.1"/></body>',
+    '<body name="object_1"><joint type="slide" axis="1 0 0"/><geom type="box" size="0.1 0.1 0.1" mass="2.5"/></body>',
+    f"""
+    <body name="object_1" pos="{0.1 * math.sin(SLOPE)} 0 {0.1 * math.cos(SLOPE)}">
+      <joint type="free"/><geom type="sphere" size="0.1" mass="1" solref="0.01 1"/>
+    </body>
+    <geom type="plane" size="50 50 0.1" euler="0 {math.degrees(SLOPE)} 0"/>""",
+)
+"""What each example is about, in its order."""
+
+
+def session(world: str) -> Session:
+    option = '<option timestep="0.005" integrator="RK4" cone="elliptic" impratio="10" gravity="0 0 -9.81"/>'
+    return Session(
+        Scene(
+            scene_id=1,
+            name="example",
+            task="example",
+            problem_type="calculation",
+            objects=(ListedObject("object_1", "thing", OPEN),),
+            answer_form=None,
+            disabled_tools=frozenset(),
+            soft_objects=frozenset(),
+            mjcf=f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>",
+        )
+    )
+
+
+def steps(example: str) -> list[tuple[str, dict[str, Any], str | None]]:
+    """Tool, arguments and shown return of each call; None where no return is shown."""
+    found: list[tuple[str, dict[str, Any], str | None]] = []
+    for calls, _, shown in re.findall(
+        r"^Calls: (.*)$(\nReturns: ((?:.*\n)*?)(?=Reasoning|Calls))?", example, re.MULTILINE
+    ):
+        written = [ast.parse(one, mode="eval").body for one in calls.split("; ")]
+        returns = [one.strip() for one in shown.split("; ")] if shown else [None] * len(written)
+        for node, text in zip(written, returns, strict=True):
+            assert isinstance(node, ast.Call)
+            assert isinstance(node.func, ast.Name)
+            arguments = {one.arg or "": ast.literal_eval(one.value) for one in node.keywords}
+            found.append((node.func.id, arguments, text))
+    return found
+
+
+def unlike(shown: Any, returned: Any, path: str = "") -> list[str]:
+    """Where a shown result is not the returned one, rounded to the digits shown."""
+    if isinstance(shown, dict) and isinstance(returned, dict):
+        one: dict[str, Any] = shown  # pyright: ignore[reportUnknownVariableType] - JSON
+        other: dict[str, Any] = returned  # pyright: ignore[reportUnknownVariableType] - JSON
+        if list(one) != list(other):
+            return [f"{path}: {list(one)} is not {list(other)}"]
+        return [found for name in one for found in unlike(one[name], other[name], f"{path}.{name}")]
+    if isinstance(shown, list) and isinstance(returned, list):
+        pairs = zip(shown, returned, strict=True)  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
+        return [found for index, (a, b) in enumerate(pairs) for found in unlike(a, b, f"{path}[{index}]")]
+    if isinstance(shown, Decimal):
+        exponent = shown.as_tuple().exponent
+        assert isinstance(exponent, int)
+        tolerance = 0.5 * 10.0**exponent if shown else 1e-9
+        return [] if abs(float(shown) - returned) <= tolerance else [f"{path}: {shown} is not {returned}"]
+    return [] if shown == returned else [f"{path}: {shown} is not {returned}"]
+
+
+@pytest.mark.parametrize(("example", "world"), list(zip(EXAMPLES, WORLDS, strict=True)), ids=["ball", "box", "ramp"])
+async def test_every_return_shown_is_true(example: str, world: str) -> None:
+    lab = session(world)
+    played = steps(example)
+    assert played[-1][0] == "answer"
+    assert sum(shown is not None for *_, shown in played) == len(played) - 1
+    assert example.count("Returns: ") == example.count("Calls: ") - 1
+    for tool, arguments, shown in played:
+        result = json.loads((await call(lab, tool, arguments)).model_dump_json())
+        if shown is not None:
+            assert unlike(json.loads(shown, parse_float=Decimal), result, tool) == []
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_every_sum_in_the_reasoning_is_right(example: str) -> None:
+    """Each `a / b = c`, `2 · a / b = c` and `√(a² + b²) = c`, to the digits shown."""
+    checked = 0
+    for written, result in re.findall(r"(√\([^)]*\)|[\d.]+(?: [·/] [\d.]+)+) = ([\d.]+\d)", example):
+        spoken = written.replace("·", "*").replace("²", "**2").replace("√", "math.sqrt")
+        value = eval(spoken, {"math": math})
+        places = len(result.partition(".")[2])
+        assert abs(value - float(result)) <= 0.5 * 10**-places + 1e-12, f"{written} = {value}, not {result}"
+        checked += 1
+    assert checked
+
+
+def test_a_wrong_digit_is_caught() -> None:
+    shown = json.loads('{"sim_time":0.5,"velocity":[0.0,-4.905]}', parse_float=Decimal)
+    assert unlike(shown, {"sim_time": 0.5, "velocity": [0.0, -4.9054]}) == []
+    assert unlike(shown, {"sim_time": 0.5, "velocity": [0.0, -4.9056]})
+    assert unlike(shown, {"sim_time": 0.5, "velocity": [0.001, -4.905]})
+    assert unlike(shown, {"sim_time": 0.5})

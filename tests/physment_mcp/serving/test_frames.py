@@ -1,0 +1,220 @@
+"""Frames (`--observations rgb`): off by default, valid pictures when on, and nothing in them that is not to be seen."""
+
+import base64
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import mcp_types as types
+import numpy as np
+import pytest
+from mcp import Client
+from mcp.client.stdio import StdioServerParameters, stdio_client
+
+from physment_mcp.errors import UsageError
+from physment_mcp.scene import load_scene, load_variants
+from physment_mcp.serving.frames import Frames, Painter
+from physment_mcp.serving.server import build_server
+from physment_mcp.serving.slot import Laboratory
+from physment_mcp.session import Session
+
+pytestmark = pytest.mark.anyio
+Pixels = np.ndarray
+
+
+@pytest.fixture(scope="module")
+def painter() -> Iterator[Painter]:
+    try:
+        made = Painter()
+    except UsageError as error:
+        pytest.skip(str(error))
+    yield made
+    made.close()
+
+
+def pixels_of(png: bytes) -> Pixels:
+    """What a PNG file shows; checks every chunk of it."""
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    chunks: dict[bytes, bytes] = {}
+    place = 8
+    while place < len(png):
+        (size,) = struct.unpack_from(">I", png, place)
+        kind, content = png[place + 4 : place + 8], png[place + 8 : place + 8 + size]
+        assert struct.unpack_from(">I", png, place + 8 + size) == (zlib.crc32(kind + content),)
+        chunks[kind] = content
+        place += 12 + size
+    assert list(chunks) == [b"IHDR", b"IDAT", b"IEND"]
+    width, height = struct.unpack_from(">II", chunks[b"IHDR"])
+    lines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, 1 + 3 * width)
+    rows = np.zeros((height + 1, 3 * width), np.uint8)
+    for number, line in enumerate(lines):
+        rows[number + 1] = line[1:] + (rows[number] if line[0] == 2 else 0)
+    return rows[1:].reshape(height, width, 3)
+
+
+def frames_of(scene: int, seed: int, painter: Painter) -> tuple[Session, Frames]:
+    session = Session(load_scene(scene, seed))
+    return session, Frames(session, load_variants(scene), painter)
+
+
+def images(result: types.CallToolResult) -> list[bytes]:
+    assert isinstance(result.content[0], types.TextContent)
+    shown = result.content[1:]
+    assert all(isinstance(one, types.ImageContent) and one.mime_type == "image/png" for one in shown)
+    return [base64.b64decode(one.data) for one in shown if isinstance(one, types.ImageContent)]
+
+
+async def test_results_are_text_alone_unless_asked_for_otherwise(open_lab: Callable[..., Any]) -> None:
+    async with open_lab() as lab:
+        for tool, arguments in (("step", {"duration": 0.1}), ("find_objects", {})):
+            assert images(await lab.client.call_tool(tool, arguments)) == []
+
+
+async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
+    painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+) -> None:
+    folder = write_pack(pack, xml)
+    laboratory = Laboratory(
+        Session(load_scene(7, 0, folder)), watch=lambda one: Frames(one, load_variants(7, folder), painter)
+    )
+    async with Client(build_server(laboratory)) as client:
+        seen: list[Pixels] = []
+        for tool, arguments in (("step", {"duration": 0.01}), ("find_objects", {}), ("step", {"duration": 0.3})):
+            result = await client.call_tool(tool, arguments)
+            assert result.structured_content is not None
+            (png,) = images(result)
+            seen.append(pixels_of(png))
+        assert all(one.shape == (240, 320, 3) for one in seen)
+        assert not np.array_equal(seen[0], seen[1])
+        assert not np.array_equal(seen[1], seen[2])
+        assert images(await client.call_tool("get_position", {"object_id": "object_1"})) == []
+        refused = await client.call_tool("step", {"duration": -1})
+        assert refused.is_error
+        assert len(refused.content) == 1
+
+
+@pytest.mark.parametrize(
+    ("scene", "shows"),
+    [(7, True), (13, True), (21, True), (25, True), (40, True), (71, True), (100, True), (46, False), (47, False)],
+)
+def test_the_first_frame_is_the_same_for_every_seed(scene: int, shows: bool, painter: Painter) -> None:
+    first, *others = [frames_of(scene, seed, painter)[1].draw() for seed in (0, 3, 101)]
+    assert (first is not None) is shows
+    assert all(one == first for one in others)
+
+
+def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
+    session, frames = frames_of(21, 0, painter)
+    before = frames.draw()
+    planted = {one.body for one in session.objects.values() if not one.known}
+    assert planted
+    assert not any(f'"{body}"' in _given(session, frames) for body in planted)
+    session.reveal()
+    assert all(f'"{body}"' in _given(session, frames) for body in planted)
+    after = frames.draw()
+    assert after is not None
+    assert after != before
+
+
+def _given(session: Session, frames: Frames) -> str:
+    """The model that is handed to the painter."""
+    given: list[str] = []
+
+    class Watched:
+        def draw(self, mjcf: str, _view: object) -> None:
+            given.append(mjcf)
+
+    real, frames._painter = frames._painter, Watched()  # type: ignore[assignment]
+    frames.draw()
+    frames._painter = real
+    return given[0] if given else ""
+
+
+@pytest.mark.parametrize(
+    ("withheld", "moves"),
+    [({}, True), ({"body_pos": False}, False), ({"geom_size": False, "geom_radius": False}, False)],
+)
+def test_a_body_moves_in_the_picture_only_if_it_may_be_read(
+    withheld: dict[str, bool],
+    moves: bool,
+    painter: Painter,
+    pack: dict[str, Any],
+    xml: str,
+    write_pack: Callable[..., Path],
+) -> None:
+    pack["object_permissions"]["object_1_permissions"].update(withheld)
+    session = Session(load_scene(7, 0, write_pack(pack, xml)))
+    frames = Frames(session, [session.scene.mjcf], painter)
+    before = frames.draw()
+    assert before is not None
+    session.world.place("object_1", np.array([0.3, 0.2, 1.5]), {})
+    assert (frames.draw() != before) is moves
+
+
+@pytest.mark.parametrize("readable", [True, False])
+def test_turning_shows_only_if_the_orientation_may_be_read(
+    readable: bool, painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+) -> None:
+    pack["object_permissions"]["object_2_permissions"]["body_quat"] = readable
+    pack["object_permissions"]["object_8_permissions"]["body_quat"] = readable
+    session = Session(load_scene(7, 0, write_pack(pack, xml.replace('gravity="0 0 -9.81"', 'gravity="0 0 0"'))))
+    frames = Frames(session, [session.scene.mjcf], painter)
+    before, given = frames.draw(), _given(session, frames)
+    assert '"object_2"' in given
+    # The lower link's shape hangs off its origin: where it is tells how it is turned.
+    assert ('"object_8"' in given) is readable
+    session.world.push("object_2", torque=np.array([0.0, 5.0, 0.0]))
+    session.world.step(100)
+    assert not np.allclose(session.world.pose("object_2").quaternion, [1, 0, 0, 0], atol=0.02)
+    assert (frames.draw() != before) is readable
+
+
+def test_what_the_seed_changes_is_not_shown(
+    painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+) -> None:
+    session = Session(load_scene(7, 0, write_pack(pack, xml)))
+    other = xml.replace('name="object_9" pos="6 0 1"', 'name="object_9" pos="6 0 1.01"')
+    assert other != xml
+    assert '"object_2"' in _given(session, Frames(session, [other], painter))
+    same, changed = (_given(session, Frames(session, [one], painter)) for one in (xml, other))
+    assert changed.count("<geom") == same.count("<geom") - 1
+
+
+def test_a_painter_that_dies_is_replaced(painter: Painter) -> None:
+    _, frames = frames_of(7, 0, painter)
+    before = frames.draw()
+    painter._process.kill()
+    painter._process.wait(10)
+    assert frames.draw() == before
+
+
+@pytest.mark.parametrize("command", [["--scene", "7"], ["serve", "--port", "0"]])
+def test_without_a_renderer_it_does_not_start_and_says_what_to_install(command: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "physment_mcp", *command, "--observations", "rgb"],
+        env={**os.environ, "MUJOCO_GL": "off"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "install libosmesa6" in done.stderr
+
+
+async def test_over_stdio(painter: Painter) -> None:
+    command = StdioServerParameters(
+        command=sys.executable,
+        args=["-m", "physment_mcp", "--scene", "7", "--observations", "rgb"],
+        env={name: os.environ[name] for name in ("PATH", "MUJOCO_GL") if name in os.environ},
+    )
+    async with Client(stdio_client(command)) as client:
+        (png,) = images(await client.call_tool("step", {"duration": 0.1}))
+    assert pixels_of(png).std() > 0

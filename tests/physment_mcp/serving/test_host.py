@@ -1,0 +1,234 @@
+"""Many episodes over HTTP: one address each, whoever calls and however they connect."""
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+from mcp import Client
+
+from physment_mcp.serving.host import MAX_BODY
+
+BASE = "http://127.0.0.1"
+
+
+@contextlib.contextmanager
+def serving(command: list[str], cwd: Path) -> Generator[str]:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=cwd, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())["listening"]
+        finally:
+            process.terminate()
+            rest, errors = process.communicate(timeout=20)
+    assert rest == ""
+    assert "Traceback" not in errors
+
+
+@pytest.fixture
+def started(
+    command: Callable[..., list[str]], write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, tmp_path: Path
+) -> Callable[..., Any]:
+    folder = write_pack(pack, xml)
+    work = tmp_path / "work"
+    work.mkdir()
+    return lambda *options: serving(command("serve", "--port", 0, "--scenes-dir", folder, *options), work)
+
+
+async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episode(started: Callable[..., Any]) -> None:
+    with started() as base, anyio.fail_after(60):
+        async with httpx.AsyncClient(base_url=base) as http:
+            reply = await http.post("/episodes", json={"scene": 7, "seed": 12345})
+            assert reply.status_code == 201
+            opened, other = reply.json(), (await http.post("/episodes", json={"scene": 7})).json()
+            assert opened.keys() == {"episode_id", "mcp_url", "expires_at"}
+            assert opened["mcp_url"] == f"{base}/episodes/{opened['episode_id']}/mcp"
+            assert datetime.fromisoformat(opened["expires_at"]) > datetime.now(UTC)
+            assert "12345" not in reply.text
+            assert len(opened["episode_id"]) >= 22  # 16 bytes or more of randomness
+            assert opened["episode_id"] != other["episode_id"]
+            versions = set()
+            for turn, mode in enumerate(("auto", "legacy", "auto", "legacy"), 1):
+                async with Client(opened["mcp_url"], mode=mode) as client:
+                    versions.add(client.protocol_version)
+                    assert "# Scene: All kinds" in (client.instructions or "")
+                    assert len((await client.list_tools()).tools) == 26
+                    stepped = await client.call_tool("step", {"duration": 0.5})
+                    assert stepped.structured_content == {
+                        "sim_time": pytest.approx(0.5 * turn), "steps": 100, "results": None,
+                    }  # fmt: skip
+            assert len(versions) == 2
+            async with Client(opened["mcp_url"]) as one, Client(opened["mcp_url"], mode="legacy") as two:
+                await one.call_tool(
+                    "create_objects", {"name": "p", "pos": [0, 9, 9], "density": 1, "rgba": [1, 1, 1, 1]}
+                )
+                assert not (await two.call_tool("get_position", {"object_id": "p"})).is_error
+                await two.call_tool("answer", {"answer": 1})
+                assert (await one.call_tool("step", {"duration": 1})).is_error
+            async with Client(other["mcp_url"]) as client:  # untouched
+                started_at = await client.call_tool("quat_to_rot_matrix", {"q": [1, 0, 0, 0]})
+                assert started_at.structured_content["sim_time"] == 0
+            assert (await http.get("/healthz")).json() == {"status": "ok", "episodes": 2}
+            assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
+            assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 404
+            assert (await http.get("/healthz")).json()["episodes"] == 1
+
+
+async def test_an_unused_episode_expires_and_makes_room(started: Callable[..., Any]) -> None:
+    with started("--idle-timeout", "0.2", "--max-episodes", "1") as base, anyio.fail_after(30):
+        async with httpx.AsyncClient(base_url=base) as http:
+            url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
+            while (await http.get("/healthz")).json()["episodes"]:
+                await anyio.lowlevel.checkpoint()
+            async with Client(url) as client:
+                gone = await client.call_tool("step", {"duration": 1})
+            assert gone.is_error
+            assert "has expired" in gone.content[0].text
+            assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
+
+
+async def test_the_cap_holds_also_for_requests_at_once(inside: Callable[..., Any]) -> None:
+    codes: list[int] = []
+    async with inside(max_episodes=3) as (_, http):
+
+        async def post() -> None:
+            codes.append((await http.post("/episodes", json={"scene": 7})).status_code)
+
+        async with anyio.create_task_group() as tasks:
+            for _ in range(8):
+                tasks.start_soon(post)
+        assert sorted(codes) == [201] * 3 + [429] * 5
+        assert (await http.get("/healthz")).json()["episodes"] == 3
+        full = await http.post("/episodes", json={"scene": 7})
+        assert "3 episodes are open" in full.json()["error"]
+
+
+async def test_a_scene_that_fails_to_open_takes_no_room(inside: Callable[..., Any]) -> None:
+    async with inside(max_episodes=1) as (_, http):
+        for _ in range(3):
+            assert (await http.post("/episodes", json={"scene": 99})).status_code == 404
+        assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "word"),
+    [
+        (b'{"scene": 99}', 404, "no scene 99"),
+        (b"", 400, "scene"),
+        (b"{", 400, "JSON"),
+        (b"[]", 400, "body"),
+        (b'{"seed": 1}', 400, "scene"),
+        (b'{"scene": "7"}', 400, "scene"),
+        (b'{"scene": true}', 400, "scene"),
+        (b'{"scene": 7.5}', 400, "scene"),
+        (b'{"scene": 7, "seed": "x"}', 400, "seed"),
+        (b'{"scene": 7, "answer": 1}', 400, "answer"),
+        (b'{"scene": 7, "pad": "' + b"x" * MAX_BODY + b'"}', 413, ""),
+    ],
+)
+async def test_a_bad_request_opens_nothing(
+    inside: Callable[..., Any], tmp_path: Path, body: bytes, status: int, word: str
+) -> None:
+    async with inside() as (host, http):
+        reply = await http.post("/episodes", content=body)
+        assert reply.status_code == status
+        assert word in reply.text
+        assert str(tmp_path) not in reply.text
+        assert not host._episodes
+
+
+async def test_a_deleted_episode_makes_room_and_is_gone(inside: Callable[..., Any]) -> None:
+    async with inside(max_episodes=1) as (_, http):
+        opened = (await http.post("/episodes", json={"scene": 7})).json()
+        assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
+        assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
+
+
+async def test_a_large_body_is_refused_by_an_episode_too(inside: Callable[..., Any]) -> None:
+    async with inside() as (_, http):
+        url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
+        assert (await http.post(url, content=b"x" * (MAX_BODY + 1))).status_code == 413
+
+
+@pytest.mark.parametrize("name", ["evil.example", "127.0.0.1.evil.example", "10.0.0.1"])
+async def test_a_request_to_another_host_name_is_refused(inside: Callable[..., Any], name: str) -> None:
+    async with inside() as (host, http):
+        refused = await http.post("/episodes", json={"scene": 7}, headers={"Host": name})
+        assert refused.status_code == 400
+        assert (await http.get("/healthz", headers={"Host": name})).status_code == 400
+        assert not host._episodes
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "localhost:1", "[::1]:8000", "[::1]"])
+async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], name: str) -> None:
+    async with inside() as (_, http):
+        assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/episodes", 405), ("GET", "/", 404), ("POST", "/episodes/x/mcp", 400), ("PUT", "/episodes/x/mcp", 405),
+        ("DELETE", "/episodes/x", 404), ("GET", "/episodes/x", 405), ("POST", "/healthz", 405), ("GET", "/docs", 404),
+    ],
+)  # fmt: skip
+async def test_other_paths_and_methods_are_refused(
+    inside: Callable[..., Any], method: str, path: str, status: int
+) -> None:
+    async with inside() as (_, http):
+        assert (await http.request(method, path)).status_code == status
+
+
+async def test_closing_the_host_closes_its_episodes(inside: Callable[..., Any]) -> None:
+    with anyio.fail_after(10):
+        async with inside() as (_, http):
+            for _ in range(3):
+                await http.post("/episodes", json={"scene": 7})
+
+
+async def test_expiry_spares_an_episode_in_use(inside: Callable[..., Any]) -> None:
+    async with inside(idle_timeout_s=0.05) as (host, _):
+        busy = await host.open_episode(7, 0)
+        await host.open_episode(7, 0)
+        host._episodes[busy].in_flight += 1
+        with anyio.fail_after(10):
+            while len(host._episodes) > 1:
+                await anyio.lowlevel.checkpoint()
+        assert list(host._episodes) == [busy]
+
+
+@pytest.mark.parametrize("port", ["99999", "-1", "http"])
+def test_a_port_that_is_none_is_refused_in_the_usage(port: str) -> None:
+    command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert "is not a port; ports are 0 to 65535" in done.stderr
+
+
+def test_a_port_in_use_is_refused_in_one_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"physment-mcp: cannot listen on 127.0.0.1 port {port}: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_white_space_after_the_value_of_a_header_is_no_part_of_it(started: Callable[..., Any]) -> None:
+    with started() as base:
+        address = httpx.URL(base)
+        with socket.create_connection((address.host, address.port or 80), timeout=30) as line:
+            line.sendall(
+                f"GET /healthz HTTP/1.1\r\nHost: {address.netloc.decode()} \t\r\nConnection: close\r\n\r\n".encode()
+            )
+            assert b" 200 " in line.makefile("rb").readline()

@@ -1,0 +1,291 @@
+"""Who may do what on a host: tokens, names, pages of other sites, episodes that are gone, paths that lead elsewhere."""
+
+import contextlib
+from collections.abc import AsyncGenerator, Callable
+from pathlib import Path
+from typing import Any
+
+import anyio
+import httpx
+import pytest
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from mcp.shared.exceptions import MCPError
+
+from physment_mcp.__main__ import main
+from physment_mcp.serving.gate import is_loopback
+from physment_mcp.serving.host import Host
+
+BASE = "http://127.0.0.1"
+OURS = {"Authorization": "Bearer ours"}
+STRANGERS: tuple[dict[str, str], ...] = (
+    {},
+    {"Authorization": "Bearer theirs"},
+    {"Authorization": "Bearer "},
+    {"Authorization": "ours"},
+    {"Authorization": "Basic ours"},
+    {"Authorization": "Bearer ours ours"},
+)
+
+
+@pytest.fixture
+def inside(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Callable[..., Any]:
+    """A host in this process, spoken to without sockets."""
+    folder = write_pack(pack, xml)
+
+    @contextlib.asynccontextmanager
+    async def opened(base: str = BASE, **options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
+        host = Host(scenes_dir=folder, **options)
+        app = host.app()
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=base) as http,
+        ):
+            yield host, http
+
+    return opened
+
+
+@contextlib.asynccontextmanager
+async def playing(http: httpx.AsyncClient, url: str, mode: str = "auto") -> AsyncGenerator[Client]:
+    in_process: Any = http  # the SDK's own HTTP client has another name and the same methods
+    async with Client(streamable_http_client(url, http_client=in_process), mode=mode) as client:  # pyright: ignore[reportArgumentType] - a mode
+        yield client
+
+
+async def open_episode(http: httpx.AsyncClient, **wanted: int) -> dict[str, str]:
+    reply = await http.post("/episodes", json={"scene": 7, **wanted}, headers=OURS)
+    assert reply.status_code == 201, reply.text
+    return reply.json()
+
+
+@pytest.mark.parametrize("exposed", [False, True])
+async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(
+    inside: Callable[..., Any], exposed: bool
+) -> None:
+    async with inside(token="ours", exposed=exposed) as (host, http):
+        for headers in STRANGERS:
+            refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
+            assert refused.status_code == 401
+            assert refused.headers["www-authenticate"] == "Bearer"
+            assert "bearer token" in refused.json()["error"]
+        assert not host._episodes
+        opened = await open_episode(http)
+        assert "ours" not in str(opened)
+        assert (await http.get("/healthz")).status_code == 200  # balancers have no token
+        for headers in STRANGERS if exposed else STRANGERS[1:]:  # here the URL alone is enough
+            assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=headers)).status_code == 401
+        assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=OURS)).status_code == 204
+
+
+async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside: Callable[..., Any]) -> None:
+    async with inside(token="ours", exposed=True) as (_, http):
+        mine = await open_episode(http)
+        for path in (mine["mcp_url"], "/episodes/unknown/mcp"):
+            for headers in STRANGERS:
+                for method in ("POST", "GET", "DELETE"):
+                    assert (await http.request(method, path, json={}, headers=headers)).status_code == 401
+        http.headers.update(OURS)
+        async with playing(http, mine["mcp_url"]) as client:
+            assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+
+
+async def test_who_was_handed_an_episode_needs_its_address_alone(inside: Callable[..., Any]) -> None:
+    async with inside(token="ours", exposed=True) as (_, http):
+        theirs = await open_episode(http, max_calls=5)
+        async with playing(http, theirs["mcp_url"]) as client:
+            assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+        for path, method in ((f"/episodes/{theirs['episode_id']}", "DELETE"), ("/episodes", "POST")):
+            assert (await http.request(method, path)).status_code == 401
+        wrong = {"Authorization": "Bearer theirs"}
+        assert (await http.post(theirs["mcp_url"], json={}, headers=wrong)).status_code == 401
+        calls = f"/episodes/{theirs['episode_id']}/calls"
+        assert (await http.get(calls)).status_code == 401
+        for good in ("ours", theirs["owner_token"]):
+            assert (await http.get(calls, headers={"Authorization": f"Bearer {good}"})).status_code == 200
+
+
+async def test_on_this_machine_an_episode_is_played_by_its_address(inside: Callable[..., Any]) -> None:
+    async with inside(token="ours") as (_, http):
+        opened = await open_episode(http)
+        async with playing(http, opened["mcp_url"]) as client:
+            assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+        wrong = {"Authorization": "Bearer theirs"}
+        assert (await http.post(opened["mcp_url"], json={}, headers=wrong)).status_code == 401
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+@pytest.mark.parametrize("known", [False, True])
+async def test_an_episode_that_is_gone_says_how_to_open_one(inside: Callable[..., Any], mode: str, known: bool) -> None:
+    async with inside() as (_, http):
+        opened = await open_episode(http)
+        url = opened["mcp_url"] if known else f"{BASE}/episodes/unknown/mcp"
+
+        async def close() -> None:
+            assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
+
+        if not known:
+            await close()
+        async with playing(http, url, mode) as client:
+            if known:  # it goes while a client is connected
+                assert not (await client.call_tool("step", {"duration": 0.1})).is_error
+                await close()
+            for tool, arguments in (("step", {"duration": 0.1}), ("answer", {"answer": 1}), ("fly", {})):
+                result = await client.call_tool(tool, arguments)
+                assert result.is_error
+                assert 'open one with POST /episodes {"scene": 7, "seed": 0}' in result.content[0].text
+                assert "mcp_url" in result.content[0].text
+                assert result.meta is not None
+                assert result.meta["physment/gone"] is True
+            assert len((await client.list_tools()).tools) == 26
+            with pytest.raises(MCPError, match="POST /episodes"):
+                await client.get_prompt("scene", {"scene_id": "7"})
+            assert '"gone"' in (await client.read_resource("physment://episode")).contents[0].text
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_a_client_that_stays_connected_does_not_keep_an_unused_episode(
+    inside: Callable[..., Any], mode: str
+) -> None:
+    async with inside(idle_timeout_s=0.2) as (host, http):
+        opened = await open_episode(http)
+        with anyio.fail_after(20):
+            async with playing(http, opened["mcp_url"], mode) as client:
+                while host._episodes:
+                    await anyio.lowlevel.checkpoint()
+                assert (await client.call_tool("step", {"duration": 0.1})).is_error
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["evil.example", "127.0.0.1.evil.example", "evil.example:8000", "10.0.0.2", "", "a@localhost", "localhost:port",
+     "localhost/x", "[::1", "[::2]", "0.0.0.0"],
+)  # fmt: skip
+async def test_a_request_for_another_name_is_refused(inside: Callable[..., Any], name: str) -> None:
+    async with inside() as (host, http):
+        for method, path in (("POST", "/episodes"), ("GET", "/healthz"), ("POST", "/episodes/x/mcp")):
+            refused = await http.request(method, path, json={"scene": 7}, headers={"Host": name})
+            assert refused.status_code == 400
+            assert "does not go by the name" in refused.json()["error"]
+        assert not host._episodes
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "LOCALHOST:1", "[::1]:8000", "[::1]"])
+async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], name: str) -> None:
+    async with inside() as (_, http):
+        assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
+
+
+async def test_a_host_answers_to_its_address_and_to_the_names_it_was_given(inside: Callable[..., Any]) -> None:
+    options = {"token": "ours", "exposed": True, "names": ("Lab.example",)}
+    async with inside("http://10.1.2.3", **options) as (_, http):
+        for name, status in (
+            ("10.1.2.3:80", 200),
+            ("lab.example:443", 200),
+            ("10.1.2.4", 400),
+            ("lab.example.org", 400),
+        ):
+            assert (await http.get("/healthz", headers={"Host": name})).status_code == status
+        opened = await http.post("/episodes", json={"scene": 7}, headers=OURS | {"Host": "lab.example"})
+        assert opened.json()["mcp_url"].startswith("http://lab.example/episodes/")
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("http://localhost:6274", 200), ("https://127.0.0.1", 200), ("http://[::1]:3000", 200),
+        ("http://evil.example", 403), ("null", 403), ("", 403), ("http://localhost.evil.example", 403),
+        ("http://localhost@evil.example", 403), ("file://", 403),
+    ],
+)  # fmt: skip
+async def test_a_page_of_another_site_is_refused(inside: Callable[..., Any], origin: str, status: int) -> None:
+    async with inside() as (host, http):
+        assert (await http.get("/healthz", headers={"Origin": origin})).status_code == status
+        opened = await http.post("/episodes", json={"scene": 7}, headers={"Origin": origin})
+        assert opened.status_code == {200: 201, 403: 403}[status]
+        assert bool(host._episodes) == (status == 200)
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [
+        ("127.0.0.1", True), ("127.0.0.2", True), ("::1", True), ("[::1]", True), ("localhost", True),
+        ("0.0.0.0", False), ("::", False), ("192.168.1.5", False), ("lab.example", False), ("", False),
+    ],
+)  # fmt: skip
+def test_loopback_is_known_by_its_address(address: str, expected: bool) -> None:
+    assert is_loopback(address) is expected
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--host", "0.0.0.0"], "served without a token"),
+        (["--host", "::"], "served without a token"),
+        (["--host", "lab.example"], "--token-env"),
+        (["--host", "0.0.0.0", "--token-env", "PHYSMENT_NO_SUCH_VARIABLE"], "holds no token"),
+        (["--token-env", "PHYSMENT_EMPTY"], "holds no token"),
+    ],
+)
+def test_a_host_others_can_reach_does_not_start_without_a_token(
+    options: list[str], word: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PHYSMENT_EMPTY", " ")
+    assert main(["serve", *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("physment-mcp: ")
+    assert err.count("\n") == 1
+    assert word in err
+
+
+@pytest.mark.parametrize("scene", ["../Scene7", "/etc/passwd", "Scene7", "7/../8", "", None, [7], {"path": "x"}])
+async def test_a_scene_is_a_number_and_never_a_path(inside: Callable[..., Any], scene: Any) -> None:
+    async with inside() as (host, http):
+        refused = await http.post("/episodes", json={"scene": scene})
+        assert refused.status_code == 400
+        assert refused.json()["error"].startswith("scene: ")
+        assert not host._episodes
+
+
+@pytest.mark.parametrize("what", ["Scene8", "scene8.json", "scene8.xml"])
+async def test_a_link_out_of_the_folder_of_scenes_is_refused(
+    write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, tmp_path: Path, what: str
+) -> None:
+    folder = write_pack(pack, xml)
+    outside = write_pack(pack, xml, 8) / "Scene8"
+    moved = tmp_path / "elsewhere"
+    if what == "Scene8":
+        outside.rename(moved)
+        outside.symlink_to(moved)
+    else:
+        (outside / what).rename(moved)
+        (outside / what).symlink_to(moved)
+    host = Host(scenes_dir=folder, token="ours")
+    app = host.app()
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE, headers=OURS) as http,
+    ):
+        refused = await http.post("/episodes", json={"scene": 8})
+        assert refused.status_code == 404
+        assert "a link leads out of the folder of scene packs" in refused.json()["error"]
+        assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
+
+
+@pytest.mark.parametrize(
+    "planted",
+    ['<include file="/etc/passwd"/>', "<asset><mesh name='m' file='../m.obj'/></asset>", '<include\nfile = "x"/>'],
+)
+async def test_a_model_that_names_a_file_is_refused(
+    write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, planted: str
+) -> None:
+    host = Host(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")), token="ours")
+    app = host.app()
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=BASE, headers=OURS) as http,
+    ):
+        refused = await http.post("/episodes", json={"scene": 7})
+        assert refused.status_code == 404
+        assert "names another file" in refused.json()["error"]
