@@ -1,54 +1,73 @@
-"""The dependency rules, the size of modules and the names of tools, held by one walk over the source."""
+"""The architecture page, checked against every import; the sizes and names of modules."""
 
 import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.builders.paths import ROOT
+from tests.builders.paths import DOCS, ROOT
 
 PACKAGES = ("physment_mcp", "evaluator", "scenes")
+MODULE_LINES, FUNCTION_LINES = 340, 60
+EVALUATOR_FLOORS = 9
 
-FORBIDDEN = {
+NEVER = {
     "physment_mcp": {"evaluator", "scenes.protocol", "solution"},
-    "physment_mcp/world": {"mcp", "mcp_types", "pydantic", "scenes", "physment_mcp.session", "physment_mcp.scene"},
-    "physment_mcp/tools": {"mujoco", "mcp", "mcp_types", "scenes"},
-    "physment_mcp/session.py": {"mujoco", "mcp", "mcp_types", "pathlib", "json"},
-    "physment_mcp/mechanics.py": {"mujoco", "physment_mcp"},
     "evaluator": {"physment_mcp", "mujoco"},
-    "evaluator/episode/loop.py": {
-        "evaluator.answers.keys",
-        "evaluator.answers.grading",
-        "evaluator.scores.scoring",
-        "scenes",
-    },
-    "evaluator/study/runner.py": {"evaluator.answers.keys", "evaluator.answers.grading", "evaluator.scores.scoring"},
-    "evaluator/agents": {"evaluator.answers.keys", "evaluator.answers.grading", "evaluator.scores.scoring"},
-    "evaluator/answers/grading.py": {"mcp", "pathlib", "os", "json"},
-    "evaluator/scores/metrics.py": {"mcp", "pathlib", "os"},
-    "evaluator/scores/grounding.py": {"mcp", "pathlib", "os"},
-    "evaluator/failures": {"mcp", "pathlib", "os", "evaluator.answers.keys", "evaluator.store"},
     "scenes": {"mcp", "mcp_types", "mujoco", "physment_mcp", "evaluator"},
 }
-"""Part of the tree → modules nothing in it may import."""
+"""Package → modules that nothing in it may import."""
 
-EXEMPT = {"evaluator": ("evaluator/certify",), "scenes": ("scenes/Scene",)}
-"""Rule → parts of the tree it does not speak of: the room that may know both sides, and packs, which are data."""
+PRIVILEGED = ("evaluator/certify", "evaluator/answers/engine.py")
+"""Parts of the evaluator that may know the server's code and the engine."""
 
 ONLY_THERE = {
-    "mujoco": ("physment_mcp/world",),
+    "mujoco": ("physment_mcp/world", "evaluator/certify"),
     "inspect_ai": ("evaluator/inspect_task.py",),
-    "pydantic_ai": ("evaluator/models", "evaluator/models/agent.py"),
+    "pydantic_ai": ("evaluator/models",),
     "matplotlib": ("evaluator/report/figures.py",),
     "ray": ("evaluator/study/ray_executor.py",),
 }
-"""Module → the only parts of the tree that may import it."""
+"""Library → the only parts of the tree that may import it."""
 
-MODULE_LINES, FUNCTION_LINES = 340, 60
+MODULE_RULES = {
+    "evaluator/study/runner.py": {"evaluator.answers", "evaluator.scores"},
+    "evaluator/answers/grading.py": {"pathlib", "os", "json"},
+    "evaluator/scores/metrics.py": {"pathlib"},
+    "evaluator/scores/grounding.py": {"pathlib"},
+}
+"""Rules narrower than a room: module → what it may not import."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A row of the tables in the architecture page."""
+
+    floor: int
+    purpose: str
+    forbidden: frozenset[str]
+
+
+def rooms_of(page: str) -> dict[str, dict[str, Room]]:
+    """Package → room → its row, from the text of the architecture page."""
+    found: dict[str, dict[str, Room]] = {}
+    for section in re.split(r"^### ", page, flags=re.MULTILINE)[1:]:
+        package = re.match(r"`(\w+)`", section)
+        assert package, section[:40]
+        rows = re.findall(r"^\| (\d+) \| `([\w/]+)` \| (.+?) \| ?(.*?) ?\|$", section, flags=re.MULTILINE)
+        found[package[1]] = {
+            name.rstrip("/"): Room(int(floor), purpose, frozenset(re.findall(r"`([\w.]+)`", forbidden)))
+            for floor, name, purpose, forbidden in rows
+        }
+    return found
+
+
+ROOMS = rooms_of((DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8"))
 
 
 def modules() -> list[Path]:
@@ -56,12 +75,12 @@ def modules() -> list[Path]:
         path.relative_to(ROOT)
         for package in PACKAGES
         for path in (ROOT / package).rglob("*.py")
-        if not re.search(r"scenes/Scene\d+/", path.as_posix())
+        if not re.search(r"scenes/(Scene\d+|templates)/", path.as_posix())
     )
 
 
 def imports(source: str) -> Iterator[str]:
-    """Everything a module imports, anywhere in it, with dots."""
+    """Everything that a module imports, anywhere in it, with dots."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
@@ -74,26 +93,88 @@ def under(path: str, part: str) -> bool:
     return path == part or path.startswith(f"{part}/")
 
 
+def room_of(module: str) -> str | None:
+    """The room of a module or name with dots, such as `evaluator.answers.keys`; None for a package's own `__init__`."""
+    package, _, rest = module.partition(".")
+    name = rest.split(".")[0]
+    return name if name in ROOMS.get(package, {}) else None
+
+
 def violations(path: str, source: str) -> list[str]:
-    """The dependency rules that a module at `path` breaks."""
-    imported = set(imports(source))
+    """The rules that a module at `path` breaks by what it imports."""
+    imported = sorted(set(imports(source)))
+    package, room = path.split("/", maxsplit=1)[0], room_of(dotted(Path(path)))
+    forbidden: set[str] = set() if path.startswith(PRIVILEGED) else set(NEVER[package])
+    forbidden |= {one for part, rule in MODULE_RULES.items() if path == part for one in rule}
+    forbidden |= {one for one, allowed in ONLY_THERE.items() if not any(under(path, part) for part in allowed)}
+    if room:
+        forbidden |= ROOMS[package][room].forbidden
     found = [
         f"{path} imports {module}"
-        for part, banned in FORBIDDEN.items()
-        if under(path, part) and not path.startswith(EXEMPT.get(part, ("-",)))
-        for module in sorted(imported)
-        if any(module == one or module.startswith(f"{one}.") for one in banned)
+        for module in imported
+        if any(module == one or module.startswith(f"{one}.") for one in forbidden)
     ]
-    for module, rooms in ONLY_THERE.items():
-        if not any(under(path, room) for room in rooms) and not path.startswith("evaluator/certify"):
-            found += [
-                f"{path} imports {one}" for one in sorted(imported) if one == module or one.startswith(f"{module}.")
-            ]
+    if room:
+        found += [
+            f"{path} on floor {ROOMS[package][room].floor} imports {module} on floor {ROOMS[package][other].floor}"
+            for module in imported
+            if module.startswith(f"{package}.") and (other := room_of(module)) and other != room
+            if ROOMS[package][other].floor >= ROOMS[package][room].floor
+        ]
     return found
 
 
+def dotted(path: Path) -> str:
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_between(sources: Mapping[str, str], folder: str) -> dict[str, set[str]]:
+    """Imports between the files and subfolders of a folder: name → names that it imports.
+
+    Args:
+        sources: Module with dots → its source.
+        folder: With dots.
+    """
+    depth = folder.count(".") + 2
+
+    def child(module: str) -> str:
+        return ".".join(module.split(".")[:depth])
+
+    inside = {module: source for module, source in sources.items() if module.startswith(f"{folder}.")}
+    graph: dict[str, set[str]] = {child(module): set() for module in inside}
+    for module, source in inside.items():
+        targets = {child(name) for name in imports(source) if name.startswith(f"{folder}.")}
+        graph[child(module)] |= (targets & set(graph)) - {child(module)}
+    return graph
+
+
+def circle_in(graph: Mapping[str, set[str]]) -> tuple[str, ...]:
+    """A circle of imports, its first name repeated at the end; empty if there is none."""
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> tuple[str, ...]:
+        if name in trail:
+            return (*trail[trail.index(name) :], name)
+        if name not in done:
+            for other in sorted(graph[name]):
+                if found := visit(other, (*trail, name)):
+                    return found
+            done.add(name)
+        return ()
+
+    return next((found for name in sorted(graph) if (found := visit(name, ()))), ())
+
+
+def all_sources() -> dict[str, str]:
+    return {dotted(path): (ROOT / path).read_text(encoding="utf-8") for path in modules()}
+
+
+FOLDERS = sorted({dotted(path.parent / "__init__.py") for path in modules()})
+
+
 @pytest.mark.parametrize("path", modules(), ids=str)
-def test_a_module_imports_nothing_it_must_not_know(path: Path) -> None:
+def test_a_module_imports_only_what_its_room_allows(path: Path) -> None:
     assert violations(path.as_posix(), (ROOT / path).read_text(encoding="utf-8")) == []
 
 
@@ -101,18 +182,66 @@ def test_a_module_imports_nothing_it_must_not_know(path: Path) -> None:
     ("path", "source"),
     [
         ("evaluator/episode/loop.py", "from evaluator.answers.keys import KeyRing"),
+        ("evaluator/episode/loop.py", "from evaluator.agents import reference"),
         ("evaluator/report/page.py", "def f():\n    import mujoco"),
+        ("evaluator/report/page.py", "from evaluator.commands.terminal import print_results"),
+        ("evaluator/scores/metrics.py", "from evaluator.models.choice import Choice"),
         ("evaluator/study/runner.py", "import physment_mcp.session"),
+        ("evaluator/study/runner.py", "from evaluator.scores import scoring"),
+        ("evaluator/answers/keys.py", "from physment_mcp.session import Session"),
+        ("evaluator/agents/human.py", "import pydantic_ai"),
         ("physment_mcp/tools/act.py", "from mujoco import MjModel"),
         ("physment_mcp/serving/server.py", "import evaluator"),
         ("physment_mcp/scene.py", "from scenes.protocol import load_solution"),
+        ("physment_mcp/session.py", "from physment_mcp.tools.results import Result"),
         ("physment_mcp/serving/server.py", "import mujoco"),
         ("physment_mcp/world/world.py", "from mcp import Client"),
         ("scenes/draw.py", "from physment_mcp import errors"),
+        ("scenes/pack.py", "from scenes.folder import PackFiles"),
     ],
 )
 def test_a_planted_import_is_caught(path: str, source: str) -> None:
     assert violations(path, source)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_neither_files_nor_folders_import_each_other_in_a_circle(folder: str) -> None:
+    circle = circle_in(imports_between(all_sources(), folder))
+    assert not circle, " → ".join(circle)
+
+
+def test_a_planted_circle_between_two_folders_is_caught() -> None:
+    sources = {
+        "house.cellar.wine": "from house.attic.chest import Key",
+        "house.attic.roof": "from house.cellar.stairs import Step",
+        "house.attic.chest": "",
+        "house.cellar.stairs": "",
+    }
+    assert circle_in(imports_between(sources, "house")) == ("house.attic", "house.cellar", "house.attic")
+    assert not circle_in(imports_between(sources, "house.cellar"))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_architecture_page_lists_every_room_of_a_package_and_no_other(package: str) -> None:
+    found = {
+        path.parts[1].removesuffix(".py")
+        for path in modules()
+        if path.parts[0] == package and path.parts[1] != "__init__.py"
+    }
+    assert set(ROOMS[package]) == found
+    assert all(room.purpose.endswith(".") for room in ROOMS[package].values())
+
+
+def test_the_evaluator_has_no_more_than_nine_floors() -> None:
+    assert max(room.floor for room in ROOMS["evaluator"].values()) <= EVALUATOR_FLOORS
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_room_lies_directly_above_the_highest_room_that_it_imports(package: str) -> None:
+    graph = imports_between(all_sources(), package)
+    floors = {f"{package}.{name}": room.floor for name, room in ROOMS[package].items()}
+    lowest = {name: 1 + max((floors[other] for other in below), default=0) for name, below in graph.items()}
+    assert {name: floors[name] for name in graph} == lowest
 
 
 def test_the_laboratory_never_names_a_private_field_of_a_pack() -> None:
@@ -123,32 +252,6 @@ def test_the_laboratory_never_names_a_private_field_of_a_pack() -> None:
         if path.parts[0] == "physment_mcp" and private.search((ROOT / path).read_text(encoding="utf-8"))
     ]
     assert named == []
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_modules_of_a_package_form_no_import_cycle(package: str) -> None:
-    names = {_module_name(path): path for path in modules() if path.parts[0] == package}
-    graph = {
-        name: {one for one in imports((ROOT / path).read_text(encoding="utf-8")) if one in names and one != name}
-        for name, path in names.items()
-        if path.name != "__init__.py"
-    }
-    done: set[str] = set()
-
-    def visit(name: str, trail: tuple[str, ...]) -> None:
-        assert name not in trail, " → ".join((*trail, name))
-        if name not in done:
-            for other in sorted(graph.get(name, ())):
-                visit(other, (*trail, name))
-            done.add(name)
-
-    for name in graph:
-        visit(name, ())
-
-
-def _module_name(path: Path) -> str:
-    parts = path.with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def test_modules_and_functions_fit_one_head() -> None:
@@ -166,7 +269,7 @@ def test_modules_and_functions_fit_one_head() -> None:
     assert long == []
 
 
-def test_every_module_says_what_it_is_and_none_is_a_drawer() -> None:
+def test_every_module_has_a_docstring_and_a_telling_name() -> None:
     for path in modules():
         assert path.stem not in {"utils", "util", "helpers", "common", "misc"}, path
         assert ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8"))), path
