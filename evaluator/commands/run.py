@@ -18,11 +18,12 @@ from evaluator.commands.results import finish
 from evaluator.commands.run_options import add_options, limits_of, plan_of, shard_of, team_of
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import EpisodeKey, Versions
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Contender, Play, play_key
-from evaluator.study.contenders import Team, agent_facts
+from evaluator.study.attempts import Play, play_key
+from evaluator.study.contenders import Team
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
 from evaluator.study.plan import Plan, missing
@@ -128,10 +129,9 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
     async with contextlib.AsyncExitStack() as stack:
         laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir))
         for contender in study.contenders.values():
-            if isinstance(contender, contextlib.AbstractAsyncContextManager):
-                await stack.enter_async_context(contender)
+            await stack.enter_async_context(contender.running())
         said = await _said(laboratory, study.plan)
-        agents = {name: agent_facts(one) for name, one in study.contenders.items()}
+        agents = {name: dict(one.facts()) for name, one in study.contenders.items()}
         shard = None if study.shard == WHOLE else f"{study.shard.index}/{study.shard.count}"
         facts = run_facts(study.plan, study.packs, args.server, said, agents, shard)
         hashes = {files.scene_id: pack_hash(files) for files in study.packs}

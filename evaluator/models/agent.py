@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 import httpx2
+from pydantic import JsonValue
 from pydantic_ai.messages import (
     ModelMessage,
     ModelRequest,
@@ -61,8 +62,8 @@ class ModelAgent:
         tools = NOTHING if text else offer(provider.dialect, briefing.tools)
         return _ModelPlayer(self._requests, provider, briefing.prompt, tools, text)
 
-    def settings(self) -> dict[str, Any]:
-        """What decides the model's replies, for the record of a run; holds no key.
+    def facts(self) -> dict[str, JsonValue]:
+        """What decides the model's replies, for `run.json`; holds no key.
 
         Raises:
             UsageError: An option was asked for that would not be sent.

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import httpx2
 
 from evaluator.errors import UsageError
-from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, Provider, find_preset, find_provider, without_secrets
+from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, Provider, find_preset, find_provider, public_url
 
 EFFORTS = ("none", "minimal", "low", "medium", "high", "xhigh", "max")
 """How hard a model may be asked to think; a provider has some of them."""
@@ -49,7 +49,7 @@ class ModelChoice:
     @property
     def shown_url(self) -> str:
         """The base URL without user, password and query, for records and sentences."""
-        return without_secrets(self.base_url)
+        return public_url(self.base_url)
 
     def key(self) -> str | None:
         """The provider's key, if the environment holds one."""

@@ -1,25 +1,22 @@
-"""From `--agent model:…` to an agent that plays; the provider's client is loaded here and not before."""
+"""From `--agent model:…` to a contender; the provider's client is loaded here and not before."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
+from evaluator.episode.contender import AgentContender
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options, parse_model
 from evaluator.models.lanes import Lanes, Patience
 
-if TYPE_CHECKING:
-    from evaluator.models.agent import ModelAgent
 
-
-def model_agent(
+def model_contender(
     text: str,
     options: Options | None = None,
     base_url: str | None = None,
     lanes: Lanes | None = None,
     patience: Patience | None = None,
     environ: Mapping[str, str] | None = None,
-) -> "ModelAgent":
-    """The agent that `text` names, ready to be asked.
+) -> AgentContender:
+    """The model that `text` names, ready to play.
 
     Args:
         text: `model:PRESET` or `model:PROVIDER:NAME`, with options behind it or without.
@@ -38,5 +35,4 @@ def model_agent(
     from evaluator.models.agent import ModelAgent  # noqa: PLC0415 - loads the provider's client, half a second
 
     agent = ModelAgent(choice, (lanes or Lanes()).of(choice.provider.name), patience or Patience())
-    agent.settings()
-    return agent
+    return AgentContender(agent, agent.facts(), agent)

@@ -50,7 +50,7 @@ class Provider:
 
     def shown_url(self, environ: Mapping[str, str]) -> str:
         """The base URL as it may be shown."""
-        return without_secrets(self.url(environ))
+        return public_url(self.url(environ))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ PRESETS = (
 the model that the paper names can still be had; any other provider that has one is `model:PROVIDER:NAME`."""
 
 
-def without_secrets(url: str) -> str:
+def public_url(url: str) -> str:
     """A URL without user, password, query and fragment, for records and sentences; empty if it is none."""
     try:
         parts = urlsplit(url)

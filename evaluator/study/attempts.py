@@ -5,10 +5,8 @@ from datetime import UTC, datetime
 
 import anyio
 
-from evaluator.agents.external.agent import ExternalAgent, play_external
 from evaluator.episode.connect import Laboratory
-from evaluator.episode.loop import play_episode
-from evaluator.episode.player import Agent
+from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 
@@ -16,9 +14,6 @@ MAX_ATTEMPTS = 3
 """How often an episode is opened before its infrastructure error is recorded."""
 _PAUSE_S = 0.5
 """Pause before the second attempt [s]; doubled for each further one."""
-
-Contender = Agent | ExternalAgent
-"""Who plays: an agent whose turns we see, or a program that drives itself."""
 
 Play = Callable[[Contender, Laboratory, EpisodeKey, Versions, float | None], Awaitable[Episode]]
 """What plays an episode: `play_key` in this process, or something that has it called in another."""
@@ -46,7 +41,7 @@ async def play_key(
             await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
         try:
             with anyio.move_on_after(timeout_s):
-                episode = await _play(contender, laboratory, key, versions, used)
+                episode = await contender.play(laboratory, key, versions, used)
                 return episode.model_copy(update={"attempts": attempt})
             failure = f"the episode took longer than {timeout_s} s"
         except PermanentFailure:
@@ -54,15 +49,6 @@ async def play_key(
         except InfrastructureError as error:
             failure = str(error)
     return unplayed(key, failure, versions, total_usage(used))
-
-
-async def _play(
-    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]
-) -> Episode:
-    if isinstance(contender, ExternalAgent):
-        return await play_external(contender, laboratory, key, versions)
-    async with laboratory.open(key.scene, key.seed) as client:
-        return await play_episode(contender, client, key, versions, laboratory.toolboxes, used)
 
 
 def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | None = None) -> Episode:

@@ -1,22 +1,21 @@
-"""Who plays a run: from what `--agent` and its companions say to agents, in this process or on another machine."""
+"""Who plays a run: from what `--agent` and its companions say to contenders, in this process or on another machine."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
-from evaluator.agents.external.agent import ExternalAgent, parse_external
+from evaluator.agents.external.agent import ExternalAgent
+from evaluator.agents.external.command import parse_external
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.replay import load_replay
 from evaluator.agents.scripted import load_script
-from evaluator.agents.stopping import StoppingAgent, with_stopping
-from evaluator.episode.player import Agent
+from evaluator.agents.stopping import with_stopping
+from evaluator.episode.contender import AgentContender, Contender
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options
-from evaluator.models.factory import model_agent
+from evaluator.models.factory import model_contender
 from evaluator.models.lanes import Lanes, Patience
-from evaluator.study.attempts import Contender
 
 AGENTS = (
     "reference",
@@ -29,29 +28,31 @@ AGENTS = (
     "replay:DIR",
     "external -- COMMAND",
 )
+"""What `--agent` takes."""
+EXTERNAL = "external"
 
 
 @dataclass(frozen=True, slots=True)
 class Team:
-    """All that decides who plays; builds the same contenders wherever it is sent."""
+    """The options that decide who plays. Can be sent to another machine, and makes the same contenders there."""
 
     agents: tuple[str, ...]
-    """What each `--agent` says."""
+    """Value of each `--agent`."""
     scenes_dir: Path | None = None
     server: str = "stdio"
     options: Options = field(default_factory=Options)
-    """Of models."""
+    """Options of all models."""
     base_url: str | None = None
     lanes: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Provider → requests under way."""
+    """Provider → most requests at a time."""
     patience: Patience = field(default_factory=Patience)
     stopping: str = "always"
     command: tuple[str, ...] = ()
-    """What follows `--`: the program of an external agent."""
+    """Words after `--`: the program of an external agent."""
     max_calls: int | None = None
-    """Tool calls of an external agent."""
+    """Most tool calls of an external agent in an episode."""
     max_wall_s: float = 1800.0
-    """Wall time of an external agent [s]."""
+    """Most wall time of an external agent for an episode [s]."""
     sealed: bool = False
     """The operator vouches that an external agent cannot read the packs."""
 
@@ -59,22 +60,20 @@ class Team:
         """The contenders by name.
 
         Raises:
-            UsageError: One cannot be had, or two have one name.
+            UsageError: One of them cannot be made, or two have the same name.
         """
-        if self.command and "external" not in self.agents:
+        if self.command and EXTERNAL not in self.agents:
             raise UsageError(f"{self.command[0]}: not an option; a command after -- belongs to --agent external")
         lanes = Lanes(self.lanes)
-        found: dict[str, Contender] = {}
+        contenders: dict[str, Contender] = {}
         for text in self.agents:
-            contender = self._contender(text, lanes)
-            if contender.name in found:
+            contender = self._external() if text == EXTERNAL else self._with_stopping(self._by_turns(text, lanes))
+            if contender.name in contenders:
                 raise UsageError(f"--agent {text}: is given twice")
-            found[contender.name] = contender
-        return found
+            contenders[contender.name] = contender
+        return contenders
 
-    def _contender(self, text: str, lanes: Lanes) -> Contender:
-        if text != "external":
-            return with_stopping(self._agent(text, lanes), self.stopping)
+    def _external(self) -> ExternalAgent:
         if self.stopping != "always":
             raise UsageError("--stopping: an external agent drives itself and cannot be told when to answer")
         return parse_external(
@@ -86,27 +85,31 @@ class Team:
             max_wall_s=self.max_wall_s,
         )
 
-    def _agent(self, text: str, lanes: Lanes) -> Agent:
-        makers: dict[tuple[str, bool], Callable[[str], Agent]] = {
-            ("reference", False): lambda _: ReferenceAgent(self.scenes_dir),
-            ("random", False): lambda _: RandomAgent(),
-            ("blind", False): lambda _: BlindAgent(),
-            ("oracle-once", True): lambda rest: OracleOnceAgent(self._agent(rest, lanes)),
-            ("scripted", True): lambda rest: load_script(Path(rest)),
-            ("replay", True): lambda rest: load_replay(Path(rest)),
-            ("model", True): lambda _: model_agent(text, self.options, self.base_url, lanes, self.patience),
-        }
+    def _with_stopping(self, contender: AgentContender) -> AgentContender:
+        return contender.wrapped(lambda agent: with_stopping(agent, self.stopping))
+
+    def _by_turns(self, text: str, lanes: Lanes) -> AgentContender:
+        """The contender that one `--agent` names, unless it is a program.
+
+        Raises:
+            UsageError: There is no such agent, or it cannot be made.
+        """
         kind, _, rest = text.partition(":")
-        if (kind, bool(rest)) not in makers:
-            raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
-        return makers[kind, bool(rest)](rest)
-
-
-def agent_facts(contender: Contender) -> dict[str, Any]:
-    """What of a contender decides results, for `run.json`; holds no key. Empty where the name says it all."""
-    while isinstance(contender, StoppingAgent | OracleOnceAgent):
-        contender = contender.inner
-    if isinstance(contender, ExternalAgent):
-        return contender.facts()
-    settings = getattr(contender, "settings", None)
-    return {} if settings is None else settings()
+        match kind, bool(rest):
+            case "model", True:
+                contender = model_contender(text, self.options, self.base_url, lanes, self.patience)
+            case "oracle-once", True:
+                contender = self._by_turns(rest, lanes).wrapped(OracleOnceAgent)
+            case "reference", False:
+                contender = AgentContender(ReferenceAgent(self.scenes_dir))
+            case "random", False:
+                contender = AgentContender(RandomAgent())
+            case "blind", False:
+                contender = AgentContender(BlindAgent())
+            case "scripted", True:
+                contender = AgentContender(load_script(Path(rest)))
+            case "replay", True:
+                contender = AgentContender(load_replay(Path(rest)))
+            case _:
+                raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
+        return contender

@@ -21,10 +21,11 @@ from typing import Any
 import anyio
 
 from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.contender import Contender
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.study.attempts import MAX_ATTEMPTS, Contender, Play, play_key, unplayed
-from evaluator.study.contenders import Team, agent_facts
+from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
+from evaluator.study.contenders import Team
 from scenes import find_pack, pack_hash
 
 EXTRA = "physment-mcp[ray]"
@@ -79,8 +80,7 @@ class EpisodeWorker:
                     return UsageError(f"a Ray worker on {platform.node()} has another pack of scene {scene}")
             self._contenders = self.team.build()
             for contender in self._contenders.values():
-                if isinstance(contender, contextlib.AbstractAsyncContextManager):
-                    await self._open.enter_async_context(contender)
+                await self._open.enter_async_context(contender.running())
             self._laboratory = await self._open.enter_async_context(connect(self.team.server, self.team.scenes_dir))
         except Exception as error:  # noqa: BLE001 - whatever a node lacks is told to the operator, by the node's name
             return UsageError(f"a Ray worker on {platform.node()} cannot play: {error}")
@@ -292,5 +292,11 @@ def _knock(address: str) -> None:
 
 def _lanes(team: Team, contenders: Mapping[str, Contender]) -> dict[str, int]:
     """Provider → requests under way, for every provider that is asked."""
-    facts = [agent_facts(one) for one in contenders.values()]
-    return {**team.lanes, **{one["provider"]: one["concurrency"] for one in facts if "provider" in one}}
+    lanes = dict(team.lanes)
+    for contender in contenders.values():
+        match contender.facts():
+            case {"provider": str(provider), "concurrency": int(limit)}:
+                lanes[provider] = limit
+            case _:
+                pass
+    return lanes

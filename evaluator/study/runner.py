@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import anyio
 
 from evaluator.episode.connect import Laboratory
+from evaluator.episode.contender import Contender
 from evaluator.errors import PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Contender, Play, play_key
+from evaluator.study.attempts import Play, play_key
 from evaluator.study.limits import Meter
 
 

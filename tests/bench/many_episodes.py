@@ -15,6 +15,7 @@ import anyio
 
 from evaluator.commands.base import make_room
 from evaluator.episode.connect import LocalHost
+from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
 from evaluator.store import RunFolder
@@ -61,7 +62,9 @@ async def run(episodes: int, turns: int, latency_s: float) -> None:
         folder = RunFolder(Path(scratch))
         async with LocalHost() as laboratory:
             clock, busy = time.perf_counter(), time.process_time()
-            await Runner(laboratory, {agent.name: agent}, folder, lambda _scene: versions, episodes).run(plan.matrix())
+            await Runner(
+                laboratory, {agent.name: AgentContender(agent)}, folder, lambda _scene: versions, episodes
+            ).run(plan.matrix())
             wall, busy = time.perf_counter() - clock, time.process_time() - busy
         hosted = resource.getrusage(resource.RUSAGE_CHILDREN)
         answered = sum(one.outcome is Outcome.ANSWERED for one in folder.episodes().values())

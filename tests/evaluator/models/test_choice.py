@@ -9,7 +9,7 @@ import pytest
 
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options, missing, parse_model
-from evaluator.models.factory import model_agent
+from evaluator.models.factory import model_contender
 from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, find_provider
 from evaluator.models.wire import settings_sent
 
@@ -23,11 +23,11 @@ def choose(text: str, **more: Any) -> Any:
 
 @pytest.mark.parametrize("preset", PRESETS, ids=lambda one: one.name)
 def test_every_preset_can_be_asked_for(preset: Any) -> None:
-    agent = model_agent(f"model:{preset.name},max_tokens=9000", environ=ENVIRON)
+    agent = model_contender(f"model:{preset.name},max_tokens=9000", environ=ENVIRON)
     assert agent.name == f"model:{preset.name},max_tokens=9000"
-    settings = agent.settings()
-    assert (settings["provider"], settings["model"]) == (preset.provider, preset.model)
-    assert "9000" in json.dumps(settings["sent"])
+    facts = agent.facts()
+    assert (facts["provider"], facts["model"]) == (preset.provider, preset.model)
+    assert "9000" in json.dumps(facts["sent"])
 
 
 def test_the_seven_models_of_the_paper_are_there() -> None:
@@ -88,15 +88,15 @@ def test_the_base_url_comes_from_the_option_then_the_environment_then_the_provid
 
 def test_what_is_missing_is_said_before_anything_is_asked() -> None:
     with pytest.raises(UsageError, match="OPENAI_API_KEY is not set; see `physment-eval models`"):
-        model_agent("model:gpt-5.5", environ={})
+        model_contender("model:gpt-5.5", environ={})
     with pytest.raises(UsageError, match="no base URL"):
-        model_agent("model:openai-compatible:m", environ={})
+        model_contender("model:openai-compatible:m", environ={})
 
 
 @pytest.mark.parametrize("text", ["model:gpt-5.5,temperature=0", "model:claude-opus-4.7,temperature=1"])
 def test_an_option_that_would_be_left_out_is_refused_instead_of_recorded(text: str) -> None:
     with pytest.raises(UsageError, match=r"temperature .* would not be sent"):
-        model_agent(text, environ=ENVIRON)
+        model_contender(text, environ=ENVIRON)
 
 
 @pytest.mark.parametrize(
@@ -129,13 +129,13 @@ async def test_settings_can_be_had_within_a_running_event_loop() -> None:
 @pytest.mark.parametrize("dialect", Dialect)
 def test_neither_settings_nor_repr_hold_the_key(dialect: Dialect) -> None:
     provider = next(one for one in PROVIDERS if one.dialect is dialect)
-    agent = model_agent(
+    agent = model_contender(
         f"model:{provider.name}:vendor/m", base_url="http://user:word@host/v1?token=word", environ=ENVIRON
     )
-    shown = f"{agent!r} {json.dumps(agent.settings())}"
+    shown = f"{agent!r} {json.dumps(dict(agent.facts()))}"
     assert KEY not in shown
-    assert agent.settings()["base_url"] == "http://host/v1"
-    assert "word" not in json.dumps(agent.settings())
+    assert agent.facts()["base_url"] == "http://host/v1"
+    assert "word" not in json.dumps(dict(agent.facts()))
 
 
 def physment_eval(*words: str, before: str = "pass", **environ: str) -> subprocess.CompletedProcess[str]:

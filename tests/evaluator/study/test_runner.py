@@ -13,6 +13,7 @@ from mcp import Client
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
 from evaluator.episode.connect import LocalHost
+from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Verdict, Versions
@@ -74,7 +75,7 @@ def keys(seeds: int) -> list[EpisodeKey]:
 async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:
     todo = missing(keys(seeds), folder.episodes())
     with anyio.fail_after(30):
-        await Runner(laboratory, {"x": agent}, folder, lambda _scene: VERSIONS, concurrency).run(todo)
+        await Runner(laboratory, {"x": AgentContender(agent)}, folder, lambda _scene: VERSIONS, concurrency).run(todo)
 
 
 def lines(folder: RunFolder) -> int:
@@ -139,7 +140,9 @@ async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, f
 
     meter = Meter(Limits(tokens=1_000_000))
     with anyio.fail_after(30):
-        await Runner(InMemory(), {"x": Failing()}, folder, lambda _scene: VERSIONS, meter=meter).run(keys(1))
+        await Runner(InMemory(), {"x": AgentContender(Failing())}, folder, lambda _scene: VERSIONS, meter=meter).run(
+            keys(1)
+        )
     (episode,) = folder.episodes().values()
     expected = Outcome.INFRASTRUCTURE_ERROR if failing == MAX_ATTEMPTS else Outcome.ANSWERED
     assert episode.outcome is expected
@@ -176,7 +179,12 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(fol
     plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
     with anyio.fail_after(60):
         async with LocalHost() as laboratory:
-            runner = Runner(laboratory, {"keyless": agent, "x": SCRIPT}, folder, lambda _scene: VERSIONS)
+            runner = Runner(
+                laboratory,
+                {"keyless": AgentContender(agent), "x": AgentContender(SCRIPT)},
+                folder,
+                lambda _scene: VERSIONS,
+            )
             assert await runner.run(plan.matrix()) == "the provider refused the key"
     assert agent.asked == 1
     assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
@@ -285,7 +293,9 @@ async def test_an_episode_is_on_disk_when_its_end_is_told(folder: RunFolder) -> 
         assert folder.episodes()[episode.key] == episode
         told.append(("end", episode.key.seed))
 
-    runner = Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_start=on_start, on_end=on_end)
+    runner = Runner(
+        InMemory(), {"x": AgentContender(SCRIPT)}, folder, lambda _scene: VERSIONS, on_start=on_start, on_end=on_end
+    )
     await runner.run(keys(2))
     assert told == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
 
@@ -297,7 +307,9 @@ async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_
             folder.episodes_file.mkdir()
 
     with pytest.raises(ExceptionGroup) as stopped:
-        await Runner(InMemory(), {"x": SCRIPT}, folder, lambda _scene: VERSIONS, on_end=on_end).run(keys(5))
+        await Runner(InMemory(), {"x": AgentContender(SCRIPT)}, folder, lambda _scene: VERSIONS, on_end=on_end).run(
+            keys(5)
+        )
     assert stopped.value.subgroup(StoreError) is not None
     assert (folder.path / "moved").read_bytes().count(b"\n") == 2
 

@@ -13,13 +13,9 @@ import anyio
 import httpx2
 import pytest
 
-from evaluator.agents.external.agent import (
-    ExternalAgent,
-    child_environment,
-    parse_external,
-    play_external,
-    without_secrets,
-)
+from evaluator.agents.external.agent import ExternalAgent
+from evaluator.agents.external.command import parse_external
+from evaluator.agents.external.environment import child_environment, without_secrets
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
@@ -47,7 +43,7 @@ async def play(host: HostLaboratory, words: list[str], budget: int = 20, **optio
     agent = agent_of(words, **options)
     key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=budget)
     with anyio.fail_after(60):
-        episode = await play_external(agent, host, key, VERSIONS)
+        episode = await agent.play(host, key, VERSIONS, [])
     assert Episode.model_validate_json(episode.model_dump_json()) == episode
     return episode
 
@@ -119,7 +115,7 @@ async def test_one_that_lingers_after_its_answer_is_stopped_and_its_answer_stand
     agent = replace(agent_of(client(body)), grace_s=0.1)
     key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
     with anyio.fail_after(30):
-        episode = await play_external(agent, host, key, VERSIONS)
+        episode = await agent.play(host, key, VERSIONS, [])
     assert (episode.outcome, episode.answer, episode.turns[-1].reasoning) == (Outcome.ANSWERED, 1, "done")
 
 
@@ -166,7 +162,7 @@ async def test_interruption_ends_the_program_and_closes_the_episode(
     key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
     with anyio.fail_after(30):
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(play_external, agent, host, key, VERSIONS)
+            tasks.start_soon(agent.play, host, key, VERSIONS, [])
             await until(lambda: note.exists() and bool(note.read_text(encoding="utf-8")))
             tasks.cancel_scope.cancel()
     await gone(int(note.read_text(encoding="utf-8")))
@@ -280,7 +276,7 @@ async def test_a_laboratory_without_an_address_is_misuse(program: Words) -> None
     agent = agent_of(program("pass"))
     key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
     with pytest.raises(UsageError, match="needs a laboratory with an address"):
-        await play_external(agent, ProcessLaboratory(("x",)), key, VERSIONS)
+        await agent.play(ProcessLaboratory(("x",)), key, VERSIONS, [])
 
 
 @pytest.mark.parametrize(

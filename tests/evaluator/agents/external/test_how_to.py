@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.agents.external.agent import parse_external, play_external
+from evaluator.agents.external.command import parse_external
 from evaluator.episode.connect import HostLaboratory
 from evaluator.episode.player import ToolDescription
 from evaluator.protocols.typed import parse_line
@@ -27,7 +27,7 @@ async def test_the_smallest_agent_of_the_page_solves_its_scene(
     (source,) = re.findall(r"```python file=my_agent\.py\n(.*?)```", PAGE, re.DOTALL)
     agent = parse_external(program(source, "{mcp_url}"), "host", None)
     key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=20)
-    episode = await play_external(agent, host, key, Versions(physment="0", protocol="0", pack="0"))
+    episode = await agent.play(host, key, Versions(physment="0", protocol="0", pack="0"), [])
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=0.05))
 
 

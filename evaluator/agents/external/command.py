@@ -1,0 +1,91 @@
+"""From `--agent external -- COMMAND` to an agent, and whether that agent could read the answers."""
+
+import os
+import shlex
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from evaluator.agents.external.agent import NEEDS_ADDRESS, ExternalAgent
+from evaluator.episode.connect import TOKEN_VARIABLE
+from evaluator.errors import UsageError
+from scenes import PackError, default_folder, list_packs
+
+_LOCAL = {"localhost", "127.0.0.1", "::1"}
+
+
+def parse_external(
+    words: Sequence[str],
+    server: str,
+    scenes_dir: Path | None,
+    *,
+    vouched: bool = False,
+    max_calls: int | None = None,
+    max_wall_s: float = 1800.0,
+    environ: Mapping[str, str] = os.environ,
+) -> ExternalAgent:
+    """The agent that `--agent external -- COMMAND` names.
+
+    Args:
+        words: COMMAND, in words.
+        server: Value of `--server`.
+        scenes_dir: Value of `--scenes-dir`.
+        vouched: The operator vouches that no scene pack can be read where COMMAND runs.
+        max_calls: Most tool calls in an episode; None for ten for each iteration of the budget.
+        max_wall_s: Most wall time for an episode [s].
+        environ: Environment variables, which may hold a token for the host.
+
+    Raises:
+        UsageError: The command is missing, cannot be found or could not find the laboratory.
+    """
+    if not words:
+        raise UsageError(
+            "--agent external needs a command after --, such as: -- my-agent --mcp-config {mcp_config} --print {prompt}"
+        )
+    if not any(placeholder in word for word in words for placeholder in ("{mcp_config}", "{mcp_url}")):
+        raise UsageError(
+            f"the command {shlex.join(words)!r} could not find the laboratory: write {{mcp_config}} (path of a client"
+            " configuration) or {mcp_url} (address of the episode) where it takes one"
+        )
+    if server != "host" and not server.startswith(("http://", "https://")):
+        raise UsageError(NEEDS_ADDRESS)
+    program = shutil.which(words[0])
+    if program is None:
+        raise UsageError(f"there is no program {words[0]!r}")
+    for word in words[1:]:
+        if not Path(word).is_absolute() and Path(word).is_file():
+            raise UsageError(
+                f"{word}: the command runs in an empty folder, so write the path in full: {Path(word).resolve()}"
+            )
+    return ExternalAgent(
+        (str(Path(program).absolute()), *words[1:]),
+        _why_unsealed(server, scenes_dir, guarded=TOKEN_VARIABLE in environ, vouched=vouched),
+        max_calls,
+        max_wall_s,
+        scenes_dir=scenes_dir,
+    )
+
+
+def _why_unsealed(server: str, scenes_dir: Path | None, *, guarded: bool, vouched: bool) -> str | None:
+    """Why a program that we start could know more than it measures.
+
+    Returns:
+        A clause; None if it could not, as far as we can see or the operator vouches.
+    """
+    if server != "host" and not guarded:  # the host that we start ourselves always has a token
+        return (
+            f"anybody may open episodes on the host, to practise in them unseen; {TOKEN_VARIABLE} holds no token for it"
+        )
+    if vouched:
+        return None
+    folder = scenes_dir or default_folder()
+    try:
+        readable = any(os.access(files.json, os.R_OK) for files in list_packs(folder))
+    except PackError:
+        readable = False
+    if readable:
+        return f"it runs as this user, who can read the scene packs in {folder}"
+    if server == "host" or urlsplit(server).hostname in _LOCAL:
+        return "the host of the laboratory is on the machine where it runs"
+    return None

@@ -1,0 +1,30 @@
+"""A run leaves no connection to a provider open, however its agents are wrapped."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+MODEL = "model:openai-compatible:m"
+
+
+@pytest.mark.parametrize("stopping", ["always", "budget-aware"])
+def test_a_run_closes_the_connections_of_models_plain_and_wrapped(openai: Any, stopping: str, tmp_path: Path) -> None:
+    for _ in range(2):
+        openai.say("", [("step", {"duration": 0.8})])
+        openai.say("", [("answer", {"answer": 7.8})])
+    # Python itself warns of a connection that nobody closed.
+    command = [sys.executable, "-W", "always::ResourceWarning", "-m", "evaluator", "run", "--scenes", "7"]
+    command += ["--agent", MODEL, "--agent", f"oracle-once:{MODEL}", "--base-url", openai.url, "--concurrency", "1"]
+    done = subprocess.run(
+        [*command, "--stopping", stopping, "--out", "run"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(openai.seen) == 4
