@@ -1,4 +1,76 @@
 """The client side: opens laboratory sessions over MCP, lets agents play, grades, scores and reports.
 
-Knows MCP and the packs. Only `evaluator.certify` may know the server's code and the engine.
+The names below are the public interface for Python programs; docs/how-to/use-as-a-library.md shows them at work. They
+are loaded when first used, so that `import evaluator` stays light.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
+    from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
+    from evaluator.library import StoredRun, grade, load_run, play, score, summary
+    from evaluator.records import Episode, EpisodeKey, Exchange, Grade, GradeRecord, Outcome, ToolCall, Turn, Verdict
+    from evaluator.scores.metrics import RunSummary, ScoredEpisode
+
+__all__ = [
+    "Agent",
+    "AgentError",
+    "Briefing",
+    "Episode",
+    "EpisodeKey",
+    "EvaluatorError",
+    "Exchange",
+    "Feedback",
+    "Grade",
+    "GradeRecord",
+    "InfrastructureError",
+    "Outcome",
+    "Player",
+    "Reply",
+    "RunSummary",
+    "ScoredEpisode",
+    "StoreError",
+    "StoredRun",
+    "ToolCall",
+    "ToolDescription",
+    "Turn",
+    "UsageError",
+    "Verdict",
+    "grade",
+    "load_run",
+    "play",
+    "score",
+    "summary",
+]
+
+_HOMES = {
+    "evaluator.episode.player": ("Agent", "Briefing", "Feedback", "Player", "Reply", "ToolDescription"),
+    "evaluator.errors": ("AgentError", "EvaluatorError", "InfrastructureError", "StoreError", "UsageError"),
+    "evaluator.library": ("StoredRun", "grade", "load_run", "play", "score", "summary"),
+    "evaluator.records": (
+        "Episode",
+        "EpisodeKey",
+        "Exchange",
+        "Grade",
+        "GradeRecord",
+        "Outcome",
+        "ToolCall",
+        "Turn",
+        "Verdict",
+    ),
+    "evaluator.scores.metrics": ("RunSummary", "ScoredEpisode"),
+}
+"""Module → the public names that it defines."""
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
+from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
 from evaluator.agents.reference import ReferenceAgent
@@ -26,6 +27,7 @@ AGENTS = (
     "oracle-once:AGENT",
     "scripted:FILE",
     "replay:DIR",
+    "MODULE:CLASS",
     "external -- COMMAND",
 )
 """What `--agent` takes."""
@@ -110,6 +112,8 @@ class Team:
                 contender = AgentContender(load_script(Path(rest)))
             case "replay", True:
                 contender = AgentContender(load_replay(Path(rest)))
+            case _, True:
+                contender = load_agent(text)
             case _:
                 raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
         return contender
