@@ -34,7 +34,7 @@ from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.study.provenance import server_facts
+from evaluator.study.provenance import server_record
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import find_pack, pack_hash, read_pack
 
@@ -106,9 +106,8 @@ def experimenter(server: str) -> Solver:
         key = EpisodeKey.model_validate(state.metadata["key"]).model_copy(update={"agent": f"inspect:{model}"})
         agent = _InspectAgent(model, state)
         async with connect(server, None) as laboratory, laboratory.open(key.scene, key.seed) as client:
-            said = await server_facts(client)
-            pack = pack_hash(find_pack(key.scene))
-            versions = Versions(physment=own_version(), protocol=said["protocol"], pack=pack)
+            protocol = (await server_record(client, server)).protocol
+            versions = Versions(physment=own_version(), protocol=protocol, pack=pack_hash(find_pack(key.scene)))
             episode = await play_episode(agent, client, key, versions)
         state.store.set(EPISODE, episode.model_dump(mode="json"))
         state.completed = True

@@ -5,18 +5,17 @@ A line that a kill tore is set aside in `*.torn` and its episode is played again
 """
 
 import contextlib
-import json
 import os
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import ValidationError
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Record
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Record, RunRecord
 
 R = TypeVar("R", bound=Record)
 
@@ -95,20 +94,21 @@ class RunFolder:
         finally:
             os.close(handle)
 
-    def write_run(self, facts: dict[str, Any]) -> None:
+    def write_run(self, record: RunRecord) -> None:
         """Write `run.json`."""
-        self._replace(self.run_file, json.dumps(facts, indent=2, ensure_ascii=False) + "\n")
+        self._replace(self.run_file, record.model_dump_json(indent=2) + "\n")
 
-    def read_run(self) -> dict[str, Any]:
+    def read_run(self) -> RunRecord:
         """Read `run.json`.
 
         Raises:
-            StoreError: There is none, or it is not JSON.
+            StoreError: There is none, or it is not the record of a run.
         """
         try:
-            return json.loads(self.run_file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({error})") from error
+            return RunRecord.model_validate_json(self.run_file.read_bytes())
+        except (OSError, ValidationError) as error:
+            reason = _first_problem(error) if isinstance(error, ValidationError) else str(error)
+            raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
 
     def append_episode(self, episode: Episode) -> None:
         """Add an episode; when this returns, it is on disk."""
@@ -167,8 +167,7 @@ class RunFolder:
             try:
                 records.append(kind.model_validate_json(line))
             except ValidationError as error:
-                what = error.errors(include_url=False)[0]["msg"]
-                raise StoreError(f"{file}, line {number} is damaged: {what}") from error
+                raise StoreError(f"{file}, line {number} is damaged: {_first_problem(error)}") from error
         return records
 
     @staticmethod
@@ -198,3 +197,10 @@ class RunFolder:
             fresh.replace(file)
         except OSError as error:
             raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def _first_problem(error: ValidationError) -> str:
+    """The first problem of a record, and the field that has it."""
+    first = error.errors(include_url=False)[0]
+    field = ".".join(str(part) for part in first["loc"])
+    return f"{field}: {first['msg']}" if field else first["msg"]

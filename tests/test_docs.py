@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from evaluator.records import Record
+from evaluator.records import Episode, GradeRecord, Record, RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from physment_mcp.serving.server import published_tools
@@ -93,9 +93,18 @@ def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
     assert file.read_text(encoding="utf-8") == text
 
 
-@pytest.mark.parametrize(("name", "record"), [("run-summary", RunSummary), ("comparison", Comparison)])
+@pytest.mark.parametrize(
+    ("name", "record"),
+    [
+        ("run", RunRecord),
+        ("episode", Episode),
+        ("grade", GradeRecord),
+        ("run-summary", RunSummary),
+        ("comparison", Comparison),
+    ],
+)
 def test_the_schemas_of_results_are_current(name: str, record: type[Record], update_goldens: bool) -> None:
-    """`summary.json`, and what `physment-eval compare --json` prints: stable records that other programs read."""
+    """The files of a run folder, and what `physment-eval compare --json` prints: records that other programs read."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": "Made from the code by `pytest tests/test_docs.py --update-goldens`; do not edit.",

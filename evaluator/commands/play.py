@@ -15,17 +15,16 @@ from rich.markdown import Markdown
 
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, own_version, unwrapped, whole
+from evaluator.commands.base import Commands, unwrapped, whole
 from evaluator.commands.report import report_on
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Plan, Verdict
 from evaluator.scores import scoring
 from evaluator.store import RunFolder
-from evaluator.study.plan import Plan
-from evaluator.study.provenance import run_facts, server_facts
+from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles, pack_hash
+from scenes import PackFiles
 
 _PLAY = """\
 Solve a scene yourself, with the tools and the budget of any agent: a human baseline.
@@ -100,11 +99,10 @@ async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder
         connect(args.server, args.scenes_dir) as laboratory,
         laboratory.open(args.scene, args.seed) as client,
     ):
-        said = await server_facts(client)
-        versions = Versions(physment=own_version(), protocol=said["protocol"], pack=pack_hash(files))
-        episode = await play_episode(HumanAgent(_Terminal(console)), client, key, versions)
+        record = run_record(plan, [files], await server_record(client, args.server))
+        episode = await play_episode(HumanAgent(_Terminal(console)), client, key, record.versions_of(args.scene))
     if episode.turns:
-        folder.write_run(run_facts(plan, [files], args.server, said))
+        folder.write_run(record)
     return episode
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, own_version, unwrapped, whole
+from evaluator.commands.base import Commands, unwrapped, whole
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
@@ -18,14 +18,13 @@ from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import LoggedEpisode, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
-from evaluator.records import Versions
+from evaluator.records import Plan
 from evaluator.store import RunFolder
 from evaluator.study.limits import Meter
-from evaluator.study.plan import Plan
-from evaluator.study.provenance import run_facts, server_facts
+from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes
 from evaluator.study.tally import Tally
-from scenes import pack_hash, read_pack
+from scenes import read_pack
 
 _DESCRIPTION = """\
 Play the logs that the authors of the paper published again: each reply of a model goes through our text parser, its
@@ -72,7 +71,6 @@ def _replay(args: argparse.Namespace) -> int:
         raise UsageError("--as-logged says what --keep keeps; give a folder with --keep DIR")
     packs = parse_scenes(None, args.scenes_dir)
     names = {files.scene_id: read_pack(files).metadata.scene_name for files in packs}
-    hashes = {files.scene_id: pack_hash(files) for files in packs}
     logs = find_logs(args.logs)[: args.limit]
     keys = KeyRing(args.scenes_dir)
     folder = RunFolder(args.keep) if args.keep else None
@@ -83,11 +81,12 @@ def _replay(args: argparse.Namespace) -> int:
     async def play() -> None:
         async with connect(args.server, args.scenes_dir) as laboratory:
             async with laboratory.open(packs[0].scene_id, 0) as client:
-                said = await server_facts(client)
+                server = await server_record(client, args.server)
+            agent = "original-logs-as-logged" if args.as_logged else "original-logs"
+            plan = Plan(scenes=tuple(names), agents=(agent,), budgets=(), protocols=("text",))
+            record = run_record(plan, packs, server)
             if folder is not None:
-                agent = "original-logs-as-logged" if args.as_logged else "original-logs"
-                plan = Plan(scenes=tuple(names), agents=(agent,), budgets=(), seeds=(0,), protocols=("text",))
-                folder.write_run(run_facts(plan, packs, args.server, said))
+                folder.write_run(record)
             with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter())) as display:
 
                 def ended(one: PlayedLog) -> None:
@@ -98,11 +97,10 @@ def _replay(args: argparse.Namespace) -> int:
                     if one.episode is not None and sys.stderr.isatty():
                         display.ended(one.episode)
 
-                def versions(scene: int) -> Versions:
-                    return Versions(physment=own_version(), protocol=said["protocol"], pack=hashes[scene])
-
                 played.extend(
-                    await play_logs(logs, laboratory, keys, names, versions=versions, jobs=args.jobs, on_end=ended)
+                    await play_logs(
+                        logs, laboratory, keys, names, versions=record.versions_of, jobs=args.jobs, on_end=ended
+                    )
                 )
 
     unwrapped(play)

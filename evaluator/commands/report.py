@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands
@@ -73,7 +72,7 @@ def _report(args: argparse.Namespace) -> int:
     hashes = [_hashes(ring) for ring in rings]
     folders = [RunFolder(one) for one in args.folders]
     runs = [
-        _read(folder, name, _ring_of(folder.read_run(), rings, hashes))
+        _read(folder, name, _ring_of(folder.read_run().packs, rings, hashes))
         for folder, name in zip(folders, _names(args.folders), strict=True)
     ]
     target = RunFolder(args.out or args.folders[0])
@@ -106,19 +105,18 @@ def _hashes(ring: KeyRing) -> Mapping[str, str]:
         raise UsageError(str(error)) from error
 
 
-def _ring_of(facts: Mapping[str, Any], rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> KeyRing:
+def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> KeyRing:
     """Keys of the packs that a run was played on: the folder that holds most of them as they were; else the first."""
-    played: Mapping[str, str] = facts.get("packs", {})
     alike = [sum(found.get(scene) == one for scene, one in played.items()) for found in hashes]
     return rings[alike.index(max(alike))]
 
 
 def _read(folder: RunFolder, name: str, keys: KeyRing) -> Run:
-    facts, episodes, grades = folder.read_run(), folder.episodes(), folder.grades()
+    record, episodes, grades = folder.read_run(), folder.episodes(), folder.grades()
     if set(grades) != set(episodes):
         raise UsageError(f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first")
     rows = scoring.scored(episodes.values(), grades.values(), keys)
-    return Run(name, facts, rows, grades, pictures(facts, keys.folder))
+    return Run(name, record, rows, grades, pictures(record.packs, keys.folder))
 
 
 def _export(target: RunFolder, runs: Sequence[Run], form: str) -> list[Path]:

@@ -8,35 +8,30 @@ from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, own_version, unwrapped
+from evaluator.commands.base import Commands, unwrapped
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import add_options, limits_of, plan_of, shard_of, team_of
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import EpisodeKey, Versions
+from evaluator.records import EpisodeKey, Plan, RunRecord, ServerRecord
 from evaluator.store import RunFolder
 from evaluator.study.attempts import Play, play_key
 from evaluator.study.contenders import Team
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
-from evaluator.study.plan import Plan, missing
-from evaluator.study.provenance import run_facts, server_facts
+from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers, require_ray
-from evaluator.study.runner import Runner
+from evaluator.study.runner import Runner, missing
 from evaluator.study.selection import parse_scenes
 from evaluator.study.shards import WHOLE, Shard
 from evaluator.study.tally import Tally
-from scenes import PackFiles, pack_hash
-
-_DECIDING = ("plan", "packs", "agents", "shard")
-"""What a resumed run must have in common with what it goes on with."""
+from scenes import PackFiles
 
 
 def add(commands: Commands, description: str) -> None:
@@ -130,17 +125,12 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
         laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir))
         for contender in study.contenders.values():
             await stack.enter_async_context(contender.running())
-        said = await _said(laboratory, study.plan)
-        agents = {name: dict(one.facts()) for name, one in study.contenders.items()}
+        server = await _server(laboratory, study.plan, args.server)
+        agents = {name: contender.facts() for name, contender in study.contenders.items()}
         shard = None if study.shard == WHOLE else f"{study.shard.index}/{study.shard.count}"
-        facts = run_facts(study.plan, study.packs, args.server, said, agents, shard)
-        hashes = {files.scene_id: pack_hash(files) for files in study.packs}
-        play = await stack.enter_async_context(_executor(study, hashes))
-        folder.write_run(_continued(folder, facts))
-        versions = {
-            scene: Versions(physment=own_version(), protocol=said["protocol"], pack=one)
-            for scene, one in hashes.items()
-        }
+        record = run_record(study.plan, study.packs, server, agents, shard)
+        play = await stack.enter_async_context(_executor(study, record.packs))
+        folder.write_run(_continued(folder, record))
         done = folder.episodes()
         meter.add_all(one.usage for one in done.values())
         todo = missing(study.keys(), done)
@@ -149,7 +139,7 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
                 laboratory,
                 study.contenders,
                 folder,
-                lambda scene: versions[scene],
+                record.versions_of,
                 args.concurrency,
                 meter,
                 args.episode_timeout,
@@ -161,7 +151,7 @@ async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, c
 
 
 @contextlib.asynccontextmanager
-async def _executor(study: _Study, packs: Mapping[int, str]) -> AsyncGenerator[Play]:
+async def _executor(study: _Study, packs: Mapping[str, str]) -> AsyncGenerator[Play]:
     """What plays the episodes, as `--executor` says.
 
     Args:
@@ -175,28 +165,27 @@ async def _executor(study: _Study, packs: Mapping[int, str]) -> AsyncGenerator[P
         yield play
 
 
-async def _said(laboratory: Laboratory, plan: Plan) -> dict[str, Any]:
-    """What the server tells of itself; asking shows early that there is one."""
+async def _server(laboratory: Laboratory, plan: Plan, option: str) -> ServerRecord:
+    """What the server says about itself; asking shows early whether there is one."""
     try:
         async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
-            return await server_facts(client)
+            return await server_record(client, option)
     except InfrastructureError as error:
         raise UsageError(str(error)) from error
 
 
-def _continued(folder: RunFolder, facts: dict[str, Any]) -> dict[str, Any]:
-    """`run.json` of a run that starts, or of one that goes on: as it was, with a note of each resumption.
+def _continued(folder: RunFolder, record: RunRecord) -> RunRecord:
+    """The record to write: that of a new run, or the stored one with another start.
 
     Raises:
-        UsageError: The stored run has another plan, agents or packs, so the results would not belong together.
+        UsageError: The stored run has another plan, agents, packs or shard, so the results would not belong together.
     """
     if not folder.run_file.exists():
-        return facts
-    before = folder.read_run()
-    for name in _DECIDING:
-        if before.get(name) != facts.get(name):
-            raise UsageError(
-                f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
-            )
-    again = {name: facts[name] for name in ("created_at", "server", "versions", "git_revision")}
-    return {**before, "resumed": [*before.get("resumed", []), again]}
+        return record
+    stored = folder.read_run()
+    name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
+    if name:
+        raise UsageError(
+            f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
+        )
+    return stored.model_copy(update={"resumed": (*stored.resumed, record.start())})

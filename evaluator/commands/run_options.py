@@ -12,9 +12,9 @@ from evaluator.commands.base import seconds, whole
 from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
 from evaluator.models.lanes import DEFAULT_LIMIT, Patience
+from evaluator.records import Plan
 from evaluator.study.contenders import AGENTS, Team
 from evaluator.study.limits import Limits
-from evaluator.study.plan import Plan
 from evaluator.study.selection import parse_numbers
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles

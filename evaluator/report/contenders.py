@@ -3,9 +3,8 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from evaluator.records import EpisodeKey, GradeRecord
+from evaluator.records import EpisodeKey, GradeRecord, RunRecord
 from evaluator.scores.metrics import GroupSummary, RunSummary, ScoredEpisode, summarise
 from evaluator.scores.spending import Spending, spending
 
@@ -19,8 +18,7 @@ class Run:
 
     name: str
     """What tells it from others: the name of its folder."""
-    facts: Mapping[str, Any]
-    """What `run.json` holds."""
+    record: RunRecord
     rows: Sequence[ScoredEpisode]
     grades: Mapping[EpisodeKey, GradeRecord]
     pictures: Mapping[int, bytes]

@@ -138,7 +138,7 @@ def _differing(runs: Sequence[Run]) -> str:
     """The runs by what they were played on, if two played different packs of one scene."""
     played: list[tuple[dict[str, str], list[str]]] = []
     for run in runs:
-        packs: dict[str, str] = run.facts.get("packs", {})
+        packs = run.record.packs
         for known, names in played:
             if all(known.get(scene, one) == one for scene, one in packs.items()):
                 known.update(packs)

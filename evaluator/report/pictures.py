@@ -2,23 +2,21 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from scenes import default_folder, list_packs, pack_hash
 
 
-def pictures(facts: Mapping[str, Any], scenes_dir: Path | None = None) -> dict[int, bytes]:
+def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[int, bytes]:
     """Scene → PNG, for the scenes of a run whose packs are those of the folder, byte for byte.
 
     The pictures stand in `docs/reference/scenes` beside the folder of packs. An installed package has none; a report
     without pictures is whole all the same.
 
     Args:
-        facts: What `run.json` holds.
+        played: Scene → hash of the pack that was played.
         scenes_dir: Folder of packs; the suite's own if None.
     """
     kept = (scenes_dir or default_folder()).resolve().parent / "docs" / "reference" / "scenes"
-    played = facts.get("packs", {})
     if not kept.is_dir():
         return {}
     found: dict[int, bytes] = {}

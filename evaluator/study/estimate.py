@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from evaluator.records import EpisodeKey
-from evaluator.study.plan import Plan
+from evaluator.records import EpisodeKey, Plan
 from evaluator.study.shards import WHOLE, Shard
 
 CHARACTERS_PER_TOKEN = 4

@@ -1,26 +1,22 @@
-"""Run folders of shards, or of parts of a study, put together into one."""
+"""Merging: the run folders of shards, or of parts of a study, become one run folder."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.records import Episode, EpisodeKey, MergedPart, Outcome, RunRecord
 from evaluator.store import RunFolder
-
-_DECIDING = ("plan", "packs", "agents")
-"""What runs must have in common for their episodes to belong together."""
 
 
 def expand(folders: Iterable[Path]) -> list[RunFolder]:
-    """Run folders as they were named; of a folder that holds shards, the shards.
+    """The run folders that were named; for a folder that holds shards, the shards.
 
     Raises:
         UsageError: A folder holds neither a run nor shards.
     """
     found: list[RunFolder] = []
     for folder in folders:
-        shards = sorted(one.parent for one in folder.glob("shard-*/run.json"))
+        shards = sorted(file.parent for file in folder.glob("shard-*/run.json"))
         if RunFolder(folder).run_file.exists():
             found.append(RunFolder(folder))
         elif shards:
@@ -33,27 +29,26 @@ def expand(folders: Iterable[Path]) -> list[RunFolder]:
 def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Episode]:
     """Write the episodes of all parts into a new run folder, and return them.
 
-    An infrastructure error gives way to an episode that was played. Two parts that played one episode must hold the
-    same record of it: which of them counts is not ours to choose.
+    An episode that was played replaces the record of an infrastructure error. If two parts played the same episode,
+    their records must be equal: nothing says which of two different records counts.
 
     Raises:
         UsageError: The parts do not belong together.
         StoreError: A record is damaged, or the target holds a run already.
     """
-    facts = [part.read_run() for part in parts]
-    for part, one in zip(parts, facts, strict=True):
-        for name in _DECIDING:
-            if one.get(name) != facts[0].get(name):
-                raise UsageError(
-                    f"{part.path} has other {name} than {parts[0].path}: their episodes do not belong together"
-                )
+    records = [part.read_run() for part in parts]
+    for part, record in zip(parts, records, strict=True):
+        if name := records[0].difference(record):
+            raise UsageError(
+                f"{part.path} has other {name} than {parts[0].path}: their episodes do not belong together"
+            )
     episodes: dict[EpisodeKey, Episode] = {}
     for part in parts:
         for key, episode in part.episodes().items():
-            before = episodes.get(key)
-            if before is None or before.outcome is Outcome.INFRASTRUCTURE_ERROR:
+            known = episodes.get(key)
+            if known is None or known.outcome is Outcome.INFRASTRUCTURE_ERROR:
                 episodes[key] = episode
-            elif before != episode and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR:
+            elif known != episode and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR:
                 raise UsageError(
                     f"{part.path} holds another record of scene {key.scene}, seed {key.seed}, {key.agent},"
                     f" budget {key.budget}, epoch {key.epoch} than the folders before it"
@@ -61,15 +56,14 @@ def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Epi
     target.create(resume=False)
     for episode in episodes.values():
         target.append_episode(episode)
-    target.write_run(_facts(parts, facts))
+    target.write_run(_merged(parts, records))
     return episodes
 
 
-def _facts(parts: Sequence[RunFolder], facts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    merged = {name: value for name, value in facts[0].items() if name not in {"shard", "resumed"}}
-    told = ("created_at", "server", "versions", "git_revision", "shard", "resumed")
-    merged["merged"] = [
-        {"folder": part.path.name, **{name: one[name] for name in told if name in one}}
-        for part, one in zip(parts, facts, strict=True)
-    ]
-    return merged
+def _merged(parts: Sequence[RunFolder], records: Sequence[RunRecord]) -> RunRecord:
+    """The record of the first part, as that of the whole, with the start of each part."""
+    merged = tuple(
+        MergedPart(folder=part.path.name, shard=record.shard, resumed=record.resumed, **dict(record.start()))
+        for part, record in zip(parts, records, strict=True)
+    )
+    return records[0].model_copy(update={"shard": None, "resumed": (), "merged": merged})

@@ -1,70 +1,72 @@
-"""Everything that decides the result of a run, for `run.json`."""
+"""The record of a run that starts: what decides its result, gathered from the plan, the server and this machine."""
 
 import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from mcp import Client
+from pydantic import JsonValue
 
-from evaluator.records import FORMAT
-from evaluator.study.plan import Plan
+from evaluator.records import Plan, RunRecord, ServerRecord
 from scenes import PackFiles, pack_hash
 
+_PACKAGES = ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")
 
-async def server_facts(client: Client) -> dict[str, Any]:
-    """Name, version, protocol and tool-schema hash of the server behind a client."""
+
+async def server_record(client: Client, option: str) -> ServerRecord:
+    """What the server behind a client says about itself.
+
+    Args:
+        client: A connected client.
+        option: Value of `--server`.
+    """
     tools = [tool.model_dump(mode="json", exclude_none=True) for tool in (await client.list_tools()).tools]
     info = client.server_info
-    return {
-        "name": info.name if info else None,
-        "version": info.version if info else None,
-        "protocol": client.protocol_version,
-        "tools": len(tools),
-        "tool_schema_hash": hashlib.sha256(json.dumps(tools, sort_keys=True).encode()).hexdigest()[:16],
-    }
+    return ServerRecord(
+        option=option,
+        name=info.name if info else None,
+        version=info.version if info else None,
+        protocol=client.protocol_version,
+        tools=len(tools),
+        tool_schema_hash=hashlib.sha256(json.dumps(tools, sort_keys=True).encode()).hexdigest()[:16],
+    )
 
 
-def run_facts(
+def run_record(
     plan: Plan,
     packs: Sequence[PackFiles],
-    server: str,
-    server_said: dict[str, Any],
-    agents: dict[str, Any] | None = None,
+    server: ServerRecord,
+    agents: Mapping[str, Mapping[str, JsonValue]] | None = None,
     shard: str | None = None,
-) -> dict[str, Any]:
-    """The contents of `run.json`.
+) -> RunRecord:
+    """The record of a run that starts now, on this machine.
 
     Args:
         plan: The matrix.
         packs: The scenes.
-        server: What `--server` says.
-        server_said: What the server tells of itself.
-        agents: Agent → what of it decides results, beyond its name.
-        shard: Which part of the run this is, `i/n`; None if it is the whole.
+        server: The server it is played on.
+        agents: Agent → what decides its results besides its name.
+        shard: Which part of the plan is played, `i/n`; None if all of it.
     """
-    return {
-        "format": FORMAT,
-        "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        # Through JSON, so that it compares equal to what a stored run.json says.
-        "plan": json.loads(json.dumps(asdict(plan))),
-        "agents": json.loads(json.dumps(agents or {})),
-        **({"shard": shard} if shard else {}),
-        "server": {"option": server, **server_said},
-        "packs": {str(files.scene_id): pack_hash(files) for files in packs},
-        "versions": {
+    return RunRecord(
+        created_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        plan=plan,
+        agents={name: dict(facts) for name, facts in (agents or {}).items()},
+        shard=shard,
+        server=server,
+        packs={str(files.scene_id): pack_hash(files) for files in packs},
+        versions={
             "python": platform.python_version(),
             "platform": platform.platform(),
-            **{name: _version(name) for name in ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")},
+            **{name: _version(name) for name in _PACKAGES},
         },
-        "git_revision": _git_revision(),
-    }
+        git_revision=_git_revision(),
+    )
 
 
 def _version(name: str) -> str | None:
@@ -75,7 +77,7 @@ def _version(name: str) -> str | None:
 
 
 def _git_revision() -> str | None:
-    """Revision of the checkout this runs from; None outside one."""
+    """Revision of the checkout that this code runs from; None if it is none."""
     command = ["git", "rev-parse", "HEAD"]
     try:
         done = subprocess.run(  # noqa: S603 - a fixed command

@@ -60,7 +60,7 @@ class EpisodeWorker:
     """Where the run was started: what paths in options are relative to, on machines that share it."""
     version: str
     """Of this package, where the run was started."""
-    packs: Mapping[int, str]
+    packs: Mapping[str, str]
     """Scene → hash of the pack that the run is recorded with; empty where the packs are a host's."""
     _contenders: Mapping[str, Contender] = field(default_factory=dict[str, Contender])
     _laboratory: Laboratory | None = None
@@ -76,7 +76,7 @@ class EpisodeWorker:
             if (here := metadata.version("physment-mcp")) != self.version:
                 return UsageError(f"a Ray worker on {platform.node()} has version {here}, not {self.version}")
             for scene, known in self.packs.items():
-                if pack_hash(find_pack(scene, self.team.scenes_dir)) != known:
+                if pack_hash(find_pack(int(scene), self.team.scenes_dir)) != known:
                     return UsageError(f"a Ray worker on {platform.node()} has another pack of scene {scene}")
             self._contenders = self.team.build()
             for contender in self._contenders.values():
@@ -218,7 +218,7 @@ class RayWorkers:
 async def ray_workers(
     team: Team,
     contenders: Mapping[str, Contender],
-    packs: Mapping[int, str],
+    packs: Mapping[str, str],
     concurrency: int,
     patience_s: float = PATIENCE_S,
 ) -> AsyncGenerator[Play]:
@@ -240,7 +240,7 @@ async def ray_workers(
         lanes = _lanes(team, contenders)
         count = max(1, min(int(ray.cluster_resources().get("CPU", 1)), concurrency, *lanes.values()))
         shared = replace(team, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
-        known = packs if team.server in {"stdio", "host"} else dict[int, str]()
+        known = packs if team.server in {"stdio", "host"} else dict[str, str]()
         for number in range(count):
             places = concurrency // count + (number < concurrency % count)
             # Two calls more than episodes: getting ready, and closing. Ray repeats none by itself, we count them.

@@ -1,6 +1,6 @@
 """Plays episodes a few at a time, here or elsewhere; each is on disk before the next counts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import anyio
@@ -8,7 +8,7 @@ import anyio
 from evaluator.episode.connect import Laboratory
 from evaluator.episode.contender import Contender
 from evaluator.errors import PermanentFailure
-from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Versions
 from evaluator.store import RunFolder
 from evaluator.study.attempts import Play, play_key
 from evaluator.study.limits import Meter
@@ -65,3 +65,8 @@ class Runner:
             for _ in range(min(self.concurrency, len(keys))):
                 tasks.start_soon(worker)
         return "; ".join([*dict.fromkeys(given_up.values()), *([self.meter.reached()] if waiting else [])])
+
+
+def missing(keys: Iterable[EpisodeKey], done: Mapping[EpisodeKey, Episode]) -> list[EpisodeKey]:
+    """Episodes still to be played: those without a record, and those that ended in an infrastructure error."""
+    return [key for key in keys if key not in done or done[key].outcome is Outcome.INFRASTRUCTURE_ERROR]

@@ -17,9 +17,8 @@ from evaluator.commands.base import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.records import EpisodeKey, Outcome, Plan, ToolCall, Versions
 from evaluator.store import RunFolder
-from evaluator.study.plan import Plan
 from evaluator.study.runner import Runner
 
 

@@ -8,6 +8,9 @@ from evaluator.records import (
     Grade,
     GradeRecord,
     Outcome,
+    Plan,
+    RunRecord,
+    ServerRecord,
     ToolCall,
     Turn,
     Usage,
@@ -17,12 +20,12 @@ from evaluator.records import (
 from evaluator.report.contenders import Run
 from evaluator.scores.metrics import ScoredEpisode
 
-FACTS = {
-    "plan": {"agents": ["model:x", "reference"], "scenes": [7, 8], "budgets": [5, 20]},
-    "server": {"option": "host"},
-    "created_at": "2026-01-01T00:00:00+00:00",
-    "packs": {"7": "abc", "8": "def"},
-}
+RECORD = RunRecord(
+    created_at="2026-01-01T00:00:00+00:00",
+    plan=Plan(scenes=(7, 8), agents=("model:x", "reference"), budgets=(5, 20)),
+    server=ServerRecord(option="host"),
+    packs={"7": "abc", "8": "def"},
+)
 CATEGORIES = ("easy-single", "easy-multi-hidden", "hard-single", "hard-multi")
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01\x00\x00\x00\x01\x08\x06\x00\x00\x00\x1f\x15\xc4\x89"
 
@@ -79,4 +82,4 @@ def run_of(rows: list[ScoredEpisode], name: str = "study") -> Run:
         )
         for row in rows
     }
-    return Run(name, FACTS, rows, grades, {7: PNG})
+    return Run(name, RECORD, rows, grades, {7: PNG})

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Plan, RunRecord, ServerRecord, Versions
 from evaluator.store import RunFolder
-from evaluator.study.plan import Plan, missing
+from evaluator.study.runner import missing
 
 
 def episode(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -> Episode:
@@ -20,6 +20,11 @@ def episode(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -
         duration_s=0.0,
         versions=Versions(physment="0", protocol="0", pack="0"),
     )
+
+
+def record() -> RunRecord:
+    plan = Plan(scenes=(7,), agents=("x",))
+    return RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host"))
 
 
 @pytest.fixture
@@ -85,7 +90,7 @@ def test_of_several_records_of_one_episode_the_last_counts(folder: RunFolder) ->
 
 
 def test_a_run_is_not_written_over_unless_it_is_resumed(folder: RunFolder) -> None:
-    folder.write_run({"plan": {}})
+    folder.write_run(record())
     with pytest.raises(StoreError, match="holds a run already; add --resume"):
         folder.create(resume=False)
     folder.create(resume=True)
@@ -107,6 +112,12 @@ def test_a_folder_that_cannot_be_made_is_refused_in_one_sentence(tmp_path: Path)
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="is not a run folder"):
         RunFolder(tmp_path).read_run()
+
+
+def test_a_run_file_with_a_missing_field_is_refused_with_its_name(folder: RunFolder) -> None:
+    folder.run_file.write_text('{"created_at": "2026-01-01", "plan": {"scenes": [7]}}', encoding="utf-8")
+    with pytest.raises(StoreError, match=r"run\.json cannot be read \(plan\.agents: Field required\)"):
+        folder.read_run()
 
 
 def test_only_what_is_missing_or_was_never_played_is_to_be_played() -> None:

@@ -43,7 +43,7 @@ def test_a_person_solves_a_scene_and_is_graded_like_any_agent(tmp_path: Path) ->
     episode = episode_in(tmp_path)
     assert (episode.key.agent, episode.key.budget, episode.answer) == ("human", 20, 7.848)
     assert [turn.reasoning for turn in episode.turns] == ["it falls", ""]
-    assert RunFolder(tmp_path / "run").read_run()["plan"]["scenes"] == [7]
+    assert RunFolder(tmp_path / "run").read_run().plan.scenes == (7,)
 
 
 def test_the_budget_is_the_persons_too_and_a_wrong_answer_is_wrong(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from evaluator.records import Plan
 from evaluator.store import RunFolder
-from evaluator.study.plan import Plan
 
 SCENES, BUDGETS = (7, 12, 21, 45, 60, 99), (2, 5)
 EPISODES = len(SCENES) * len(BUDGETS)

@@ -9,13 +9,13 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
+from evaluator.records import Plan, ServerRecord
 from evaluator.report.contenders import Run
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.report.pictures import pictures
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
-from evaluator.study.plan import Plan
-from evaluator.study.provenance import run_facts
+from evaluator.study.provenance import run_record
 from scenes import default_folder, find_pack, pack_hash
 from tests.builders.reports import PNG, played, run_of
 
@@ -27,7 +27,8 @@ def store(folder: Path, agent: str, scenes: Sequence[int] = (7, 8), scenes_dir: 
     run = RunFolder(folder)
     run.create(resume=False)
     packs = [find_pack(scene, scenes_dir) for scene in scenes]
-    run.write_run(run_facts(Plan(scenes=tuple(scenes), agents=(agent,), budgets=(5,), seeds=(0,)), packs, "host", {}))
+    plan = Plan(scenes=tuple(scenes), agents=(agent,), budgets=(5,))
+    run.write_run(run_record(plan, packs, ServerRecord(option="host")))
     for scene in scenes:
         run.append_episode(played(scene, agent, 5, right=True).episode)
     grade_run(run, run.episodes(), KeyRing(scenes_dir))
@@ -80,8 +81,7 @@ def test_only_pictures_of_the_packs_that_were_played_are_taken(tmp_path: Path) -
         for file in (default_folder() / f"Scene{scene}").glob("*.*"):
             (packs / f"Scene{scene}" / file.name).write_bytes(file.read_bytes())
         (kept / f"scene{scene}.png").write_bytes(PNG)
-    facts = {"packs": {"7": pack_hash(find_pack(7, packs)), "8": "another"}}
-    assert pictures(facts, packs) == {7: PNG}
+    assert pictures({"7": pack_hash(find_pack(7, packs)), "8": "another"}, packs) == {7: PNG}
     assert pictures({}, packs) == {}
 
 

@@ -12,6 +12,9 @@ from evaluator.records import (
     Grade,
     GradeRecord,
     Outcome,
+    Plan,
+    RunRecord,
+    ServerRecord,
     ToolCall,
     Turn,
     Verdict,
@@ -22,11 +25,11 @@ from evaluator.report.page import render
 from evaluator.scores.metrics import ScoredEpisode
 
 EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
-FACTS = {
-    "plan": {"agents": [f"agent {EVIL}"], "scenes": [7, 21], "budgets": [5]},
-    "server": {"option": "stdio"},
-    "created_at": "2026-01-01T00:00:00+00:00",
-}
+RECORD = RunRecord(
+    created_at="2026-01-01T00:00:00+00:00",
+    plan=Plan(scenes=(7, 21), agents=(f"agent {EVIL}",), budgets=(5,)),
+    server=ServerRecord(option="stdio"),
+)
 
 
 def row(scene: int, verdict: Verdict, category: str, said: str = "I look.") -> ScoredEpisode:
@@ -57,7 +60,7 @@ def page(*rows: ScoredEpisode) -> str:
         )
         for one in rows
     }
-    return render([Run("run", FACTS, rows, records, {})]).page
+    return render([Run("run", RECORD, rows, records, {})]).page
 
 
 class _Tags(HTMLParser):

@@ -8,7 +8,18 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Outcome, Verdict, Versions
+from evaluator.records import (
+    Episode,
+    EpisodeKey,
+    Grade,
+    GradeRecord,
+    Outcome,
+    Plan,
+    RunRecord,
+    ServerRecord,
+    Verdict,
+    Versions,
+)
 from evaluator.scores.comparison import Comparison, Side, compare
 from evaluator.scores.metrics import ScoredEpisode
 from evaluator.statistics.paired import PairedTest
@@ -200,7 +211,8 @@ def test_an_unsealed_run_compares_with_nothing() -> None:
 def stored(folder: Path, made: Side) -> Path:
     run = RunFolder(folder)
     run.create(resume=False)
-    run.write_run({})
+    plan = Plan(scenes=(7,), agents=("x",))
+    run.write_run(RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host")))
     for row in made.rows:
         run.append_episode(row.episode)
     run.write_grades(made.grades.values())

@@ -16,12 +16,11 @@ from evaluator.episode.connect import LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Plan, ToolCall, Usage, Verdict, Versions
 from evaluator.store import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS
 from evaluator.study.limits import Limits, Meter
-from evaluator.study.plan import Plan, missing
-from evaluator.study.runner import Runner
+from evaluator.study.runner import Runner, missing
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session

@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import Usage
+from evaluator.records import Plan, Usage
 from evaluator.store import RunFolder
 from evaluator.study.config import with_config
 from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.study.limits import Limits, Meter
-from evaluator.study.plan import Plan
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
@@ -177,7 +176,7 @@ def test_merged_shards_are_the_run_in_one_piece(tmp_path: Path, capsys: pytest.C
     assert {key: one.grade for key, one in merged.grades().items()} == {
         key: one.grade for key, one in whole.grades().items()
     }
-    assert [one["shard"] for one in merged.read_run()["merged"]] == ["1/2", "2/2"]
+    assert [part.shard for part in merged.read_run().merged] == ["1/2", "2/2"]
     capsys.readouterr()
     assert main(["merge", str(study), "--out", str(tmp_path / "merged")]) == 2
     assert "holds a run already" in capsys.readouterr().err
