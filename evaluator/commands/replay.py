@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from evaluator.agents.replay import load_replay
+from evaluator.agents.recorded import load_recorded
 from evaluator.commands.base import Commands, unwrapped, whole, wide_console
 from evaluator.episode.connect import connect
 from evaluator.study.replay import REL_TOL, Replayed, replay
@@ -51,7 +51,7 @@ def add(commands: Commands) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    agent = load_replay(args.folder)
+    agent = load_recorded(args.folder)
     results: list[Replayed] = []
 
     async def play() -> None:

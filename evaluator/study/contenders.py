@@ -8,8 +8,8 @@ from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
+from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.replay import load_replay
 from evaluator.agents.scripted import load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.episode.contender import AgentContender, Contender
@@ -111,7 +111,7 @@ class Team:
             case "scripted", True:
                 contender = AgentContender(load_script(Path(rest)))
             case "replay", True:
-                contender = AgentContender(load_replay(Path(rest)))
+                contender = AgentContender(load_recorded(Path(rest)))
             case _, True:
                 contender = load_agent(text)
             case _:

@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from evaluator.__main__ import main
-from evaluator.agents.replay import ReplayAgent, load_replay
+from evaluator.agents.recorded import RecordedAgent, load_recorded
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.loop import play_episode
@@ -61,7 +61,7 @@ async def replayed(agent: Agent, scenes_dir: Path | None = None) -> Episode:
 
 
 async def test_a_replay_makes_the_same_calls_and_gets_the_same_returns(folder: RunFolder, stored: Episode) -> None:
-    now = await replayed(load_replay(folder.path))
+    now = await replayed(load_recorded(folder.path))
     assert [[one.call for one in turn.exchanges] for turn in now.turns] == [list(turn) for turn in TURNS]
     assert (now.outcome, now.answer) == (Outcome.ANSWERED, 1.5)
     assert list(differences(stored, now, rel_tol=0.0)) == []
@@ -102,9 +102,9 @@ def test_each_kind_of_difference_is_told_with_its_place(stored: Episode) -> None
 
 async def test_a_scene_without_transcript_is_an_error_of_the_agent(stored: Episode) -> None:
     other = stored.model_copy(update={"key": key(budget=5)})
-    assert "no transcript is stored for scene 7" in ((await replayed(ReplayAgent("replay:x", (other,)))).error or "")
+    assert "no transcript is stored for scene 7" in ((await replayed(RecordedAgent("replay:x", (other,)))).error or "")
     two = (stored, stored.model_copy(update={"key": key("another")}))
-    agent = ReplayAgent("replay:x", tuple(one.model_copy(update={"key": one.key}) for one in two))
+    agent = RecordedAgent("replay:x", tuple(one.model_copy(update={"key": one.key}) for one in two))
     async with LocalHost() as laboratory, laboratory.open(SCENE, 0) as client:
         unnamed = await play_episode(agent, client, key("replay:x"), VERSIONS)
     assert "of someone, another" in (unnamed.error or "")
@@ -113,7 +113,7 @@ async def test_a_scene_without_transcript_is_an_error_of_the_agent(stored: Episo
 
 def test_a_folder_without_transcripts_cannot_be_replayed(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no transcript"):
-        load_replay(tmp_path)
+        load_recorded(tmp_path)
 
 
 def test_the_command_is_content_with_the_same_laboratory(folder: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
