@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _stdio(args: argparse.Namespace) -> int:
-    from physment_mcp.scene import list_cards, load_scene, scene_ids  # noqa: PLC0415
+    from physment_mcp.scene import list_scenes, load_scene, scene_ids  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.server import build_server  # noqa: PLC0415
     from physment_mcp.serving.slot import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
@@ -74,7 +74,7 @@ def _stdio(args: argparse.Namespace) -> int:
     if args.scene is None:
         ids = scene_ids(args.scenes_dir)
         laboratory = Laboratory(
-            reopen=reopen, scene_ids=ids, list_scenes=partial(list_cards, args.scenes_dir), watch=watch
+            reopen=reopen, scene_ids=ids, list_scenes=partial(list_scenes, args.scenes_dir), watch=watch
         )
     else:
         laboratory = Laboratory(reopen(args.scene), watch=watch)

@@ -4,63 +4,22 @@ A private key added to packs tomorrow stays private: nothing is passed on that `
 """
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from physment_mcp.errors import SceneError
-from scenes import PackError, Permissions, find_pack, list_packs, read_hosted, read_public
+from scenes import PackError, PublicPack, find_pack, list_packs, read_hosted, read_public
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class ListedObject:
-    """An object of the scene, known to the agent from the start or after `find_objects`."""
-
-    object_id: str
-    """Canonical id, such as `object_1`; also the name of its body."""
-    name: str
-    permissions: Permissions
-
-
-@dataclass(frozen=True, slots=True)
-class AnswerForm:
-    """What an answer must look like; says nothing of its value."""
-
-    kind: str
-    unit: str | tuple[str, ...] | None
-    labels: tuple[str, ...]
-    options: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class SceneCard:
-    """What may be told of a scene before it is opened."""
-
-    scene_id: int
-    name: str
-    problem_type: str
-    task: str
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
-    """The public half of a pack at one seed. `mjcf` is for the world alone."""
+    """A scene at one seed: the public half of its pack, and its model with the drawn values."""
 
-    scene_id: int
-    name: str
-    task: str
-    problem_type: str
-    objects: tuple[ListedObject, ...]
-    answer_form: AnswerForm | None
-    disabled_tools: frozenset[str]
-    soft_objects: frozenset[str]
-    mjcf: str
-
-    @property
-    def card(self) -> SceneCard:
-        """What may be told of it before it is opened."""
-        return SceneCard(self.scene_id, self.name, self.problem_type, self.task)
+    public: PublicPack
+    mjcf: str = field(repr=False)
+    """For the world alone: it contains the hidden values."""
 
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scene:
@@ -82,20 +41,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
         public, mjcf = read_hosted(files, seed)
     except PackError as error:
         raise SceneError(str(error)) from error
-    form = public.answer_form
-    return Scene(
-        scene_id=scene_id,
-        name=public.name,
-        task=public.task,
-        problem_type=public.problem_type,
-        objects=tuple(ListedObject(one.object_id, one.name, one.permissions) for one in public.objects),
-        answer_form=form and AnswerForm(form.kind.value, form.unit, form.labels, form.options),
-        disabled_tools=frozenset(public.disabled_tools),
-        soft_objects=frozenset(
-            f"object_{number}".replace("object_object_", "object_") for number in public.soft_objects
-        ),
-        mjcf=mjcf,
-    )
+    return Scene(public, mjcf)
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
@@ -123,18 +69,16 @@ def scene_ids(folder: Path | None = None) -> list[int]:
         raise SceneError(str(error)) from error
 
 
-def list_cards(folder: Path | None = None) -> list[SceneCard]:
-    """What may be told of the scenes in a folder, by ascending id; a pack that cannot be read is left out and logged.
+def list_scenes(folder: Path | None = None) -> list[PublicPack]:
+    """The public halves of the packs in a folder, by ascending id; a pack that cannot be read is logged and left out.
 
     Raises:
         SceneError: There is no such folder, or it holds no pack.
     """
-    cards: list[SceneCard] = []
+    found: list[PublicPack] = []
     for scene_id in scene_ids(folder):
         try:
-            public = read_public(find_pack(scene_id, folder))
+            found.append(read_public(find_pack(scene_id, folder)))
         except PackError as error:
             logger.warning("scene %d is not listed: %s", scene_id, error)
-            continue
-        cards.append(SceneCard(scene_id, public.name, public.problem_type, public.task))
-    return cards
+    return found

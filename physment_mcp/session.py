@@ -3,7 +3,7 @@
 Every tool reaches the world through the gates here. Knows no MCP, no JSON, no paths and no answers.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -14,7 +14,7 @@ from physment_mcp.errors import EpisodeOver, NotPermitted, NotPossible, SceneErr
 from physment_mcp.scene import Scene
 from physment_mcp.world import World
 from physment_mcp.world.readings import Array
-from scenes import Permissions
+from scenes import Permissions, PublicObject
 
 Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "velocity"]
 
@@ -45,80 +45,95 @@ class LabObject:
     """Part of a pair joined by `attach_objects`."""
 
 
+@dataclass(frozen=True, slots=True)
+class SessionState:
+    """All of a session that calls change and a roll-back restores, besides the world.
+
+    A change replaces the whole record, so keeping a reference to it is enough to restore it.
+    """
+
+    objects: Mapping[str, LabObject]
+    """Every object by id, hidden ones too, in the order in which the agent met them."""
+    joined: frozenset[frozenset[str]] = frozenset()
+    """Pairs of ids joined by `attach_objects`."""
+    simulated_s: float = 0.0
+    created_count: int = 0
+    answer: object = None
+    answered: bool = False
+
+
 @dataclass(slots=True)
 class Session:
     """An episode: a scene, its world, and the gates between the agent and both."""
 
     scene: Scene
     world: World = field(init=False)
-    objects: dict[str, LabObject] = field(init=False)
-    joined: frozenset[frozenset[str]] = frozenset()
-    """Pairs of ids joined by `attach_objects`."""
+    state: SessionState = field(init=False)
     opening: tuple[tuple[LabObject, dict[str, object]], ...] = field(init=False)
-    """The objects known at the start and what they looked like then: the table of the opening prompt."""
-    simulated_s: float = 0.0
-    created_count: int = 0
+    """The objects known at the start, each with its description then: the table of the opening prompt."""
     calls: int = 0
-    """Tool calls so far, refused ones included."""
+    """Tool calls so far, refused ones included; a roll-back does not lower it."""
     max_calls: int | None = None
     """Calls the episode may use, refused ones included; None for no limit."""
-    answer: object = None
-    over: bool = False
 
     def __post_init__(self) -> None:
         self.world = World(self.scene.mjcf)
-        bodies = set(self.world.bodies)
-        missing = [listed.object_id for listed in self.scene.objects if listed.object_id not in bodies]
+        public, bodies = self.scene.public, set(self.world.bodies)
+        missing = [listed.object_id for listed in public.objects if listed.object_id not in bodies]
         if missing:
-            raise SceneError(f"scene {self.scene.scene_id}: its XML has no body named {', '.join(missing)}")
-        self.objects = {
-            listed.object_id: LabObject(
-                listed.object_id,
-                listed.name,
-                body=listed.object_id,
-                permissions=listed.permissions,
-                start=self.world.pose(listed.object_id).position,
-                known=not listed.permissions.hidden,
-            )
-            for listed in self.scene.objects
-        }
-        self.opening = tuple((one, self.describe(one)) for one in self.known())
+            raise SceneError(f"scene {public.scene_id}: its XML has no body named {', '.join(missing)}")
+        self.state = SessionState({listed.object_id: self._at_start(listed) for listed in public.objects})
+        self.opening = tuple((item, self.describe(item)) for item in self.known())
+
+    def _at_start(self, listed: PublicObject) -> LabObject:
+        return LabObject(
+            listed.object_id,
+            listed.name,
+            body=listed.object_id,
+            permissions=listed.permissions,
+            start=self.world.pose(listed.object_id).position,
+            known=not listed.permissions.hidden,
+        )
 
     # Gates
 
     @property
     def ended(self) -> bool:
         """True after the answer, and when the calls are used up."""
-        return self.over or (self.max_calls is not None and self.calls >= self.max_calls)
+        return self.state.answered or (self.max_calls is not None and self.calls >= self.max_calls)
 
     def check_open(self) -> None:
-        """Refuse everything after the end."""
-        if self.over:
+        """Refuse everything after the end.
+
+        Raises:
+            EpisodeOver: The answer has been given, or the calls are used up.
+        """
+        if self.state.answered:
             raise EpisodeOver("the episode is over: the answer has been given and no further call is possible")
         if self.ended:
             raise EpisodeOver(f"the episode is over: its {self.max_calls} calls are used up and no further is possible")
 
     def find(self, object_id: str) -> LabObject:
-        """The object of this id, `1` meaning `object_1`.
+        """The object with this id; `1` means `object_1`.
 
         Raises:
-            UnknownObject: There is none the agent knows of.
+            UnknownObject: The agent knows of no such object.
         """
         canonical = f"object_{object_id}" if object_id.isdecimal() else object_id
-        found = self.objects.get(canonical)
+        found = self.state.objects.get(canonical)
         if found is None or not found.known:
-            raise UnknownObject(object_id, (one.object_id for one in self.known()))
+            raise UnknownObject(object_id, (item.object_id for item in self.known()))
         return found
 
     def known(self) -> list[LabObject]:
         """Objects the agent knows of, in the order in which it met them."""
-        return [one for one in self.objects.values() if one.known]
+        return [item for item in self.state.objects.values() if item.known]
 
     def readable(self, object_id: str, attribute: Attribute) -> LabObject:
         """The object, if the agent may read this attribute of it.
 
         Raises:
-            UnknownObject: There is none the agent knows of.
+            UnknownObject: The agent knows of no such object.
             NotPermitted: The attribute is withheld.
         """
         found = self.find(object_id)
@@ -126,16 +141,16 @@ class Session:
             raise NotPermitted(f"the {attribute} of {found.object_id} is withheld in this scene; find it by experiment")
         return found
 
-    def may_read(self, one: LabObject, attribute: Attribute) -> bool:
+    def may_read(self, item: LabObject, attribute: Attribute) -> bool:
         """Whether the scene lets the agent read an attribute of an object."""
-        may = one.permissions
+        may = item.permissions
         match attribute:
             case "size":
-                return may.geom_size or (may.geom_radius and self._is_ball(one))
+                return may.geom_size or (may.geom_radius and self._is_ball(item))
             case "radius":
-                return may.geom_radius or (may.geom_size and self._is_ball(one))
+                return may.geom_radius or (may.geom_size and self._is_ball(item))
             case "mass":
-                return may.body_mass or (may.geom_density and self.may_read(one, "size"))
+                return may.body_mass or (may.geom_density and self.may_read(item, "size"))
             case _:
                 return {
                     "type": may.geom_type,
@@ -145,15 +160,15 @@ class Session:
                     "velocity": may.velocity,
                 }[attribute]
 
-    def _is_ball(self, one: LabObject) -> bool:
-        """Whether size and radius say the same of it."""
-        return self.world.shape(one.body).type == "sphere"
+    def _is_ball(self, item: LabObject) -> bool:
+        """Whether its size follows from its radius and the other way round."""
+        return self.world.shape(item.body).type == "sphere"
 
     def movable(self, object_id: str) -> LabObject:
-        """The object, if the agent may act on it and anything lets it move.
+        """The object, if the agent may act on it and a joint lets it move.
 
         Raises:
-            UnknownObject: There is none the agent knows of.
+            UnknownObject: The agent knows of no such object.
             NotPermitted: It is sealed.
             NotPossible: It is fixed to the laboratory.
         """
@@ -166,7 +181,7 @@ class Session:
         """The object, if the agent may act on it.
 
         Raises:
-            UnknownObject: There is none the agent knows of.
+            UnknownObject: The agent knows of no such object.
             NotPermitted: It is sealed.
         """
         found = self.find(object_id)
@@ -175,80 +190,92 @@ class Session:
         return found
 
     def obstacles(self) -> dict[str, str]:
-        """Bodies nothing may be placed into, and what to call them: what the agent can see, and nothing soft.
+        """Bodies that nothing may be placed into, each with the name a refusal gives it.
 
-        Hidden objects are left out: a refusal would give them away.
+        Soft objects are left out: others may sink into them. Hidden objects are left out: a refusal would reveal them.
         """
-        soft, hidden = self.scene.soft_objects, {one.body for one in self.objects.values() if not one.known}
-        labels = {one.body: one.object_id for one in self.known()} | {"world": "the laboratory"}
+        soft = self.scene.public.soft_objects
+        hidden = {item.body for item in self.state.objects.values() if not item.known}
+        labels = {item.body: item.object_id for item in self.known()} | {"world": "the laboratory"}
         bodies = ("world", *self.world.bodies)
         return {body: labels.get(body, "a fixture") for body in bodies if body not in hidden and body not in soft}
 
-    # Changes of the set of objects
+    # Changes of state
 
-    def add(self, object_id: str, body: str, position: Array) -> LabObject:
-        """Make a created ball known."""
+    def pass_time(self, duration: float) -> None:
+        """Count simulated time [s] that has passed."""
+        self.state = replace(self.state, simulated_s=self.state.simulated_s + duration)
+
+    def answer(self, answer: object) -> None:
+        """Record the answer, which ends the episode."""
+        self.state = replace(self.state, answer=answer, answered=True)
+
+    def add(self, object_id: str, body: str, position: Array) -> None:
+        """Add a created ball; the agent knows it at once."""
         made = LabObject(object_id, object_id, body, _PUBLIC, position, known=True, created=True)
-        self.objects = {**self.objects, object_id: made}
-        self.created_count += 1
-        return made
+        self.state = replace(
+            self.state,
+            objects={**self.state.objects, object_id: made},
+            created_count=self.state.created_count + 1,
+        )
 
     def drop(self, object_ids: set[str]) -> None:
         """Forget removed objects and the joints they were part of."""
-        self.objects = {key: one for key, one in self.objects.items() if key not in object_ids}
-        self._rejoin(frozenset(pair for pair in self.joined if not pair & object_ids))
+        objects = {key: item for key, item in self.state.objects.items() if key not in object_ids}
+        joined = frozenset(pair for pair in self.state.joined if not pair & object_ids)
+        self._rejoin(objects, joined)
 
     def join(self, first: LabObject, second: LabObject) -> None:
-        """Note that two objects are now one assembly."""
-        self._rejoin(self.joined | {frozenset({first.object_id, second.object_id})})
+        """Note that two objects are attached to each other."""
+        self._rejoin(self.state.objects, self.state.joined | {frozenset({first.object_id, second.object_id})})
 
     def reveal(self) -> list[LabObject]:
-        """Make all hidden objects known, and return those that ever were hidden."""
-        self.objects = {key: replace(one, known=True) for key, one in self.objects.items()}
-        once_hidden = [one for one in self.objects.values() if one.permissions.hidden]
-        for one in once_hidden:
-            self.world.reveal(one.body)
+        """Make all hidden objects known; returns every object that was hidden at the start."""
+        objects = {key: replace(item, known=True) for key, item in self.state.objects.items()}
+        self.state = replace(self.state, objects=objects)
+        once_hidden = [item for item in objects.values() if item.permissions.hidden]
+        for item in once_hidden:
+            self.world.reveal(item.body)
         return once_hidden
 
-    def _rejoin(self, joined: frozenset[frozenset[str]]) -> None:
-        self.joined = joined
-        tied = {object_id for pair in joined for object_id in pair}
-        self.objects = {key: replace(one, attached=key in tied) for key, one in self.objects.items()}
+    def _rejoin(self, objects: Mapping[str, LabObject], joined: frozenset[frozenset[str]]) -> None:
+        attached = {object_id for pair in joined for object_id in pair}
+        marked = {key: replace(item, attached=key in attached) for key, item in objects.items()}
+        self.state = replace(self.state, objects=marked, joined=joined)
 
     # Roll-back
 
     @contextmanager
     def all_or_nothing(self) -> Generator[None]:
-        """Put everything back as it was if the block fails or is cancelled."""
-        world = self.world.save()
-        mine = (self.objects, self.joined, self.simulated_s, self.created_count, self.answer, self.over)
+        """Restore everything as it was if the block fails or is cancelled."""
+        world, state = self.world.save(), self.state
         try:
             yield
         except BaseException:
             self.world.restore(world)
-            self.objects, self.joined, self.simulated_s, self.created_count, self.answer, self.over = mine
+            self.state = state
             raise
 
     # What an object looks like
 
-    def describe(self, one: LabObject) -> dict[str, object]:
+    def describe(self, item: LabObject) -> dict[str, object]:
         """The permitted static attributes of an object, by name; a withheld one is None.
 
         Keys: type, density [kg/m³], mass [kg], size (full edge lengths) [m], radius [m], position [m], orientation.
         """
-        shape, pose = self.world.shape(one.body), self.world.pose(one.body)
+        shape, pose = self.world.shape(item.body), self.world.pose(item.body)
         values: dict[Attribute, object] = {
             "type": shape.type,
-            "density": self.world.density(one.body),
-            "mass": self.world.mass(one.body) if self.world.is_movable(one.body) else None,
+            "density": self.world.density(item.body),
+            "mass": self.world.mass(item.body) if self.world.is_movable(item.body) else None,
             "size": None if shape.box is None else _rounded(shape.box),
             "radius": shape.radius,
             "position": _rounded(pose.position),
             "orientation": _rounded(pose.quaternion),
         }
-        return {name: value if self.may_read(one, name) else None for name, value in values.items()}
+        return {name: value if self.may_read(item, name) else None for name, value in values.items()}
 
 
 def _rounded(values: Array) -> list[float]:
-    # Twelve decimals: what differs beyond them is arithmetic noise. Adding 0.0 turns -0.0 into 0.0.
+    # Decimals beyond the twelfth are rounding errors. Adding 0.0 turns -0.0 into 0.0.
     return [float(value) + 0.0 for value in np.round(values, 12)]

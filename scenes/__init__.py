@@ -20,10 +20,11 @@ from scenes.pack import (
     Scalar,
     SceneObject,
 )
-from scenes.public import PublicPack, read_hosted, read_public
+from scenes.public import AnswerForm, PublicObject, PublicPack, read_hosted, read_public
 
 __all__ = [
     "CANARY",
+    "AnswerForm",
     "AnswerKind",
     "AnswerSpec",
     "Category",
@@ -34,6 +35,7 @@ __all__ = [
     "PackError",
     "PackFiles",
     "Permissions",
+    "PublicObject",
     "PublicPack",
     "Scalar",
     "SceneObject",

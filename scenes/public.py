@@ -6,9 +6,9 @@ them: `Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.x
 
 import re
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from scenes.draw import draw_knobs, drawn_mjcf
 from scenes.errors import PackError
@@ -19,13 +19,17 @@ _FILE = re.compile(r"""[\s"']file\s*=""")
 """An attribute by which MuJoCo would read a file of any path."""
 
 
+def _with_prefix(written: str) -> str:
+    return f"object_{written.removeprefix('object_')}"
+
+
 class _Public(BaseModel):
-    # A key that is not named here has no business in this half.
+    # An unknown key may be a private one, so it is an error here.
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class PublicObject(_Public):
-    """An object of the scene."""
+    """An object of the scene. The agent knows it from the start, or after `find_objects` if it is hidden."""
 
     object_id: str
     """Canonical id, such as `object_1`; also the name of its body."""
@@ -33,7 +37,7 @@ class PublicObject(_Public):
     permissions: Permissions
 
 
-class PublicAnswerForm(_Public):
+class AnswerForm(_Public):
     """What an answer must look like; says nothing of its value."""
 
     kind: AnswerKind
@@ -50,9 +54,10 @@ class PublicPack(_Public):
     task: str
     problem_type: str
     objects: tuple[PublicObject, ...]
-    answer_form: PublicAnswerForm | None
+    answer_form: AnswerForm | None
     disabled_tools: tuple[str, ...]
-    soft_objects: tuple[str, ...]
+    soft_objects: tuple[Annotated[str, AfterValidator(_with_prefix)], ...]
+    """Canonical ids; packs may also write the number alone."""
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
@@ -69,10 +74,9 @@ class PublicPack(_Public):
                 )
                 for key, listed in pack.objects.items()
             ),
-            answer_form=spec
-            and PublicAnswerForm(kind=spec.kind, unit=spec.unit, labels=spec.labels, options=spec.options),
+            answer_form=spec and AnswerForm(kind=spec.kind, unit=spec.unit, labels=spec.labels, options=spec.options),
             disabled_tools=tuple(pack.disabled_tools),
-            soft_objects=tuple(pack.soft_objects),
+            soft_objects=pack.soft_objects,
         )
 
 

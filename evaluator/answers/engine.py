@@ -13,7 +13,7 @@ from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import opening_prompt
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
-from physment_mcp.tools.calls import call
+from physment_mcp.tools.calls import call_async
 from physment_mcp.world import World
 from scenes import PackFiles
 from scenes.protocol import Call, Reading
@@ -60,7 +60,7 @@ async def run(session: Session, asked: Call, refused: Collection[str] = ()) -> R
     if asked.tool in refused:
         return {"error": f"{asked.tool} is refused"}
     try:
-        return (await call(session, asked.tool, dict(asked.arguments))).model_dump()
+        return (await call_async(session, asked.tool, dict(asked.arguments))).model_dump()
     except RefusedCall as refusal:
         return {"error": str(refusal)}
 

@@ -44,7 +44,7 @@ async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Se
                 driven.calls.append(done)
                 readings.append(await run(session, done))
                 if asked.tool == ANSWER:
-                    driven.answer = session.answer
+                    driven.answer = session.state.answer
                     return driven
             batch = protocol.send(readings)
     except StopIteration:

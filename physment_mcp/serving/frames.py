@@ -89,7 +89,7 @@ class Frames:
             painter: What draws.
         """
         self._session, self._painter = session, painter
-        listed = session.objects.values()
+        listed = session.state.objects.values()
         hidden = {one.body for one in listed if one.permissions.hidden}
         self._parts = same_parts((*variants, session.scene.mjcf), hidden)
         self._fixtures = session.world.fixtures({one.body for one in listed})
@@ -121,7 +121,7 @@ class Frames:
 
 def _start_turns(session: Session) -> dict[str, Array]:
     """How objects stand at the start that can be shown without telling how they turn, by body."""
-    withheld = (one.body for one in session.objects.values() if not session.may_read(one, "orientation"))
+    withheld = (one.body for one in session.state.objects.values() if not session.may_read(one, "orientation"))
     turns = {body: session.world.turn_at_centre(body) for body in withheld if session.world.is_movable(body)}
     return {body: turn for body, turn in turns.items() if turn is not None}
 
@@ -135,7 +135,7 @@ def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], 
     if observations == "text":
         return None
     painter = Painter()
-    return lambda session: Frames(session, load_variants(session.scene.scene_id, scenes_dir), painter)
+    return lambda session: Frames(session, load_variants(session.scene.public.scene_id, scenes_dir), painter)
 
 
 def _started() -> "subprocess.Popen[str]":

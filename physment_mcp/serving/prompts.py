@@ -7,11 +7,11 @@ import json
 from dataclasses import dataclass
 from enum import StrEnum
 
-from physment_mcp.scene import AnswerForm
 from physment_mcp.serving.examples import EXAMPLES
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Arguments
+from scenes import AnswerForm, AnswerKind
 
 
 class Prompting(StrEnum):
@@ -62,7 +62,7 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         options: Prompting, call protocol and iteration budget.
     """
     text = options.protocol is CallProtocol.TEXT
-    scene = session.scene
+    scene = session.scene.public
     blocks = [
         "You are an experimental physicist in a simulated laboratory. Nothing is known but what you are told here and"
         " what you measure.",
@@ -119,7 +119,7 @@ def _cell(value: object) -> str:
 
 
 def _tools(session: Session, *, listing: bool) -> str:
-    disabled = [tool.name for tool in TOOLS if tool.name in session.scene.disabled_tools]
+    disabled = [tool.name for tool in TOOLS if tool.name in session.scene.public.disabled_tools]
     parts = ["# Tools"]
     if listing:
         parts.append("\n".join(f"- `{tool.name}({_signature(tool.arguments)})`: {tool.description}" for tool in TOOLS))
@@ -166,14 +166,14 @@ def _answer_form(form: AnswerForm | None, problem_type: str) -> str:
             "computation": "a list of numbers in the order of the task",
         }
         return f"# Answer\n\nAnswer with {by_type.get(problem_type, number)}."
-    if form.kind == "number":
+    if form.kind is AnswerKind.NUMBER:
         return f"# Answer\n\nAnswer with {number} ({_unit(form.unit)})."
-    if form.kind == "numbers":
+    if form.kind is AnswerKind.NUMBERS:
         units = (form.unit,) * len(form.labels) if isinstance(form.unit, str) or form.unit is None else form.unit
         parts = [f"{label} ({_unit(unit)})" for label, unit in zip(form.labels, units, strict=False)]
         order = f", in this order: {'; '.join(parts)}" if parts else ""
         return f"# Answer\n\nAnswer with a list of numbers, each with at least three significant digits{order}."
-    if form.kind in {"choice", "objects"}:
+    if form.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS}:
         return f"# Answer\n\nAnswer with exactly one of: {', '.join(form.options)}."
     return "# Answer\n\nAnswer with a short text."
 

@@ -5,7 +5,7 @@ All of it is what the agent was told or has seen; reading costs no call and move
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import mcp_types as types
@@ -31,7 +31,8 @@ class _View:
 
 
 def _scenes(laboratory: Laboratory) -> dict[str, Any]:
-    return {"scenes": [asdict(card) for card in laboratory.catalogue]}
+    shown = ("scene_id", "name", "problem_type", "task")
+    return {"scenes": [{name: getattr(scene, name) for name in shown} for scene in laboratory.catalogue]}
 
 
 def _scene(laboratory: Laboratory) -> dict[str, Any]:
@@ -53,7 +54,7 @@ def _nothing_open(laboratory: Laboratory) -> dict[str, Any]:
 
 
 def _scene_view(session: Session) -> dict[str, Any]:
-    scene, form = session.scene, session.scene.answer_form
+    scene, form = session.scene.public, session.scene.public.answer_form
     return {
         "scene_id": scene.scene_id,
         "name": scene.name,
@@ -68,7 +69,7 @@ def _scene_view(session: Session) -> dict[str, Any]:
 
 def _episode_view(session: Session) -> dict[str, Any]:
     return {
-        "phase": "answered" if session.over else "ended" if session.ended else "running",
+        "phase": "answered" if session.state.answered else "ended" if session.ended else "running",
         "sim_time": session.world.time,
         "calls": session.calls,
         **({} if session.max_calls is None else {"max_calls": session.max_calls}),

@@ -26,7 +26,7 @@ from physment_mcp.serving.resources import FRESH_MS, listed_resources, read
 from physment_mcp.serving.slot import Laboratory
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
-from physment_mcp.tools.calls import call
+from physment_mcp.tools.calls import call_async
 
 logger = logging.getLogger(__name__)
 
@@ -79,8 +79,8 @@ def published_tools() -> tuple[types.Tool, ...]:
             name=tool.name,
             title=tool.title,
             description=tool.description,
-            input_schema=tool.arguments.model_json_schema(),
-            output_schema=tool.result.model_json_schema(mode="serialization"),
+            input_schema=tool.input_schema(),
+            output_schema=tool.output_schema(),
             annotations=types.ToolAnnotations(
                 title=tool.title,
                 read_only_hint=tool.reads_only,
@@ -131,7 +131,7 @@ class _Service:
 
         try:
             session = self._laboratory.open_session()
-            result = await call(session, params.name, params.arguments or {}, report)
+            result = await call_async(session, params.name, params.arguments or {}, report)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
@@ -193,7 +193,7 @@ class _Service:
             session = self._session_for(arguments.get("scene_id"))
             text = opening_prompt(session, options)
         message = types.PromptMessage(role="user", content=types.TextContent(type="text", text=text))
-        return types.GetPromptResult(description=session.scene.name, messages=[message])
+        return types.GetPromptResult(description=session.scene.public.name, messages=[message])
 
     def _session_for(self, scene_id: str | None) -> Session:
         """The open episode; with an idle start, a scene_id opens a new one."""
@@ -202,8 +202,10 @@ class _Service:
             raise _bad_request(laboratory.gone)
         if laboratory.reopen is None or (scene_id is None and laboratory.session is not None):
             session = laboratory.open_session()
-            if scene_id is not None and scene_id != str(session.scene.scene_id):
-                raise _bad_request(f"scene {session.scene.scene_id} is open in this episode and cannot be changed")
+            if scene_id is not None and scene_id != str(session.scene.public.scene_id):
+                raise _bad_request(
+                    f"scene {session.scene.public.scene_id} is open in this episode and cannot be changed"
+                )
             return session
         if scene_id is None or not _is_count(scene_id):
             raise _bad_request("scene_id must be the number of a scene, such as 7")

@@ -9,10 +9,10 @@ from functools import cached_property
 import anyio
 
 from physment_mcp.errors import EpisodeGone, EpisodeOver
-from physment_mcp.scene import SceneCard
 from physment_mcp.serving.call_log import CallLog
 from physment_mcp.serving.frames import Frames
 from physment_mcp.session import Session
+from scenes import PublicPack
 
 KEPT_CALLS = 500
 """Calls that the log of an episode without a limit keeps: enough to look back, bounded for a host of many."""
@@ -27,7 +27,7 @@ class Laboratory:
         *,
         reopen: Callable[[int], Session] | None = None,
         scene_ids: Sequence[int] = (),
-        list_scenes: Callable[[], Sequence[SceneCard]] | None = None,
+        list_scenes: Callable[[], Sequence[PublicPack]] | None = None,
         gone: str | None = None,
         watch: Callable[[Session], Frames] | None = None,
     ) -> None:
@@ -43,7 +43,7 @@ class Laboratory:
         """
         self.session = session
         self.reopen = reopen
-        self.scene_ids = scene_ids or ([] if session is None else [session.scene.scene_id])
+        self.scene_ids = scene_ids or ([] if session is None else [session.scene.public.scene_id])
         self.gone = gone
         self.lock = anyio.Lock(fast_acquire=True)
         self.log = CallLog()
@@ -79,8 +79,8 @@ class Laboratory:
         return self.session
 
     @cached_property
-    def catalogue(self) -> tuple[SceneCard, ...]:
-        """What may be told of the scenes that can be opened here."""
+    def catalogue(self) -> tuple[PublicPack, ...]:
+        """The scenes that can be opened here."""
         if self._list_scenes is not None:
             return tuple(self._list_scenes())
-        return () if self.session is None else (self.session.scene.card,)
+        return () if self.session is None else (self.session.scene.public,)

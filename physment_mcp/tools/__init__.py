@@ -10,7 +10,7 @@ from physment_mcp.tools.act import (
     MOVE_OBJECT,
     SET_VELOCITY,
 )
-from physment_mcp.tools.base import ReportProgress, Tool
+from physment_mcp.tools.base import Tool
 from physment_mcp.tools.derive import (
     COMPUTE_FORCE,
     GET_ANGULAR_MOMENTUM,
@@ -61,4 +61,4 @@ TOOLS: tuple[Tool[Any], ...] = (
     ANSWER,
 )
 
-__all__ = ["TOOLS", "ReportProgress", "Tool"]
+__all__ = ["TOOLS", "Tool"]

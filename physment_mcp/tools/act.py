@@ -65,7 +65,7 @@ class CollisionArguments(Arguments):
 def _relocate(session: Session, one: LabObject, target: Array) -> str | None:
     """Place an object, and say so if its joints did not allow the whole move."""
     moving = set(session.world.with_children(one.body))
-    if any(other.attached for other in session.objects.values() if other.body in moving):
+    if any(other.attached for other in session.state.objects.values() if other.body in moving):
         raise NotPossible(f"{one.object_id} is attached to another object and cannot be moved by itself")
     session.readable(one.object_id, "position")
     try:

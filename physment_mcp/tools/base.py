@@ -1,8 +1,8 @@
 """What a tool is, and the types its arguments are made of."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
@@ -61,8 +61,16 @@ class MassArguments(ObjectArguments):
 
 A = TypeVar("A", bound=Arguments)
 
-ReportProgress = Callable[[float, float], Awaitable[None]]
-"""Told how much of how much is done."""
+
+class Progress(NamedTuple):
+    """How far a tool that takes noticeable wall time has come, in a unit of its own."""
+
+    done: float
+    total: float
+
+
+Pieces = Generator[Progress, None, Result]
+"""Work that is done piece by piece. It yields before each piece, and once more after the last one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,20 +82,11 @@ class Tool(Generic[A]):
     description: str
     arguments: type[A]
     result: type[Result]
-    at_once: Callable[[Session, A], Result] | None = None
-    """What the tool does, for all tools that take no noticeable wall time."""
-    over_time: Callable[[Session, A, ReportProgress], Awaitable[Result]] | None = None
-    """What the tool does, for one that reports progress and can be cancelled."""
+    run: Callable[[Session, A], Result | Pieces]
+    """What the tool does; returns pieces if it may take noticeable wall time. Roll-back is the caller's."""
     reads_only: bool = False
     destructive: bool = False
     idempotent: bool = False
-
-    async def run(self, session: Session, arguments: A, report: ReportProgress) -> Result:
-        """Do what the tool does; roll-back is the caller's."""
-        if self.over_time is not None:
-            return await self.over_time(session, arguments, report)
-        assert self.at_once is not None
-        return self.at_once(session, arguments)
 
     def parse(self, arguments: dict[str, Any]) -> A:
         """Check the arguments against the tool's model.
@@ -99,6 +98,14 @@ class Tool(Generic[A]):
             return self.arguments.model_validate(arguments)
         except ValidationError as error:
             raise BadArgument(f"{self.name}: {_sentence(error, self.arguments)}") from None
+
+    def input_schema(self) -> dict[str, Any]:
+        """JSON Schema of the arguments."""
+        return self.arguments.model_json_schema()
+
+    def output_schema(self) -> dict[str, Any]:
+        """JSON Schema of the result."""
+        return self.result.model_json_schema(mode="serialization")
 
 
 def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:

@@ -1,14 +1,21 @@
-"""The one door of the laboratory: a tool name and raw arguments in, a result out, or a refusal that changed nothing."""
+"""The only entrance to the tools: a name and raw arguments in, a result out, or a refusal that changed nothing."""
 
-from contextlib import nullcontext
+from collections.abc import Awaitable, Callable, Generator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
+import anyio.lowlevel
+import anyio.to_thread
 from pydantic import ValidationError
 
 from physment_mcp.errors import BadArgument, NotAvailable, Unstable
 from physment_mcp.session import Session
-from physment_mcp.tools import TOOLS, ReportProgress
+from physment_mcp.tools import TOOLS
+from physment_mcp.tools.base import Pieces, Progress
 from physment_mcp.tools.results import Result
+
+ReportProgress = Callable[[float, float], Awaitable[None]]
+"""Receives how much of how much is done."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
@@ -17,24 +24,68 @@ async def no_progress(_done: float, _total: float) -> None:
     """Report progress to nobody."""
 
 
-async def call(session: Session, name: str, arguments: dict[str, Any], report: ReportProgress = no_progress) -> Result:
-    """Run one tool. The caller runs one call at a time.
+def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:
+    """Run one tool and wait for its result. The caller runs one call at a time.
 
     Raises:
         RefusedCall: The call was refused; state, clock, loads and model are as before.
     """
+    with _begun(session, name, arguments) as work:
+        if isinstance(work, Result):
+            return work
+        while isinstance(made := _next(work), Progress):
+            pass
+        return made
+
+
+async def call_async(
+    session: Session, name: str, arguments: dict[str, Any], report: ReportProgress = no_progress
+) -> Result:
+    """As `call`, but long work runs in a thread, reports its progress, and is undone if the task is cancelled.
+
+    Raises:
+        RefusedCall: As for `call`.
+    """
+    with _begun(session, name, arguments) as work:
+        if isinstance(work, Result):
+            return work
+        made = _next(work)
+        while isinstance(made, Progress):
+            done, total = made
+            if done < total:
+                if done > 0:
+                    await report(done, total)
+                made = await anyio.to_thread.run_sync(_next, work)
+            else:
+                # A caller that cancels during the last piece gets no result, so the call must change nothing.
+                await anyio.lowlevel.checkpoint_if_cancelled()
+                made = _next(work)
+        return made
+
+
+@contextmanager
+def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[Result | Pieces]:
+    """The result of a call, or its pieces still to do; the call is undone if it or the block fails."""
     session.check_open()
     session.calls += 1
     tool = _BY_NAME.get(name)
     if tool is None:
         raise BadArgument(f"there is no tool {name!r}; the tools are {', '.join(_BY_NAME)}")
-    if name in session.scene.disabled_tools:
+    if name in session.scene.public.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
     checked = tool.parse(arguments)
-    # A tool that only reads has nothing to put back.
+    # A tool that only reads changes nothing that could be restored.
     with nullcontext() if tool.reads_only else session.all_or_nothing():
         try:
-            return await tool.run(session, checked, report)
+            yield tool.run(session, checked)
         except ValidationError:
             # The only values a result model can refuse are NaN and infinities.
             raise Unstable(f"{name}: the result is not a finite number, so the call was rolled back") from None
+
+
+def _next(pieces: Pieces) -> Progress | Result:
+    # StopIteration cannot pass through a thread or a coroutine.
+    try:
+        return next(pieces)
+    except StopIteration as end:
+        return end.value

@@ -57,9 +57,9 @@ def _create_objects(session: Session, args: CreateArguments) -> Created:
         )
     if _RESERVED.fullmatch(args.name):
         raise BadArgument(f"create_objects: the name {args.name!r} is reserved; choose another, such as probe")
-    if args.name in session.objects:
+    if args.name in session.state.objects:
         raise BadArgument(f"create_objects: there is an object {args.name!r} already; choose another name")
-    if session.created_count >= MAX_CREATED:
+    if session.state.created_count >= MAX_CREATED:
         raise NotPossible(f"no more than {MAX_CREATED} objects can be created in an episode")
     body = f"created:{args.name}"
     position = array(args.pos)
@@ -82,7 +82,7 @@ def _create_objects(session: Session, args: CreateArguments) -> Created:
 def _delete_objects(session: Session, args: ObjectArguments) -> Deleted:
     one = session.unsealed(args.object_id)
     bodies = set(session.world.with_children(one.body))
-    going = [other for other in session.objects.values() if other.body in bodies]
+    going = [other for other in session.state.objects.values() if other.body in bodies]
     if any(not other.known or not other.permissions.actuate for other in going):
         raise NotPermitted(f"{one.object_id} cannot be deleted in this scene")
     session.world.remove(one.body)
@@ -118,7 +118,7 @@ def _attach_objects(session: Session, args: AttachArguments) -> Attached:
 def _check_pair(session: Session, first: LabObject, second: LabObject) -> None:
     if first is second:
         raise NotPossible(f"{first.object_id} cannot be attached to itself; name two objects")
-    if frozenset({first.object_id, second.object_id}) in session.joined:
+    if frozenset({first.object_id, second.object_id}) in session.state.joined:
         raise NotPossible(f"{first.object_id} and {second.object_id} are attached already")
     if not any(session.world.is_movable(one.body) for one in (first, second)):
         raise NotPossible(f"{first.object_id} and {second.object_id} are both fixed in the laboratory")

@@ -3,17 +3,15 @@
 import time
 from typing import Annotated
 
-import anyio
-import anyio.lowlevel
 from pydantic import Field
 
 from physment_mcp.errors import BadArgument
 from physment_mcp.session import MAX_SIMULATED_S, Session
-from physment_mcp.tools.base import Arguments, ReportProgress, Tool
+from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.results import Answered, Stepped
 
-_CHUNK_S = 0.05
-"""Wall time between looks at progress and cancellation [s]."""
+_PIECE_S = 0.05
+"""Wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
 
 Part = str | int | float
 
@@ -35,32 +33,29 @@ class AnswerArguments(Arguments):
     ]
 
 
-async def _step(session: Session, args: StepArguments, report: ReportProgress) -> Stepped:
+def _step(session: Session, args: StepArguments) -> Pieces:
     world = session.world
     steps = world.whole_steps(args.duration)
     length = steps * world.timestep
-    if session.simulated_s + length > MAX_SIMULATED_S * (1 + 1e-9):
-        left = MAX_SIMULATED_S - session.simulated_s
+    if session.state.simulated_s + length > MAX_SIMULATED_S * (1 + 1e-9):
+        left = MAX_SIMULATED_S - session.state.simulated_s
         raise BadArgument(f"step: only {left:.6g} s of simulated time are left in this episode")
-    done, chunk = 0, min(steps, 64)
+    done, piece = 0, min(steps, 64)
     while done < steps:
+        yield Progress(done * world.timestep, length)
         started = time.perf_counter()
-        await anyio.to_thread.run_sync(world.step, chunk)
-        done += chunk
-        # Chunks grow until one takes about _CHUNK_S; their size does not change the physics.
+        world.step(piece)
+        done += piece
+        # Pieces grow until one takes about _PIECE_S; their size does not change the physics.
         taken = max(time.perf_counter() - started, 1e-6)
-        chunk = min(steps - done, max(1, int(chunk * min(8.0, _CHUNK_S / taken))))
-        if done < steps:
-            await report(done * world.timestep, length)
-    # Whoever took the call back while its last chunk ran gets no result, so that it must leave no trace.
-    await anyio.lowlevel.checkpoint_if_cancelled()
-    session.simulated_s += length
+        piece = min(steps - done, max(1, int(piece * min(8.0, _PIECE_S / taken))))
+    yield Progress(length, length)
+    session.pass_time(length)
     return Stepped(sim_time=world.time, steps=steps)
 
 
 def _answer(session: Session, args: AnswerArguments) -> Answered:
-    session.answer = args.answer
-    session.over = True
+    session.answer(args.answer)
     return Answered(sim_time=session.world.time, acknowledged=True)
 
 
@@ -70,7 +65,7 @@ STEP = Tool(
     "Let time pass in the laboratory. Nothing moves unless you call this.",
     StepArguments,
     Stepped,
-    over_time=_step,
+    _step,
 )
 ANSWER = Tool(
     "answer",

@@ -22,10 +22,10 @@ from mcp import Client, StdioServerParameters
 from rich.console import Console
 from rich.table import Table
 
-from physment_mcp.scene import load_scene
+from physment_mcp.scene import Scene, load_scene
 from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session
-from physment_mcp.tools.calls import call
+from physment_mcp.tools.calls import call_async
 
 HERE = Path(__file__).parent
 SCENE = 7
@@ -112,15 +112,13 @@ async def tool_calls() -> AsyncGenerator[tuple[str, float, float, float, float]]
 
 async def stepping() -> tuple[str, float, float, float, float]:
     """Ten simulated seconds of eight boxes through the session, against the engine alone on the same model."""
-    from dataclasses import replace
-
-    scene = replace(load_scene(SCENE), mjcf=STACK, objects=())
+    scene = Scene(load_scene(SCENE).public.model_copy(update={"objects": ()}), STACK)
     model = mujoco.MjModel.from_xml_string(STACK)
 
     async def ours() -> float:
         session = Session(scene)
         start = time.perf_counter()
-        await call(session, "step", {"duration": 10.0})
+        await call_async(session, "step", {"duration": 10.0})
         return time.perf_counter() - start
 
     async def theirs() -> float:

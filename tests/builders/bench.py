@@ -8,20 +8,31 @@ import numpy as np
 import pytest
 
 from physment_mcp.errors import RefusedCall
-from physment_mcp.scene import ListedObject, Scene
+from physment_mcp.scene import Scene
 from physment_mcp.session import Session
-from physment_mcp.tools.calls import call, no_progress
-from scenes import Permissions
+from physment_mcp.tools.calls import call_async, no_progress
+from scenes import Permissions, PublicObject, PublicPack
 
-PUBLIC = {
-    "geom_type": True,
-    "geom_density": True,
-    "body_mass": True,
-    "geom_size": True,
-    "geom_radius": True,
-    "body_pos": True,
-    "body_quat": True,
-}
+PUBLIC: dict[str, bool] = dict.fromkeys(
+    ("geom_type", "geom_density", "body_mass", "geom_size", "geom_radius", "body_pos", "body_quat"), True
+)
+"""Permissions of an object about which everything may be read."""
+
+
+def fingerprint(session: Session) -> tuple[Any, ...]:
+    """Everything that a refused call must leave as it was: the state of the session, and the world bit by bit."""
+    world = session.world.save()
+    return (
+        session.state,
+        dict(session.state.objects),  # a copy, so that a change in place shows too
+        id(world.spec),
+        id(world.model),
+        id(world.data),
+        world.state.tobytes(),
+        world.model.geom_rgba.tobytes(),
+        world.before_step and world.before_step.state.tobytes(),
+        world.disturbed,
+    )
 
 
 class Bench:
@@ -32,13 +43,13 @@ class Bench:
 
     async def __call__(self, tool: str, /, report: Any = no_progress, **arguments: Any) -> dict[str, Any]:
         """The result of a call."""
-        return (await call(self.session, tool, arguments, report)).model_dump(mode="json")
+        return (await call_async(self.session, tool, arguments, report)).model_dump(mode="json")
 
     async def refused(self, tool: str, /, **arguments: Any) -> str:
         """The sentence of a call that is refused; checks that it changed nothing."""
         before = self.fingerprint()
         with pytest.raises(RefusedCall) as refusal:
-            await call(self.session, tool, arguments)
+            await call_async(self.session, tool, arguments)
         assert self.fingerprint() == before
         return str(refusal.value)
 
@@ -63,20 +74,8 @@ class Bench:
         return value
 
     def fingerprint(self) -> tuple[Any, ...]:
-        """The state, bit by bit, and everything else a refused call must leave as it was."""
-        session, world = self.session, self.session.world
-        return (
-            world._state().tobytes(),
-            id(world._model),
-            world._before_step is not None and world._before_step.state.tobytes(),
-            world._disturbed,
-            [(key, id(one)) for key, one in session.objects.items()],
-            session.joined,
-            session.simulated_s,
-            session.created_count,
-            session.answer,
-            session.over,
-        )
+        """As `fingerprint` of the session."""
+        return fingerprint(self.session)
 
 
 def open_bench(
@@ -93,13 +92,29 @@ def open_bench(
     """Open a bench on MJCF bodies named object_1, object_2 and so on."""
     given = {f"object_{number}": changes for number, changes in (permissions or {}).items()}
     ids = sorted(re.findall(r'<body name="(object_\d+)"', bodies))
-    listed = tuple(ListedObject(one, one, Permissions(**{**PUBLIC, **given.get(one, {})})) for one in ids)
+    listed = tuple(
+        PublicObject(object_id=name, name=name, permissions=Permissions(**{**PUBLIC, **given.get(name, {})}))
+        for name in ids
+    )
     mjcf = (
         f'<mujoco><compiler angle="degree"/><option timestep="{dt}" integrator="{integrator}" cone="elliptic"'
         f' impratio="10" gravity="{gravity}">{flags}</option><worldbody>{bodies}</worldbody>{rest}</mujoco>'
     )
-    scene = Scene(1, "bench", "?", "calculation", listed, None, frozenset(), frozenset(soft), mjcf)
-    return Bench(Session(scene))
+    return Bench(Session(Scene(public_pack(listed, soft), mjcf)))
+
+
+def public_pack(listed: tuple[PublicObject, ...], soft: tuple[str, ...] = ()) -> PublicPack:
+    """The public half of a pack that only lists some objects."""
+    return PublicPack(
+        scene_id=1,
+        name="bench",
+        task="?",
+        problem_type="calculation",
+        objects=listed,
+        answer_form=None,
+        disabled_tools=(),
+        soft_objects=soft,
+    )
 
 
 def ball_mjcf(

@@ -16,11 +16,7 @@ from physment_mcp.scene import load_scene
 from physment_mcp.serving.host import Host
 from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session
-from tests.builders.bench import Bench, ball_mjcf, open_bench
-
-OPEN: dict[str, bool] = dict.fromkeys(
-    ("geom_type", "geom_density", "body_mass", "geom_size", "geom_radius", "body_pos", "body_quat"), True
-)
+from tests.builders.bench import PUBLIC, Bench, ball_mjcf, fingerprint, open_bench
 
 # A floor, a free ball, a free box, a sealed ball, a hidden ball, a ball of which nothing is told, a pendulum of two
 # links and a post. Nothing touches anything.
@@ -58,7 +54,7 @@ XML = """
 
 def _pack() -> dict[str, Any]:
     names = ("ball", "box", "floor", "sealed ball", "ghost", "masked ball", "upper link", "lower link", "post")
-    permissions: dict[str, dict[str, bool]] = {f"object_{n}_permissions": dict(OPEN) for n in range(1, 10)}
+    permissions: dict[str, dict[str, bool]] = {f"object_{n}_permissions": dict(PUBLIC) for n in range(1, 10)}
     permissions["object_4_permissions"]["actuate"] = False
     permissions["object_5_permissions"]["hidden"] = True
     permissions["object_6_permissions"] = {"velocity": False}
@@ -108,25 +104,8 @@ class Lab:
         return sentence
 
     def state(self) -> tuple[Any, ...]:
-        """All that a refused call must leave as it was, bit by bit."""
-        session = self.session
-        world = session.world
-        return (
-            world._state().tobytes(),
-            id(world._model),
-            id(world._data),
-            world.time,
-            world._data.xfrc_applied.tobytes(),
-            world._model.geom_rgba.tobytes(),
-            world._before_step is not None and world._before_step.state.tobytes(),
-            world._disturbed,
-            [(key, id(one)) for key, one in session.objects.items()],
-            session.joined,
-            session.simulated_s,
-            session.created_count,
-            session.answer,
-            session.over,
-        )
+        """All that a refused call must leave as it was."""
+        return fingerprint(self.session)
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ async def test_simulated_time_is_bounded_by_an_hour(bench: Callable[..., Any], b
     await lab("step", duration=59)
     assert "only 1 s of simulated time are left" in await lab.refused("step", duration=1.1)
     await lab("step", duration=1)
-    assert lab.session.simulated_s == pytest.approx(MAX_SIMULATED_S)
+    assert lab.session.state.simulated_s == pytest.approx(MAX_SIMULATED_S)
     assert "only 0 s" in (await lab.refused("step", duration=0.001)).replace("-0 s", "0 s")
     await lab("get_position", object_id=1)
 
@@ -241,7 +241,7 @@ async def test_a_failure_after_any_calls_undoes_them_all(bench: Callable[..., An
     async def fail() -> None:
         with lab.session.all_or_nothing():
             await play(lab, within)
-            lab.session.answer, lab.session.over = 1, True
+            lab.session.answer(1)
             raise KeyError("stop")
 
     with pytest.raises(KeyError, match="stop"):
@@ -313,4 +313,4 @@ async def test_calls_are_counted_refused_ones_too(bench: Callable[..., Any], bal
     assert lab.session.calls == 4
     await lab.refused("step", duration=1)
     assert lab.session.calls == 4
-    assert lab.session.answer == [1, "two"]
+    assert lab.session.state.answer == [1, "two"]

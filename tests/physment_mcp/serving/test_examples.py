@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from physment_mcp.scene import ListedObject, Scene
+from physment_mcp.scene import Scene
 from physment_mcp.serving.examples import EXAMPLES
 from physment_mcp.session import Session
-from physment_mcp.tools.calls import call
-from scenes import Permissions
+from physment_mcp.tools.calls import call_async
+from scenes import Permissions, PublicObject
+from tests.builders.bench import public_pack
 
 OPEN = Permissions(geom_type=True, geom_density=True, body_mass=True, geom_size=True, geom_radius=True, body_pos=True)
 SLOPE = math.atan2(3, 4)
@@ -31,19 +32,8 @@ WORLDS = (
 
 def session(world: str) -> Session:
     option = '<option timestep="0.005" integrator="RK4" cone="elliptic" impratio="10" gravity="0 0 -9.81"/>'
-    return Session(
-        Scene(
-            scene_id=1,
-            name="example",
-            task="example",
-            problem_type="calculation",
-            objects=(ListedObject("object_1", "thing", OPEN),),
-            answer_form=None,
-            disabled_tools=frozenset(),
-            soft_objects=frozenset(),
-            mjcf=f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>",
-        )
-    )
+    thing = PublicObject(object_id="object_1", name="thing", permissions=OPEN)
+    return Session(Scene(public_pack((thing,)), f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>"))
 
 
 def steps(example: str) -> list[tuple[str, dict[str, Any], str | None]]:
@@ -89,7 +79,7 @@ async def test_every_return_shown_is_true(example: str, world: str) -> None:
     assert sum(shown is not None for *_, shown in played) == len(played) - 1
     assert example.count("Returns: ") == example.count("Calls: ") - 1
     for tool, arguments, shown in played:
-        result = json.loads((await call(lab, tool, arguments)).model_dump_json())
+        result = json.loads((await call_async(lab, tool, arguments)).model_dump_json())
         if shown is not None:
             assert unlike(json.loads(shown, parse_float=Decimal), result, tool) == []
 

@@ -111,7 +111,7 @@ def test_the_first_frame_is_the_same_for_every_seed(scene: int, shows: bool, pai
 def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
     session, frames = frames_of(21, 0, painter)
     before = frames.draw()
-    planted = {one.body for one in session.objects.values() if not one.known}
+    planted = {one.body for one in session.state.objects.values() if not one.known}
     assert planted
     assert not any(f'"{body}"' in _given(session, frames) for body in planted)
     session.reveal()

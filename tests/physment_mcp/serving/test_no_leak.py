@@ -12,8 +12,8 @@ import pytest
 from mcp_types import PromptReference
 
 from scenes import CANARY
+from tests.builders.bench import PUBLIC
 
-ALL = ("geom_type", "geom_density", "body_mass", "geom_size", "geom_radius", "body_pos", "body_quat")
 IDS = [f"object_{number}" for number in range(1, 10)]
 
 # No gravity and no motion, so that a place that shows at any time shows with these digits.
@@ -57,7 +57,7 @@ FORBIDDEN = (
 
 
 def canary_pack() -> dict[str, Any]:
-    public = dict.fromkeys(ALL, True)
+    public = dict(PUBLIC)
     permissions: dict[str, Any] = {f"object_{number}_permissions": public for number in (1, 2, 3)}
     for number in (5, 9):
         permissions[f"object_{number}_permissions"] = public | {"hidden": True}
@@ -320,9 +320,9 @@ TOUCHING = """
 async def test_a_collision_shows_only_what_both_objects_show(
     open_lab: Callable[..., Any], withheld: list[str], kind: str, null: set[str]
 ) -> None:
-    pack = one_object(**dict.fromkeys(ALL, True))
+    pack = one_object(**PUBLIC)
     pack["objects"]["object_2"] = {"name": "other", "object_id": "2"}
-    pack["object_permissions"]["object_2_permissions"] = dict.fromkeys(ALL, True) | dict.fromkeys(withheld, False)
+    pack["object_permissions"]["object_2_permissions"] = PUBLIC | dict.fromkeys(withheld, False)
     for elastic in (False, True):
         for first, second in ((1, 2), (2, 1)):
             async with open_lab(pack, TOUCHING.format(kind=kind)) as lab:
@@ -336,7 +336,7 @@ async def test_an_overlap_is_not_measured_for_the_agent(open_lab: Callable[..., 
     sentences = set()
     for place in ("0.5 0 1", "0.53217 0 1"):
         xml = TOUCHING.format(kind="sphere").replace("0.1995 0 1", place)
-        pack = one_object(**dict.fromkeys(ALL, True))
+        pack = one_object(**PUBLIC)
         pack["objects"]["object_2"] = {"name": "other", "object_id": "2"}
         async with open_lab(pack, xml) as lab:
             sentences.add(await lab.refused("move_object", object_id=1, x=0.45, y=0, z=1))

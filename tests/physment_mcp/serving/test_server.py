@@ -13,7 +13,7 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from mcp_types import PromptReference
 
-from physment_mcp.scene import list_cards, load_scene
+from physment_mcp.scene import list_scenes, load_scene
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import KEPT_CALLS, Laboratory
 from physment_mcp.session import Session
@@ -247,7 +247,7 @@ async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
     folder = write_pack(pack, xml, 7)
     write_pack({**pack, "answer": None}, xml, 8)  # cannot be opened, so it is not told of
     write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
-    async with Client(build_server(Laboratory(list_scenes=lambda: list_cards(folder)))) as client:
+    async with Client(build_server(Laboratory(list_scenes=lambda: list_scenes(folder)))) as client:
         assert await catalogue(client) == [card, card | {"scene_id": 70, "name": "Another"}]
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -249,7 +250,7 @@ async def test_after_the_answer_every_call_is_refused(open_lab: Callable[..., An
         assert await lab.call("answer", answer="first") == {"sim_time": 0.0, "acknowledged": True}
         assert (await lab.refused(name, **GOOD[name])).startswith("the episode is over")
         assert (await lab.refused(name, nonsense=1)).startswith("the episode is over")
-        assert lab.session.answer == "first"
+        assert lab.session.state.answer == "first"
 
 
 @pytest.mark.parametrize("name", ACTUATIONS)
@@ -475,7 +476,7 @@ async def test_an_object_does_not_collide_with_itself(open_lab: Callable[..., An
 async def test_an_answer_is_taken_down_verbatim(open_lab: Callable[..., Any], answer: object) -> None:
     async with open_lab() as lab:
         await lab.call("answer", answer=answer)
-        assert repr(lab.session.answer) == repr(answer)
+        assert repr(lab.session.state.answer) == repr(answer)
 
 
 @pytest.mark.parametrize(
@@ -493,10 +494,9 @@ async def test_a_crash_of_ours_is_an_error_result_that_changes_nothing_and_tells
     open_lab: Callable[..., Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     async with open_lab() as lab:
-        hurt = lab.session.objects["object_2"]
-        lab.session.objects["object_2"] = type(hurt)(
-            "object_2", "box", "no such body", hurt.permissions, hurt.start, known=True
-        )
+        state = lab.session.state
+        broken = replace(state.objects["object_2"], body="no such body")
+        lab.session.state = replace(state, objects={**state.objects, "object_2": broken})
         before = lab.state()
         result = await lab.client.call_tool("get_parameters", {"object_id": "object_2"})
         assert result.is_error
