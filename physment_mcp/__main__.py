@@ -9,10 +9,10 @@ from functools import partial
 
 import anyio
 
-from physment_mcp import __version__
 from physment_mcp.commands import bundle, config, export, serve
 from physment_mcp.commands.base import common_options, observations
 from physment_mcp.errors import SceneError, UsageError
+from physment_mcp.version import __version__
 
 _DESCRIPTION = """\
 A physics laboratory over MCP: one MuJoCo scene per episode, 26 typed tools.
@@ -63,7 +63,7 @@ def _stdio(args: argparse.Namespace) -> int:
     from physment_mcp.scene import list_scenes, load_scene, scene_ids  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.server import build_server  # noqa: PLC0415
-    from physment_mcp.serving.slot import Laboratory  # noqa: PLC0415 - --help need not wait for the engine
+    from physment_mcp.serving.slot import EpisodeSlot  # noqa: PLC0415 - --help need not wait for the engine
     from physment_mcp.session import Session  # noqa: PLC0415
 
     watch = watching(args.observations, args.scenes_dir)
@@ -73,12 +73,10 @@ def _stdio(args: argparse.Namespace) -> int:
 
     if args.scene is None:
         ids = scene_ids(args.scenes_dir)
-        laboratory = Laboratory(
-            reopen=reopen, scene_ids=ids, list_scenes=partial(list_scenes, args.scenes_dir), watch=watch
-        )
+        slot = EpisodeSlot(reopen=reopen, scene_ids=ids, list_scenes=partial(list_scenes, args.scenes_dir), watch=watch)
     else:
-        laboratory = Laboratory(reopen(args.scene), watch=watch)
-    server = build_server(laboratory)
+        slot = EpisodeSlot(reopen(args.scene), watch=watch)
+    server = build_server(slot)
 
     async def run() -> None:
         from mcp.server.stdio import stdio_server  # noqa: PLC0415

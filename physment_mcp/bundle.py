@@ -15,10 +15,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import physment_mcp
 import scenes
 from physment_mcp.serving.icon import LARGE_PNG
-from physment_mcp.serving.server import published_tools
+from physment_mcp.tools import TOOLS
+from physment_mcp.version import __version__
 from scenes import export_packs
 
 _NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pydantic", "simpleeval")
@@ -79,7 +79,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
         "manifest_version": "0.4",
         "name": "physment-mcp",
         "display_name": "PhysMent laboratory",
-        "version": physment_mcp.__version__,
+        "version": __version__,
         "description": "A physics laboratory: find quantities by experiment in MuJoCo scenes.",
         "long_description": "Choose the prompt `scene` and a number. The model is told a task, experiments with 26"
         " tools (push, wait, measure, create, reveal, attach), and answers once. The right answers are not in here.",
@@ -95,7 +95,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
                 "args": ["run", "--directory", "${__dirname}", _MAIN, "--seed", "${user_config.seed}"],
             },
         },
-        "tools": [{"name": tool.name, "description": tool.description} for tool in published_tools()],
+        "tools": [{"name": tool.name, "description": tool.description} for tool in TOOLS],
         "prompts_generated": True,
         "compatibility": {
             "platforms": ["darwin", "win32", "linux"],
@@ -117,7 +117,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 def _code() -> Iterator[tuple[str, bytes]]:
     """The modules and pictures of the two packages a laboratory is made of, without any pack."""
-    root = Path(physment_mcp.__file__).parent
+    root = Path(__file__).parent
     for path in root.rglob("*"):
         if path.suffix in {".py", ".png"}:
             yield f"physment_mcp/{path.relative_to(root).as_posix()}", path.read_bytes()
@@ -133,7 +133,7 @@ def _project() -> str:
         [
             "[project]",
             'name = "physment-mcp-bundle"',
-            f'version = "{physment_mcp.__version__}"',
+            f'version = "{__version__}"',
             f'requires-python = "{_python()}"',
             f"dependencies = {json.dumps(sorted(needed))}",
             "",

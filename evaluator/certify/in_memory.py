@@ -8,9 +8,7 @@ from pathlib import Path
 from mcp import Client
 
 from evaluator.episode.toolbox import Toolboxes
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +21,6 @@ class MemoryLaboratory:
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """A connected client of a fresh episode."""
-        server = build_server(Laboratory(Session(load_scene(scene, seed, self.folder))))
+        server = open_episode(scene, seed, scenes_dir=self.folder).server()
         async with Client(server, cache=None) as client:
             yield client

@@ -36,7 +36,7 @@ from physment_mcp.scene import load_scene
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, bears, refuse
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.slot import Laboratory
+from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -66,11 +66,11 @@ class EpisodeRequest(BaseModel):
 
 
 @dataclass(slots=True)
-class _Open:
-    """An open episode."""
+class _HostedEpisode:
+    """An open episode and the endpoint at which it is reached."""
 
     manager: StreamableHTTPSessionManager
-    laboratory: Laboratory
+    slot: EpisodeSlot
     close: Callable[[], None]
     last_used: float
     in_flight: int = 0
@@ -93,7 +93,7 @@ class Host:
     """Names it answers to besides its addresses and loopback."""
     watch: Callable[[Session], Frames] | None = None
     """What draws frames for results; None for results of text alone."""
-    _episodes: dict[str, _Open] = field(default_factory=dict[str, _Open])
+    _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _opening: int = 0
     """Episodes on their way to being open; they count for the cap."""
     _tasks: TaskGroup | None = None
@@ -127,7 +127,7 @@ class Host:
             self._tasks = tasks
             tasks.start_soon(self._sweep)
             # Without sessions, so that a client in the middle of one is told too.
-            nowhere = build_server(Laboratory(gone=_GONE))
+            nowhere = build_server(EpisodeSlot(gone=_GONE))
             self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
             yield
             tasks.cancel_scope.cancel()
@@ -157,14 +157,12 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        laboratory = Laboratory(
-            Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls), watch=self.watch
-        )
-        server = build_server(laboratory)
+        slot = EpisodeSlot(Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls), watch=self.watch)
+        server = build_server(slot)
         manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
         episode_id = secrets.token_urlsafe(18)
         owner_token = None if max_calls is None else secrets.token_urlsafe(24)
-        self._episodes[episode_id] = _Open(manager, laboratory, close, time.monotonic(), owner_token=owner_token)
+        self._episodes[episode_id] = _HostedEpisode(manager, slot, close, time.monotonic(), owner_token=owner_token)
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -187,14 +185,14 @@ class Host:
                 episode.in_flight -= 1
                 episode.last_used = time.monotonic()
 
-    def _may_play(self, request: Request, episode: _Open | None) -> bool:
+    def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
         """Tell whether a request may reach an episode whose URL it knows: with no token or one that is good."""
         owner_token = None if episode is None else episode.owner_token
         if self.token is None or bears(request, self.token, owner_token):
             return True
         return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
 
-    def _owns(self, request: Request, episode: _Open) -> bool:
+    def _owns(self, request: Request, episode: _HostedEpisode) -> bool:
         """Tell whether a request comes from who opened the episode."""
         if episode.owner_token is None and not self.exposed:
             return self._may_play(request, episode)  # who opened it has its URL, and gave it to nobody
@@ -248,17 +246,17 @@ class Host:
             return refuse(404, "no such episode, or it has expired")
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
-        laboratory = episode.laboratory
-        if laboratory.open_session().max_calls is None:
+        slot = episode.slot
+        if slot.open_session().max_calls is None:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
         if not (start.isdecimal() and len(start) < 10):
             return refuse(400, "start must be a whole number: the first call to tell, counted from 0")
         episode.last_used = time.monotonic()
         # A call that is running belongs to the log, so wait for its end.
-        async with laboratory.lock:
-            calls = [one.as_json() for one in laboratory.log.calls[int(start) :]]
-            return JSONResponse({"ended": laboratory.open_session().ended, "calls": calls})
+        async with slot.lock:
+            calls = [one.as_json() for one in slot.log.calls[int(start) :]]
+            return JSONResponse({"ended": slot.open_session().ended, "calls": calls})
 
     async def _sweep(self) -> None:
         while True:

@@ -11,7 +11,7 @@ from typing import Any
 import mcp_types as types
 
 from physment_mcp.serving.icon import ICON
-from physment_mcp.serving.slot import Laboratory
+from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 
 FRESH_MS = 3_600_000
@@ -25,32 +25,32 @@ class _View:
     name: str
     title: str
     description: str
-    write: Callable[[Laboratory], dict[str, Any]]
+    write: Callable[[EpisodeSlot], dict[str, Any]]
     settled: bool
     """Whether it stays as it is while the open episode is the only one."""
 
 
-def _scenes(laboratory: Laboratory) -> dict[str, Any]:
+def _scenes(slot: EpisodeSlot) -> dict[str, Any]:
     shown = ("scene_id", "name", "problem_type", "task")
-    return {"scenes": [{name: getattr(scene, name) for name in shown} for scene in laboratory.catalogue]}
+    return {"scenes": [{name: getattr(scene, name) for name in shown} for scene in slot.catalogue]}
 
 
-def _scene(laboratory: Laboratory) -> dict[str, Any]:
-    return _nothing_open(laboratory) if laboratory.session is None else _scene_view(laboratory.session)
+def _scene(slot: EpisodeSlot) -> dict[str, Any]:
+    return _nothing_open(slot) if slot.session is None else _scene_view(slot.session)
 
 
-def _episode(laboratory: Laboratory) -> dict[str, Any]:
-    return _nothing_open(laboratory) if laboratory.session is None else _episode_view(laboratory.session)
+def _episode(slot: EpisodeSlot) -> dict[str, Any]:
+    return _nothing_open(slot) if slot.session is None else _episode_view(slot.session)
 
 
-def _measurements(laboratory: Laboratory) -> dict[str, Any]:
-    log = laboratory.log
+def _measurements(slot: EpisodeSlot) -> dict[str, Any]:
+    log = slot.log
     notes = [{"call": number, **one.as_note()} for number, one in enumerate(log.calls, log.left_out + 1)]
     return {"left_out": log.left_out, "calls": notes}
 
 
-def _nothing_open(laboratory: Laboratory) -> dict[str, Any]:
-    return {"phase": "idle"} if laboratory.gone is None else {"phase": "gone", "why": laboratory.gone}
+def _nothing_open(slot: EpisodeSlot) -> dict[str, Any]:
+    return {"phase": "idle"} if slot.gone is None else {"phase": "gone", "why": slot.gone}
 
 
 def _scene_view(session: Session) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def listed_resources() -> list[types.Resource]:
     ]
 
 
-def read(laboratory: Laboratory, uri: str) -> types.ReadResourceResult:
+def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
     """A resource as it is now, and how long it will stay so.
 
     Raises:
@@ -117,9 +117,9 @@ def read(laboratory: Laboratory, uri: str) -> types.ReadResourceResult:
     view = _VIEWS.get(uri)
     if view is None:
         raise LookupError(f"there is no resource {uri}; the resources are {', '.join(_VIEWS)}")
-    text = json.dumps(view.write(laboratory), ensure_ascii=False)
+    text = json.dumps(view.write(slot), ensure_ascii=False)
     return types.ReadResourceResult(
         contents=[types.TextResourceContents(uri=uri, mime_type="application/json", text=text)],
-        ttl_ms=FRESH_MS if view.settled and laboratory.fixed else 0,
+        ttl_ms=FRESH_MS if view.settled and slot.fixed else 0,
         cache_scope="private",
     )

@@ -17,16 +17,16 @@ from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
-from physment_mcp import __version__
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
 from physment_mcp.serving.frames import SHOWING_TOOLS, Frames
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
 from physment_mcp.serving.resources import FRESH_MS, listed_resources, read
-from physment_mcp.serving.slot import Laboratory
+from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.calls import call_async
+from physment_mcp.version import __version__
 
 logger = logging.getLogger(__name__)
 
@@ -36,16 +36,16 @@ GONE = "physment/gone"
 """Key in `_meta` of a result: there is no episode any more, which is no fault of the agent."""
 
 
-def build_server(laboratory: Laboratory) -> Server[Any]:
+def build_server(slot: EpisodeSlot) -> Server[Any]:
     """An MCP server for one laboratory; connect it to any transport."""
-    service = _Service(laboratory)
+    service = _Service(slot)
     return Server(
         "physment-mcp",
         version=__version__,
         title="PhysMent laboratory",
         description="A physics laboratory: find quantities by experiment in a MuJoCo scene.",
         icons=[ICON],
-        instructions=_instructions(laboratory),
+        instructions=_instructions(slot),
         cache_hints={
             "tools/list": _SAME_FOR_ALL,
             "prompts/list": _SAME_FOR_ALL,
@@ -65,10 +65,10 @@ def build_server(laboratory: Laboratory) -> Server[Any]:
     )
 
 
-def _instructions(laboratory: Laboratory) -> str:
-    if laboratory.gone is not None:
-        return laboratory.gone
-    return IDLE_INSTRUCTIONS if laboratory.session is None else opening_prompt(laboratory.session)
+def _instructions(slot: EpisodeSlot) -> str:
+    if slot.gone is not None:
+        return slot.gone
+    return IDLE_INSTRUCTIONS if slot.session is None else opening_prompt(slot.session)
 
 
 @functools.cache
@@ -101,8 +101,8 @@ def _input_schemas() -> dict[str, dict[str, Any]]:
 class _Service:
     """The request handlers of one laboratory."""
 
-    def __init__(self, laboratory: Laboratory) -> None:
-        self._laboratory = laboratory
+    def __init__(self, slot: EpisodeSlot) -> None:
+        self._slot = slot
 
     async def list_tools(
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
@@ -112,8 +112,8 @@ class _Service:
     async def call_tool(
         self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams
     ) -> types.CallToolResult:
-        async with self._laboratory.lock:
-            log, session = self._laboratory.log, self._laboratory.session
+        async with self._slot.lock:
+            log, session = self._slot.log, self._slot.session
             if session is None or session.ended:
                 return await self._call(ctx, params)
             started_at = time.monotonic()
@@ -130,7 +130,7 @@ class _Service:
             await ctx.session.report_progress(done, total)
 
         try:
-            session = self._laboratory.open_session()
+            session = self._slot.open_session()
             result = await call_async(session, params.name, params.arguments or {}, report)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
@@ -142,8 +142,8 @@ class _Service:
             logger.debug("traceback", exc_info=True)
             return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
-        if self._laboratory.frames is not None and params.name in SHOWING_TOOLS:
-            content += await _frame(self._laboratory.frames)
+        if self._slot.frames is not None and params.name in SHOWING_TOOLS:
+            content += await _frame(self._slot.frames)
         return types.CallToolResult(
             content=content,
             structured_content=result.model_dump(mode="json"),
@@ -158,7 +158,7 @@ class _Service:
                 title="Scene",
                 description="Which scene to open, by its number; needed unless one is open.",
                 # Clients ask the person for what is required, which is how a scene is chosen after an idle start.
-                required=self._laboratory.reopen is not None,
+                required=self._slot.reopen is not None,
             ),
             types.PromptArgument(
                 name="prompting", title="Examples", description=f"How many: {', '.join(Prompting)}.", required=False
@@ -189,7 +189,7 @@ class _Service:
             raise _bad_request(f"there is no prompt {params.name!r}; the prompt is {_PROMPT}")
         arguments = params.arguments or {}
         options = _prompt_options(arguments)
-        async with self._laboratory.lock:
+        async with self._slot.lock:
             session = self._session_for(arguments.get("scene_id"))
             text = opening_prompt(session, options)
         message = types.PromptMessage(role="user", content=types.TextContent(type="text", text=text))
@@ -197,11 +197,11 @@ class _Service:
 
     def _session_for(self, scene_id: str | None) -> Session:
         """The open episode; with an idle start, a scene_id opens a new one."""
-        laboratory = self._laboratory
-        if laboratory.gone is not None:
-            raise _bad_request(laboratory.gone)
-        if laboratory.reopen is None or (scene_id is None and laboratory.session is not None):
-            session = laboratory.open_session()
+        slot = self._slot
+        if slot.gone is not None:
+            raise _bad_request(slot.gone)
+        if slot.reopen is None or (scene_id is None and slot.session is not None):
+            session = slot.open_session()
             if scene_id is not None and scene_id != str(session.scene.public.scene_id):
                 raise _bad_request(
                     f"scene {session.scene.public.scene_id} is open in this episode and cannot be changed"
@@ -210,8 +210,8 @@ class _Service:
         if scene_id is None or not _is_count(scene_id):
             raise _bad_request("scene_id must be the number of a scene, such as 7")
         try:
-            session = laboratory.reopen(int(scene_id))
-            laboratory.enter(session)
+            session = slot.reopen(int(scene_id))
+            slot.enter(session)
         except SceneError as error:
             logger.warning("scene %s was asked for: %s", scene_id, error)
             raise _bad_request(error.told) from error
@@ -231,9 +231,9 @@ class _Service:
     async def read_resource(
         self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
-        async with self._laboratory.lock:
+        async with self._slot.lock:
             try:
-                return read(self._laboratory, str(params.uri))
+                return read(self._slot, str(params.uri))
             except LookupError as error:
                 raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)}) from None
 
@@ -241,7 +241,7 @@ class _Service:
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
     ) -> types.CompleteResult:
         choices = {
-            "scene_id": [str(one) for one in self._laboratory.scene_ids],
+            "scene_id": [str(one) for one in self._slot.scene_ids],
             "prompting": list(Prompting),
             "protocol": list(CallProtocol),
             "budget": ["5", "10", "15", "20"],

@@ -18,7 +18,7 @@ KEPT_CALLS = 500
 """Calls that the log of an episode without a limit keeps: enough to look back, bounded for a host of many."""
 
 
-class Laboratory:
+class EpisodeSlot:
     """The place of at most one open episode; calls on it run one at a time."""
 
     def __init__(

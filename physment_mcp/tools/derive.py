@@ -5,9 +5,16 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from physment_mcp import mechanics
 from physment_mcp.errors import BadArgument, NotPossible
-from physment_mcp.mechanics import Array
+from physment_mcp.mechanics import (
+    Array,
+    angular_momentum,
+    kinetic_energy,
+    momentum,
+    potential_energy,
+    rotation_matrix,
+    rotational_energy,
+)
 from physment_mcp.session import Session
 from physment_mcp.tools.base import Arguments, MassArguments, Number, Tool, array, plain
 from physment_mcp.tools.results import (
@@ -42,13 +49,13 @@ def _compute_force(session: Session, args: MassArguments) -> Force:
 
 def _get_kinetic_energy(session: Session, args: MassArguments) -> KineticEnergy:
     one = session.readable(args.object_id, "velocity")
-    energy = mechanics.kinetic_energy(args.mass, session.world.twist(one.body).linear)
+    energy = kinetic_energy(args.mass, session.world.twist(one.body).linear)
     return KineticEnergy(sim_time=session.world.time, kinetic_energy=energy)
 
 
 def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> PotentialEnergy:
     one = session.readable(args.object_id, "position")
-    energy = mechanics.potential_energy(args.mass, args.gravity, float(session.world.centre(one.body)[2]))
+    energy = potential_energy(args.mass, args.gravity, float(session.world.centre(one.body)[2]))
     return PotentialEnergy(sim_time=session.world.time, potential_energy=energy)
 
 
@@ -62,25 +69,25 @@ def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
 
 
 def _get_rotational_energy(session: Session, args: MassArguments) -> RotationalEnergy:
-    energy = mechanics.rotational_energy(*_spin(session, args))
+    energy = rotational_energy(*_spin(session, args))
     return RotationalEnergy(sim_time=session.world.time, rotational_energy=energy)
 
 
 def _get_angular_momentum(session: Session, args: MassArguments) -> AngularMomentum:
-    x, y, z = plain(mechanics.angular_momentum(*_spin(session, args)))
+    x, y, z = plain(angular_momentum(*_spin(session, args)))
     return AngularMomentum(sim_time=session.world.time, angular_momentum=Components(x=x, y=y, z=z))
 
 
 def _get_momentum(session: Session, args: MassArguments) -> Momentum:
     one = session.readable(args.object_id, "velocity")
-    x, y, z = plain(mechanics.momentum(args.mass, session.world.twist(one.body).linear))
+    x, y, z = plain(momentum(args.mass, session.world.twist(one.body).linear))
     return Momentum(sim_time=session.world.time, momentum=Components(x=x, y=y, z=z))
 
 
 def _quat_to_rot_matrix(session: Session, args: QuaternionArguments) -> Rotation:
     if not np.any(args.q):
         raise BadArgument("quat_to_rot_matrix: q must not be the zero quaternion; no rotation is [1, 0, 0, 0]")
-    matrix = mechanics.rotation_matrix(array(args.q))
+    matrix = rotation_matrix(array(args.q))
     return Rotation(sim_time=session.world.time, rotation_matrix=[plain(row) for row in matrix])
 
 

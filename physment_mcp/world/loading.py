@@ -13,6 +13,16 @@ from physment_mcp.errors import SceneError
 START_KEY = "start"
 """Name of the keyframe that gives the initial state."""
 
+_INSTABILITY = [
+    int(kind)
+    for kind in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+]
+"""Indices of the engine's warning counters for a state that left the finite numbers."""
+
 
 def _ignore_warning(_text: str) -> None:
     """Drop engine warnings: the world reads the warning counters, and the text could name hidden things."""
@@ -110,15 +120,8 @@ def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
 
 def is_finite(data: mujoco.MjData) -> bool:
     """Whether the state is finite and the engine raised no instability warning since the counters were cleared."""
-    tripped = any(
-        data.warning[kind].number
-        for kind in (
-            mujoco.mjtWarning.mjWARN_BADQPOS,
-            mujoco.mjtWarning.mjWARN_BADQVEL,
-            mujoco.mjtWarning.mjWARN_BADQACC,
-        )
-    )
-    return not tripped and all(bool(np.isfinite(field).all()) for field in (data.qpos, data.qvel, data.qacc))
+    unstable = bool(data.warning.number[_INSTABILITY].any())
+    return not unstable and all(bool(np.isfinite(field).all()) for field in (data.qpos, data.qvel, data.qacc))
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:

@@ -77,8 +77,8 @@ class World:
         Source: MuJoCo `mj_step(nstep)`.
         """
         self._settled = False
-        for warning in self._data.warning:
-            warning.number = 0
+        # Setting the counters one by one took 0.3 ms, more than all else in a short step.
+        self._data.warning.number[:] = 0
         if steps > 1:
             mujoco.mj_step(self._model, self._data, steps - 1)
         self._before_step = _Instant(self._model, self._state())

@@ -22,8 +22,8 @@ from mcp import Client, StdioServerParameters
 from rich.console import Console
 from rich.table import Table
 
+from physment_mcp import open_episode
 from physment_mcp.scene import Scene, load_scene
-from physment_mcp.serving.server import Laboratory, build_server
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call_async
 
@@ -79,8 +79,7 @@ async def listening(*arguments: str) -> AsyncGenerator[str]:
 
 async def tool_calls() -> AsyncGenerator[tuple[str, float, float, float, float]]:
     """A reading through each transport, against a server that does nothing."""
-    session = Session(load_scene(SCENE))
-    async with Client(build_server(Laboratory(session))) as mine, Client(bare_server()) as bare:
+    async with Client(open_episode(SCENE).server()) as mine, Client(bare_server()) as bare:
         yield "tool call, in memory", *await compare(calling(mine, 200), calling(bare, 200), 15), 1.25
     async with stdio("-m", "physment_mcp", "--scene", str(SCENE)) as mine, stdio(str(HERE / "bare_server.py")) as bare:
         yield "tool call, stdio", *await compare(calling(mine, 100), calling(bare, 100), 15), 1.25

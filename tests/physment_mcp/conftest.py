@@ -14,7 +14,8 @@ from mcp import Client
 
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.host import Host
-from physment_mcp.serving.server import Laboratory, build_server
+from physment_mcp.serving.server import build_server
+from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from tests.builders.bench import PUBLIC, Bench, ball_mjcf, fingerprint, open_bench
 
@@ -142,7 +143,7 @@ def open_lab(write_pack: Callable[..., Path]) -> Callable[..., Any]:
         pack: dict[str, Any] | None = None, xml: str = XML, *, seed: int = 0, mode: Any = "auto"
     ) -> AsyncGenerator[Lab]:
         session = Session(load_scene(7, seed, write_pack(pack or _pack(), xml)))
-        async with Client(build_server(Laboratory(session)), mode=mode) as client:
+        async with Client(build_server(EpisodeSlot(session)), mode=mode) as client:
             yield Lab(client, session)
 
     return opened

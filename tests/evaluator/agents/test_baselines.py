@@ -16,9 +16,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 from scenes import list_packs
 
 SCENES = [files.scene_id for files in list_packs()]
@@ -31,7 +29,7 @@ def key_of(scene: int, seed: int, agent: str = "x") -> EpisodeKey:
 
 
 async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgent, scene: int, seed: int) -> Episode:
-    async with Client(build_server(Laboratory(Session(load_scene(scene, seed))))) as client:
+    async with Client(open_episode(scene, seed).server()) as client:
         return await play_episode(agent, client, key_of(scene, seed), VERSIONS)
 
 
@@ -160,7 +158,7 @@ async def test_a_script_plays_by_scene(tmp_path: Path) -> None:
     turns = [[{"tool": "answer", "arguments": {"answer": 5}}]]
     file.write_text(json.dumps({"7": turns}), encoding="utf-8")
     agent = load_script(file)
-    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+    async with Client(open_episode(7).server()) as client:
         assert (await play_episode(agent, client, key_of(7, 0), VERSIONS)).answer == 5
-    async with Client(build_server(Laboratory(Session(load_scene(21))))) as client:
+    async with Client(open_episode(21).server()) as client:
         assert (await play_episode(agent, client, key_of(21, 0), VERSIONS)).outcome is Outcome.AGENT_ERROR

@@ -12,9 +12,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 STEP = ToolCall(tool="step", arguments={"duration": 0.1})
 ANSWER = ToolCall(tool="answer", arguments={"answer": 1})
@@ -45,7 +43,7 @@ async def play(agent: Replies | ScriptedAgent, policy: str, budget: int) -> Epis
     playing = with_stopping(agent, policy)
     key = EpisodeKey(scene=7, seed=0, agent=playing.name, budget=budget)
     versions = Versions(physment="0", protocol="0", pack="0")
-    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+    async with Client(open_episode(7).server()) as client:
         return await play_episode(playing, client, key, versions)
 
 

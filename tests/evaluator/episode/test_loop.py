@@ -15,9 +15,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Versions
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
 STEP = ToolCall(tool="step", arguments={"duration": 0.1})
@@ -52,7 +50,7 @@ class Replies:
 
 
 async def play(agent: Agent, budget: int = 5) -> Episode:
-    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+    async with Client(open_episode(7).server()) as client:
         return await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="x", budget=budget), VERSIONS)
 
 

@@ -11,9 +11,7 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.records import Episode, EpisodeKey, ToolCall, Versions
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
 
@@ -60,7 +58,7 @@ async def through(server: str, agent: ScriptedAgent | ReferenceAgent, scene: int
 
 async def in_memory(mode: Any, agent: ScriptedAgent | ReferenceAgent, scene: int) -> Mapping[str, Any]:
     key = EpisodeKey(scene=scene, seed=3, agent=agent.name, budget=20)
-    async with Client(build_server(Laboratory(Session(load_scene(scene, 3)))), mode=mode) as client:
+    async with Client(open_episode(scene, 3).server(), mode=mode) as client:
         return canonical(await play_episode(agent, client, key, VERSIONS))
 
 

@@ -11,9 +11,7 @@ from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
 from evaluator.store import RunFolder
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 STEP = ToolCall(tool="step", arguments={"duration": 0.1})
 
@@ -52,7 +50,7 @@ async def stored(reply: Reply | Exception, path: Path) -> Episode:
     folder = RunFolder(path / "run")
     folder.create(resume=False)
     key = EpisodeKey(scene=7, seed=0, agent="x", budget=3)
-    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+    async with Client(open_episode(7).server()) as client:
         episode = await play_episode(Saying(reply), client, key, Versions(physment="0", protocol="0", pack="0"))
     folder.append_episode(episode)
     assert list(folder.episodes().values()) == [episode]

@@ -12,9 +12,7 @@ from evaluator.errors import PermanentFailure
 from evaluator.models.agent import ModelAgent
 from evaluator.models.choice import parse_model
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
 STEP = ("step", {"duration": 0.8})
@@ -27,7 +25,7 @@ async def play(service: Any, *, budget: int = 5, protocol: str = "native", optio
     key = EpisodeKey(scene=7, seed=0, agent=text, budget=budget, protocol=protocol)
     async with (
         ModelAgent(parse_model(text, environ=service.environ)) as agent,
-        Client(build_server(Laboratory(Session(load_scene(7))))) as client,
+        Client(open_episode(7).server()) as client,
     ):
         return await play_episode(agent, client, key, VERSIONS)
 
@@ -67,7 +65,7 @@ async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service:
 
 
 async def test_the_schemas_of_the_tools_go_out_as_the_server_published_them(openai: Any, anthropic: Any) -> None:
-    async with Client(build_server(Laboratory(Session(load_scene(7))))) as client:
+    async with Client(open_episode(7).server()) as client:
         published = {tool.name: tool.input_schema for tool in (await client.list_tools()).tools}
     for service in (openai, anthropic):
         service.say("", [("answer", {"answer": 1})])
@@ -250,7 +248,7 @@ async def test_what_a_failed_episode_used_up_is_counted(openai: Any) -> None:
     used: list[Usage] = []
     async with (
         ModelAgent(parse_model("model:gpt-5.5", environ=openai.environ)) as agent,
-        Client(build_server(Laboratory(Session(load_scene(7))))) as client,
+        Client(open_episode(7).server()) as client,
     ):
         with pytest.raises(PermanentFailure):
             await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="m", budget=5), VERSIONS, used=used)
@@ -284,7 +282,7 @@ async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai:
     key = EpisodeKey(scene=7, seed=0, agent=choice.name, budget=5)
     async with (
         ModelAgent(choice) as agent,
-        Client(build_server(Laboratory(Session(load_scene(7))))) as client,
+        Client(open_episode(7).server()) as client,
     ):
         episode = await play_episode(agent, client, key, VERSIONS)
     assert episode.turns[0].usage is not None
@@ -304,7 +302,7 @@ async def test_the_paper_s_baseline_plays_with_a_model(openai: Any, said: type) 
     choice = parse_model("model:gpt-5.5", environ=openai.environ)
     async with (
         ModelAgent(choice) as agent,
-        Client(build_server(Laboratory(Session(load_scene(7))))) as client,
+        Client(open_episode(7).server()) as client,
     ):
         key = EpisodeKey(scene=7, seed=0, agent="oracle-once", budget=5)
         episode = await play_episode(OracleOnceAgent(agent), client, key, VERSIONS)

@@ -21,9 +21,7 @@ from evaluator.store import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.runner import Runner, missing
-from physment_mcp.scene import load_scene
-from physment_mcp.serving.server import Laboratory, build_server
-from physment_mcp.session import Session
+from physment_mcp import open_episode
 from scenes import PackFiles, find_pack, pack_hash
 
 PACK = ("scene7.json", "scene7.xml", "solution.py")
@@ -49,7 +47,7 @@ class InMemory:
         self.now += 1
         self.most = max(self.most, self.now)
         try:
-            async with Client(build_server(Laboratory(Session(load_scene(scene, 0))))) as client:
+            async with Client(open_episode(scene).server()) as client:
                 yield client
         except ExceptionGroup as group:
             # As the real laboratories do: a client wraps what happens while it is connected.

@@ -147,14 +147,14 @@ def test_numbers_that_json_does_not_know_leave_the_log_readable() -> None:
 async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(inside: Callable[..., Any]) -> None:
     async with inside() as (host, http):
         episode = await opened(http, 5)
-        laboratory = host._episodes[episode["episode_id"]].laboratory
+        slot = host._episodes[episode["episode_id"]].slot
         with anyio.fail_after(30):
             async with client_of(http, episode) as client, anyio.create_task_group() as tasks:
-                async with laboratory.lock:
+                async with slot.lock:
                     tasks.start_soon(client.call_tool, "step", {"duration": 60})
-                    while not laboratory.lock.statistics().tasks_waiting:
+                    while not slot.lock.statistics().tasks_waiting:
                         await anyio.lowlevel.checkpoint()
-                while laboratory.session is not None and laboratory.session.calls == 0:
+                while slot.session is not None and slot.session.calls == 0:
                     await anyio.lowlevel.checkpoint()
                 tasks.cancel_scope.cancel()
             told = await log_of(http, episode)

@@ -20,7 +20,7 @@ from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.slot import Laboratory
+from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 
 pytestmark = pytest.mark.anyio
@@ -79,10 +79,10 @@ async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
     painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
 ) -> None:
     folder = write_pack(pack, xml)
-    laboratory = Laboratory(
+    slot = EpisodeSlot(
         Session(load_scene(7, 0, folder)), watch=lambda one: Frames(one, load_variants(7, folder), painter)
     )
-    async with Client(build_server(laboratory)) as client:
+    async with Client(build_server(slot)) as client:
         seen: list[Pixels] = []
         for tool, arguments in (("step", {"duration": 0.01}), ("find_objects", {}), ("step", {"duration": 0.3})):
             result = await client.call_tool(tool, arguments)

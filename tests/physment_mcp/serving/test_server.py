@@ -15,7 +15,7 @@ from mcp_types import PromptReference
 
 from physment_mcp.scene import list_scenes, load_scene
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.slot import KEPT_CALLS, Laboratory
+from physment_mcp.serving.slot import KEPT_CALLS, EpisodeSlot
 from physment_mcp.session import Session
 
 PROMPTING = ("zero-shot", "one-shot-cot", "few-shot-cot")
@@ -28,11 +28,11 @@ async def prompt_text(client: Client, **arguments: str) -> str:
 
 
 @pytest.fixture
-def idle(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Laboratory:
+def idle(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> EpisodeSlot:
     folder = write_pack(pack, xml, 7)
     write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
     write_pack({**pack, "answer": None}, xml, 8)
-    return Laboratory(reopen=lambda scene_id: Session(load_scene(scene_id, 0, folder)), scene_ids=[7, 8, 70])
+    return EpisodeSlot(reopen=lambda scene_id: Session(load_scene(scene_id, 0, folder)), scene_ids=[7, 8, 70])
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -247,12 +247,12 @@ async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
     folder = write_pack(pack, xml, 7)
     write_pack({**pack, "answer": None}, xml, 8)  # cannot be opened, so it is not told of
     write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
-    async with Client(build_server(Laboratory(list_scenes=lambda: list_scenes(folder)))) as client:
+    async with Client(build_server(EpisodeSlot(list_scenes=lambda: list_scenes(folder)))) as client:
         assert await catalogue(client) == [card, card | {"scene_id": 70, "name": "Another"}]
 
 
 async def test_what_never_changes_may_be_kept_and_what_does_may_not(
-    open_lab: Callable[..., Any], idle: Laboratory
+    open_lab: Callable[..., Any], idle: EpisodeSlot
 ) -> None:
     async with open_lab() as lab:
         same = [
@@ -307,7 +307,7 @@ async def test_clients_are_given_something_to_show(open_lab: Callable[..., Any],
             assert icon.sizes == [f"{width}x{height}"]
 
 
-async def test_completion_offers_the_values_of_prompt_arguments(idle: Laboratory) -> None:
+async def test_completion_offers_the_values_of_prompt_arguments(idle: EpisodeSlot) -> None:
     scene = PromptReference(name="scene")
 
     async def offered(argument: str, value: str) -> list[str]:
@@ -323,7 +323,7 @@ async def test_completion_offers_the_values_of_prompt_arguments(idle: Laboratory
         assert await offered("seed", "") == []
 
 
-async def test_an_idle_start_opens_scenes_by_prompt(idle: Laboratory) -> None:
+async def test_an_idle_start_opens_scenes_by_prompt(idle: EpisodeSlot) -> None:
     async with Client(build_server(idle)) as client:
         assert "No scene is open yet" in (client.instructions or "")
         assert len((await client.list_tools()).tools) == 26
