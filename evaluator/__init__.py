@@ -11,7 +11,18 @@ if TYPE_CHECKING:
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
     from evaluator.library import StoredRun, grade, load_run, play, score, summary
-    from evaluator.records import Episode, EpisodeKey, Exchange, Grade, GradeRecord, Outcome, ToolCall, Turn, Verdict
+    from evaluator.records import (
+        Episode,
+        EpisodeKey,
+        Exchange,
+        Grade,
+        GradeRecord,
+        Outcome,
+        RunRecord,
+        ToolCall,
+        Turn,
+        Verdict,
+    )
     from evaluator.scores.metrics import RunSummary, ScoredEpisode
 
 __all__ = [
@@ -29,6 +40,7 @@ __all__ = [
     "Outcome",
     "Player",
     "Reply",
+    "RunRecord",
     "RunSummary",
     "ScoredEpisode",
     "StoreError",
@@ -56,6 +68,7 @@ _HOMES = {
         "Grade",
         "GradeRecord",
         "Outcome",
+        "RunRecord",
         "ToolCall",
         "Turn",
         "Verdict",

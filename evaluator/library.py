@@ -7,14 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Versions
+from evaluator.records import Episode, EpisodeKey, GradeRecord, RunRecord, Versions
 from evaluator.scores.metrics import RunSummary, ScoredEpisode, summarise
 from evaluator.scores.scoring import grade_record, scored
 from evaluator.store import RunFolder
@@ -25,7 +24,7 @@ from scenes import PackError, find_pack, pack_hash
 class StoredRun:
     """A run folder that was read."""
 
-    facts: dict[str, Any]
+    record: RunRecord
     """Contents of `run.json`: what decides the results."""
     episodes: tuple[Episode, ...]
     grades: dict[EpisodeKey, GradeRecord]

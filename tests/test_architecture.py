@@ -244,6 +244,19 @@ def test_a_room_lies_directly_above_the_highest_room_that_it_imports(package: st
     assert {name: floors[name] for name in graph} == lowest
 
 
+def test_nothing_inside_a_package_imports_the_package_itself() -> None:
+    facades = [
+        f"{path} imports {package}"
+        for path in modules()
+        for package in PACKAGES
+        if path.parts[0] == package and path.parts[1] != "__init__.py"
+        for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module == package
+        if not all(f"{package}.{name.name}" in set(map(dotted, modules())) for name in node.names)
+    ]
+    assert facades == []
+
+
 def test_the_laboratory_never_names_a_private_field_of_a_pack() -> None:
     private = re.compile(r"pack\.(answer\b|reasoning|expected_behavior|knobs|derive|apply|canary|requires)|\.accept\b")
     named = [
