@@ -23,7 +23,8 @@ if TYPE_CHECKING:
         Turn,
         Verdict,
     )
-    from evaluator.scores.metrics import RunSummary, ScoredEpisode
+    from evaluator.scores.metrics import RunSummary
+    from evaluator.scores.scored_episode import ScoredEpisode
 
 __all__ = [
     "Agent",
@@ -73,7 +74,8 @@ _HOMES = {
         "Turn",
         "Verdict",
     ),
-    "evaluator.scores.metrics": ("RunSummary", "ScoredEpisode"),
+    "evaluator.scores.metrics": ("RunSummary",),
+    "evaluator.scores.scored_episode": ("ScoredEpisode",),
 }
 """Module → the public names that it defines."""
 

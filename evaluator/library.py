@@ -14,8 +14,9 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.records import Episode, EpisodeKey, GradeRecord, RunRecord, Versions
-from evaluator.scores.metrics import RunSummary, ScoredEpisode, summarise
-from evaluator.scores.scoring import grade_record, scored
+from evaluator.scores.metrics import RunSummary, summarise
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import grade_record, score_episode
 from evaluator.store import RunFolder
 from scenes import PackError, find_pack, pack_hash
 
@@ -81,7 +82,7 @@ def grade(episode: Episode, scenes_dir: Path | None = None) -> GradeRecord:
 
 
 def score(episodes: Iterable[Episode], scenes_dir: Path | None = None) -> list[ScoredEpisode]:
-    """Grade episodes, and add what scores need of their scenes.
+    """Grade episodes and compute their scores, grounding and failures.
 
     Args:
         episodes: As played or loaded.
@@ -90,8 +91,8 @@ def score(episodes: Iterable[Episode], scenes_dir: Path | None = None) -> list[S
     Raises:
         UsageError: A pack is missing or gives no key.
     """
-    keys, played = KeyRing(scenes_dir), list(episodes)
-    return scored(played, [grade_record(episode, keys) for episode in played], keys)
+    keys = KeyRing(scenes_dir)
+    return [score_episode(episode, grade_record(episode, keys), keys) for episode in episodes]
 
 
 def summary(rows: Iterable[ScoredEpisode]) -> RunSummary:

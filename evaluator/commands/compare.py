@@ -10,8 +10,8 @@ from rich.table import Table
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
-from evaluator.scores import scoring
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
+from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.statistics.paired import PairedDifference
 from evaluator.store import RunFolder
 from evaluator.study.selection import parse_numbers
@@ -65,10 +65,10 @@ def _compare(args: argparse.Namespace) -> int:
 
 
 def _chosen(words: Sequence[str], option: str) -> dict[str, str]:
-    """What `NAME=VALUE` words say.
+    """Condition → value, from words of the form `NAME=VALUE`.
 
     Raises:
-        UsageError: A word has another form, or the name is none of a condition.
+        UsageError: A word has another form, or its name is not a condition.
     """
     pairs = [word.partition("=") for word in words]
     for name, equals, value in pairs:
@@ -78,23 +78,21 @@ def _chosen(words: Sequence[str], option: str) -> dict[str, str]:
 
 
 def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: KeyRing) -> Side:
-    """One run, or what is chosen of it.
+    """One run, or the chosen part of it.
 
     Raises:
-        UsageError: It is not graded whole, or a pack is missing.
+        UsageError: Some episodes have no grade, or a pack is missing.
         StoreError: The folder cannot be read.
     """
     folder = RunFolder(path)
-    folder.read_run()
-    episodes, grades = folder.episodes(), folder.grades()
-    if set(grades) != set(episodes):
-        raise UsageError(f"{path}: not every episode is graded; run `physment-eval grade {path}` first")
-    wanted = [
-        one
-        for key, one in episodes.items()
-        if key.scene not in without and all(str(getattr(key, name)) == value for name, value in chosen.items())
+    folder.read_run()  # refuses a folder that holds no run
+    rows = [
+        score_episode(episode, record, keys)
+        for episode, record in read_graded(folder)
+        if episode.key.scene not in without
+        and all(str(getattr(episode.key, name)) == value for name, value in chosen.items())
     ]
-    return Side(str(path), scoring.scored(wanted, grades.values(), keys), grades)
+    return Side(str(path), rows)
 
 
 def _print(found: Comparison, first: Path, second: Path) -> None:
@@ -107,14 +105,14 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
         column.justify = "right"
     table.add_row("strict", *_cells(found.strict, found.strict.p_value))
     table.add_row("normalised", *_cells(found.normalised, found.normalised.p_value))
-    before = ""
-    for one in found.groups:
-        if one.grouping != before:
-            table.add_row(f"[bold]{escape(one.grouping)}[/]")
-            before = one.grouping
-        table.add_row(f"  {escape(one.group)}", *_cells(one.difference, one.p_adjusted))
+    grouping = ""
+    for group in found.groups:
+        if group.grouping != grouping:
+            grouping = group.grouping
+            table.add_row(f"[bold]{escape(grouping)}[/]")
+        table.add_row(f"  {escape(group.group)}", *_cells(group.difference, group.p_adjusted))
     console.print(table)
-    left = [
+    left_out = [
         f"{count} {what}"
         for count, what in (
             (found.only_a, "episodes of A without a counterpart"),
@@ -124,19 +122,22 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
         if count
     ]
     notes = ["differences in points of strict accuracy; p of groups adjusted within their grouping (Holm)"]
-    notes += [f"left out: {', '.join(left)}"] if left else []
+    notes += [f"left out: {', '.join(left_out)}"] if left_out else []
     for note in notes:
         console.print(note, highlight=False, soft_wrap=True)
 
 
-def _cells(one: PairedDifference, p_value: float) -> tuple[str, ...]:
-    interval = "–" if one.interval is None else f"{points(one.interval.low)} to {points(one.interval.high)}"
+def _cells(found: PairedDifference, p_value: float) -> tuple[str, ...]:
+    interval = "–" if found.interval is None else f"{points(found.interval.low)} to {points(found.interval.high)}"
     return (
-        str(one.n_scenes),
-        *(f"{right}/{one.n} {100 * right / one.n:5.1f} %" for right in (one.first_correct, one.second_correct)),
-        str(one.only_first),
-        str(one.only_second),
-        points(one.difference),
+        str(found.n_scenes),
+        *(
+            f"{correct}/{found.n} {100 * correct / found.n:5.1f} %"
+            for correct in (found.first_correct, found.second_correct)
+        ),
+        str(found.only_first),
+        str(found.only_second),
+        points(found.difference),
         interval,
         f"{p_value:.3f}" if p_value >= 0.0005 else "< 0.001",
     )

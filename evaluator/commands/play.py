@@ -1,4 +1,4 @@
-"""`physment-eval play N`: a person solves a scene in the terminal; saved and graded like any agent's episode."""
+"""`physment-eval play N`: a person solves a scene in the terminal. The episode is saved and graded as any other."""
 
 import argparse
 import contextlib
@@ -17,10 +17,12 @@ from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, unwrapped, whole
 from evaluator.commands.report import report_on
+from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Plan, Verdict
-from evaluator.scores import scoring
+from evaluator.records import Episode, EpisodeKey, Outcome, Plan, Verdict
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes
@@ -83,16 +85,16 @@ def _play(args: argparse.Namespace) -> int:
         console.print("\nNothing was done, and nothing is saved.")
         return 0
     folder.append_episode(episode)
-    scoring.grade_run(folder, folder.episodes(), keys)
-    grades = folder.grades()
-    report_on(folder, keys)
-    console.print(_verdict(episode, grades[episode.key].grade), markup=False, highlight=False)
+    graded = grade_run(folder, keys)
+    report_on(folder, graded.rows, keys)
+    (row,) = graded.rows
+    console.print(_verdict(row), markup=False, highlight=False)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
     return 0
 
 
 async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder, console: Console) -> Episode:
-    """Let the person play; what decides the result is written down once there is one."""
+    """Let the person play. `run.json` is written only if the person took a turn."""
     key = EpisodeKey(scene=args.scene, seed=args.seed, agent="human", budget=args.budget)
     plan = Plan(scenes=(args.scene,), agents=("human",), budgets=(args.budget,), seeds=(args.seed,))
     async with (
@@ -106,13 +108,12 @@ async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder
     return episode
 
 
-def _verdict(episode: Episode, grade: Grade) -> str:
-    count = len(episode.turns)
-    spent = f"{count} of {episode.key.budget} iteration{'s' * (episode.key.budget != 1)}"
-    if grade.strict is Verdict.CORRECT:
+def _verdict(row: ScoredEpisode) -> str:
+    spent = f"{len(row.episode.turns)} of {row.key.budget} iteration{'s' * (row.key.budget != 1)}"
+    if row.is_correct:
         return f"\nCorrect, in {spent}."
-    forgiven = " (correct in another form)" if grade.normalised is Verdict.CORRECT else ""
-    return f"\nNot correct{forgiven}, in {spent}: {grade.reason}"
+    forgiven = " (correct in another form)" if row.grade.normalised is Verdict.CORRECT else ""
+    return f"\nNot correct{forgiven}, in {spent}: {row.grade.reason}"
 
 
 def _remove_if_empty(folder: RunFolder) -> None:
@@ -121,9 +122,9 @@ def _remove_if_empty(folder: RunFolder) -> None:
 
 
 def _readline() -> ModuleType | None:
-    """Line editing, where the platform has it."""
+    """The module for line editing; None if the platform has none."""
     try:
-        import readline  # noqa: PLC0415 - not everywhere, and only for a terminal
+        import readline  # noqa: PLC0415 - some platforms have none, and only a terminal needs it
     except ImportError:
         return None
     return readline
@@ -131,7 +132,7 @@ def _readline() -> ModuleType | None:
 
 @dataclass(slots=True)
 class _Terminal:
-    """Standard input and output, with completion where there is a terminal."""
+    """Standard input and output, with completion on a terminal."""
 
     console: Console
     words: Sequence[str] = ()
@@ -146,31 +147,26 @@ class _Terminal:
 
     def show(self, text: str) -> None:
         """Show plain text."""
-        self.console.print(_harmless(text), markup=False, highlight=False, soft_wrap=True)
+        self.console.print(printable(text, keep="\n"), markup=False, highlight=False, soft_wrap=True)
 
     def show_page(self, markdown: str) -> None:
-        """Show a page, laid out if somebody sees it."""
-        text = _harmless(markdown)
+        """Show a page of Markdown, laid out on a terminal."""
+        text = printable(markdown, keep="\n")
         if self.console.is_terminal:
             self.console.print(Markdown(text))
         else:
             self.show(text)
 
     def ask(self, prompt: str, words: Sequence[str]) -> str:
-        """Ask for a line; Ctrl-C while asking raises, which it would not under an event loop."""
+        """Ask for a line. Ctrl-C raises KeyboardInterrupt meanwhile, which the event loop would prevent."""
         self.words = words
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        previous = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             return input(prompt)
         finally:
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, previous)
 
     def complete(self, text: str, state: int) -> str | None:
-        """The completion number `state` of a word, as readline asks for it."""
-        matching = [one for one in self.words if one.startswith(text)]
+        """Completion number `state` of a word, as readline asks for it."""
+        matching = [word for word in self.words if word.startswith(text)]
         return f"{matching[state]} " if state < len(matching) else None
-
-
-def _harmless(text: str) -> str:
-    """Text of a server for a terminal, which would obey its control characters."""
-    return "".join(one if one.isprintable() or one == "\n" else one.encode("unicode_escape").decode() for one in text)

@@ -1,4 +1,4 @@
-"""`physment-eval report`: one or several runs as a page, as tables, as figures."""
+"""`physment-eval report`: one or several graded runs as a page, as tables, as figures."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -7,12 +7,13 @@ from pathlib import Path
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
-from evaluator.report.contenders import Run, contenders
+from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.page import write_report
 from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
-from evaluator.scores import scoring
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store import RunFolder
 from scenes import PackError, list_packs, pack_hash
 
@@ -53,27 +54,34 @@ def add(commands: Commands) -> None:
     command.add_argument("--figures", choices=("svg", "pdf"), help="write the figures, too; needs the extra `report`")
 
 
-def report_on(folder: RunFolder, keys: KeyRing) -> Path:
-    """Write the report of one graded run into its folder, and return where it is.
+def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing) -> Path:
+    """Write the report of one run into its folder.
+
+    Args:
+        folder: The run.
+        rows: Its scored episodes.
+        keys: Answer keys of its scenes.
+
+    Returns:
+        The file of the page.
 
     Raises:
-        UsageError: An episode is not graded, or a pack is missing.
         StoreError: The folder cannot be read or written.
     """
-    return write_report(folder, [_read(folder, folder.path.resolve().name, keys)])
+    record = folder.read_run()
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, pictures(record.packs, keys.folder))])
 
 
 def _report(args: argparse.Namespace) -> int:
     if len(args.folders) > 1 and args.out is None:
         raise UsageError("several runs make one report: say where it goes with --out DIR")
-    rings = [KeyRing(one) for one in args.scenes_dir] or [KeyRing()]
+    rings = [KeyRing(path) for path in args.scenes_dir] or [KeyRing()]
     if args.scenes_dir:
         rings.append(KeyRing())
     hashes = [_hashes(ring) for ring in rings]
-    folders = [RunFolder(one) for one in args.folders]
     runs = [
-        _read(folder, name, _ring_of(folder.read_run().packs, rings, hashes))
-        for folder, name in zip(folders, _names(args.folders), strict=True)
+        _read(RunFolder(path), name, rings, hashes)
+        for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
     target = RunFolder(args.out or args.folders[0])
     try:
@@ -82,23 +90,24 @@ def _report(args: argparse.Namespace) -> int:
         raise StoreError(f"{target.path} cannot be written: {error.strerror}") from error
     written = [write_report(target, runs)]
     if args.export:
-        written += _export(target, runs, args.export)
+        written += _export(target, agent_results(runs), args.export)
     if args.figures:
         from evaluator.report.figures import write_figures  # noqa: PLC0415 - matplotlib is an extra
 
-        written += write_figures(target.path / "figures", contenders(runs), args.figures)
-    for one in written:
-        print(one)
+        written += write_figures(target.path / "figures", agent_results(runs), args.figures)
+    for file in written:
+        print(file)
     return 0
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The last part of each folder; the whole of it where that is not enough."""
-    short = [one.resolve().name for one in folders]
-    return short if len(set(short)) == len(short) else [str(one) for one in folders]
+    """The name of each folder; its path if two folders share a name."""
+    short = [path.resolve().name for path in folders]
+    return short if len(set(short)) == len(short) else [str(path) for path in folders]
 
 
 def _hashes(ring: KeyRing) -> Mapping[str, str]:
+    """Scene → hash of its pack, for the packs of a folder."""
     try:
         return {str(files.scene_id): pack_hash(files) for files in list_packs(ring.folder)}
     except PackError as error:
@@ -106,24 +115,23 @@ def _hashes(ring: KeyRing) -> Mapping[str, str]:
 
 
 def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> KeyRing:
-    """Keys of the packs that a run was played on: the folder that holds most of them as they were; else the first."""
-    alike = [sum(found.get(scene) == one for scene, one in played.items()) for found in hashes]
+    """The keys for a run: those of the folder with most of the packs that the run played, the first of equals."""
+    alike = [sum(found.get(scene) == pack for scene, pack in played.items()) for found in hashes]
     return rings[alike.index(max(alike))]
 
 
-def _read(folder: RunFolder, name: str, keys: KeyRing) -> Run:
-    record, episodes, grades = folder.read_run(), folder.episodes(), folder.grades()
-    if set(grades) != set(episodes):
-        raise UsageError(f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first")
-    rows = scoring.scored(episodes.values(), grades.values(), keys)
-    return Run(name, record, rows, grades, pictures(record.packs, keys.folder))
+def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> Run:
+    record = folder.read_run()
+    keys = _ring_of(record.packs, rings, hashes)
+    rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
+    return Run(name, record, rows, pictures(record.packs, keys.folder))
 
 
-def _export(target: RunFolder, runs: Sequence[Run], form: str) -> list[Path]:
-    """Write the tables: one file, or one for each table as CSV."""
-    found = tables(contenders(runs))
+def _export(target: RunFolder, results: Sequence[AgentResults], form: str) -> list[Path]:
+    """Write the tables: as one file, or as CSV in one file for each table."""
+    found = tables(results)
     if form == "csv":
-        texts = {f"tables-{one.name}.csv": csv_text(one) for one in found}
+        texts = {f"tables-{table.name}.csv": csv_text(table) for table in found}
     else:
         texts = {"tables.md": markdown(found)} if form == "md" else {"tables.tex": latex(found)}
     for name, text in texts.items():

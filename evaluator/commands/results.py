@@ -1,4 +1,4 @@
-"""`physment-eval grade` and `merge`: what is made of recorded episodes."""
+"""`physment-eval grade` and `merge`: grades, summary and report of recorded episodes."""
 
 import argparse
 import sys
@@ -11,17 +11,17 @@ from evaluator.commands.base import Commands
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import print_results
 from evaluator.records import Outcome
-from evaluator.scores import scoring
+from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
 from evaluator.study.merging import expand, merge
 
 _GRADE = """\
-Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. Where a verdict
-changes, the grades of before are kept beside the new ones and every change is listed.
+Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. If a verdict
+changes, every change is listed and the previous grades are kept beside the new ones.
 """
 _MERGE = """\
-Put the shards of a run, or parts of a study, together into one run folder, grade it and write its report. A folder that
-holds shards stands for all of them.
+Merge the shards of a run, or the parts of a study, into one run folder, grade it and write its report. Of a folder that
+holds shards, all shards are merged.
 """
 
 
@@ -52,30 +52,31 @@ def _merge(args: argparse.Namespace) -> int:
 
 
 def finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None) -> int:
-    """Grade, summarise, report, print; returns the exit code.
+    """Grade and score a run once; write its grades, summary and report; print the results.
 
     Args:
         folder: The run.
         keys: Answer keys of its scenes.
-        console: Where the tables go.
-        as_json: Whether the summary goes to stdout as JSON.
-        wanted: How many episodes there should be; None for those there are.
+        console: Where the tables are printed.
+        as_json: Whether the summary is printed to stdout as JSON.
+        wanted: How many episodes the run should have; None if those that it has are all.
+
+    Returns:
+        The exit code: 1 if episodes are missing or could not be played.
     """
-    episodes = folder.episodes()
-    changes, summary = scoring.grade_run(folder, episodes, keys)
-    report_on(folder, keys)
-    grades = folder.grades()
-    print_results(console, episodes, grades, summary)
-    for line in changes:
+    graded = grade_run(folder, keys)
+    report_on(folder, graded.rows, keys)
+    print_results(console, graded)
+    for line in graded.changes:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
     if as_json:
-        print(summary.model_dump_json())
-    unplayed = sum(one.outcome is Outcome.INFRASTRUCTURE_ERROR for one in episodes.values())
-    left = 0 if wanted is None else wanted - len(episodes)
-    if unplayed or left > 0:
-        said = [f"{unplayed} episodes could not be played"] if unplayed else []
-        said += [f"{left} episodes are not played yet"] if left > 0 else []
-        print(f"physment-eval: {', '.join(said)}; try --resume", file=sys.stderr)
+        print(graded.summary.model_dump_json())
+    unplayed = sum(row.episode.outcome is Outcome.INFRASTRUCTURE_ERROR for row in graded.rows)
+    missing = 0 if wanted is None else wanted - len(graded.rows)
+    if unplayed or missing > 0:
+        problems = [f"{unplayed} episodes could not be played"] if unplayed else []
+        problems += [f"{missing} episodes are not played yet"] if missing > 0 else []
+        print(f"physment-eval: {', '.join(problems)}; try --resume", file=sys.stderr)
         return 1
     return 0

@@ -1,5 +1,6 @@
-"""What a person sees of a run in the terminal: a progress bar or plain lines, and the table at the end."""
+"""A run in the terminal: its progress as a bar or as lines, and its results as tables."""
 
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
@@ -9,16 +10,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Verdict
+from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import RunSummary
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import GradedRun
 from evaluator.scores.wording import curve_sentence, decimal, share
 from evaluator.study.tally import Tally
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
+_MOST_ROWS = 120
+"""Most episodes of which each has a row in the terminal."""
 
 
 class ProgressDisplay:
-    """A bar on a terminal, a line for each finished episode otherwise."""
+    """Progress of a run: a bar on a terminal; elsewhere a line for each finished episode."""
 
     def __init__(self, console: Console, total: int, tally: Tally) -> None:
         self._console = console
@@ -48,17 +53,17 @@ class ProgressDisplay:
         self._bar.stop()
 
     def started(self, key: EpisodeKey) -> None:
-        """Show which episode is being played."""
+        """Show the episode that has just started."""
         self._bar.update(self._task, description=f"scene {key.scene} seed {key.seed}")
 
     def ended(self, episode: Episode) -> None:
-        """Count a finished episode, and show how the run stands."""
+        """Count a finished episode, and show the results so far."""
         self._done += 1
         verdict = self._tally.add(episode)
         self._bar.update(self._task, advance=1, state=self._tally.line())
         line = f"[{self._done}/{self._total}] {_describe(episode)}: {verdict.value} ({self._tally.line()})"
         if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
-            self._console.print(f"{line}: {_harmless(episode.error or '')}", markup=False, highlight=False)
+            self._console.print(f"{line}: {printable(episode.error or '')}", markup=False, highlight=False)
         elif not self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
@@ -73,40 +78,46 @@ def _describe(episode: Episode) -> str:
     )
 
 
-def print_results(
-    console: Console, episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey, GradeRecord], summary: RunSummary
-) -> None:
-    """The results: a row for each episode (for each category where there are many), then the totals."""
-    if len(episodes) <= 120:
-        console.print(_episode_table(episodes, grades))
-    for line in summary_lines(summary):
+def print_results(console: Console, graded: GradedRun) -> None:
+    """Print the results of a run: one row for each episode unless there are many, then the totals."""
+    if len(graded.rows) <= _MOST_ROWS:
+        console.print(_episode_table(graded.rows))
+    for line in summary_lines(graded.summary):
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _episode_table(episodes: dict[EpisodeKey, Episode], grades: dict[EpisodeKey, GradeRecord]) -> Table:
+def _episode_table(rows: Iterable[ScoredEpisode]) -> Table:
     table = Table(box=None, pad_edge=False)
     for title in ("scene", "seed", "budget", "iterations"):
         table.add_column(title, justify="right")
     for title in ("outcome", "answer", "", "reason"):
         table.add_column(title, overflow="fold")
-    for key, episode in sorted(episodes.items(), key=lambda item: (item[0].scene, item[0].seed, item[0].budget)):
-        grade = grades[key].grade
+    for row in sorted(rows, key=lambda row: (row.key.scene, row.key.seed, row.key.budget)):
+        key, episode, grade = row.key, row.episode, row.grade
         table.add_row(
             str(key.scene),
             str(key.seed),
             str(key.budget),
             str(len(episode.turns)),
             episode.outcome.value,
-            Text(_harmless(_short(episode.answer))),
+            Text(printable(_short(episode.answer))),
             _MARKS[grade.strict],
-            Text(_harmless(episode.error or ("" if grade.strict is Verdict.CORRECT else grade.reason))),
+            Text(printable(episode.error or ("" if row.is_correct else grade.reason))),
         )
     return table
 
 
-def _harmless(text: str) -> str:
-    """Text of an agent or a server for a terminal, which would obey its control characters."""
-    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in text)
+def printable(text: str, keep: str = "") -> str:
+    """Text of an agent or a server with its control characters written as escapes, because a terminal obeys them.
+
+    Args:
+        text: What they wrote.
+        keep: Control characters that stay as they are.
+    """
+    return "".join(
+        character if character.isprintable() or character in keep else character.encode("unicode_escape").decode()
+        for character in text
+    )
 
 
 def _short(answer: JsonValue) -> str:
@@ -118,7 +129,7 @@ def _short(answer: JsonValue) -> str:
 
 
 def summary_lines(summary: RunSummary) -> list[str]:
-    """The totals of a run, a line each."""
+    """The totals of a run, line by line."""
     whole = summary.overall
     lines = [f"strict accuracy {share(whole.strict_accuracy)} ({whole.n_correct}/{whole.n_scored})"]
     if whole.strict_interval is not None:
@@ -126,13 +137,13 @@ def summary_lines(summary: RunSummary) -> list[str]:
     lines[0] += f"; normalised accuracy {share(whole.normalised_accuracy)}"
     if len(summary.by_budget) > 1:
         parts = (
-            f"{budget}: {share(one.strict_accuracy)} ({one.n_correct}/{one.n_scored})"
-            for budget, one in summary.by_budget.items()
+            f"{budget}: {share(group.strict_accuracy)} ({group.n_correct}/{group.n_scored})"
+            for budget, group in summary.by_budget.items()
         )
         lines.append("by budget  " + "   ".join(parts))
-    for one in summary.budget_curves:
-        who = f"{one.agent}, {one.prompting}, {one.protocol}: " if len(summary.budget_curves) > 1 else ""
-        lines.append(who + curve_sentence(one.curve))
+    for played in summary.budget_curves:
+        who = f"{played.agent}, {played.prompting}, {played.protocol}: " if len(summary.budget_curves) > 1 else ""
+        lines.append(who + curve_sentence(played.curve))
     dimensions = (("C", whole.c), ("E", whole.e), ("G", whole.g), ("V", whole.v), ("R", whole.r), ("G′", whole.g_prime))
     score = "–" if whole.final_score is None else f"{whole.final_score:.1f}"
     lines.append("   ".join(f"{name} {decimal(value)}" for name, value in dimensions) + f"   Final Score {score}")

@@ -1,1 +1,1 @@
-"""Numbers and records → pages that people read. Does no arithmetic of its own."""
+"""From scores and records to pages, tables and figures for people. Computes no scores."""

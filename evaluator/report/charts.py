@@ -1,7 +1,7 @@
-"""Small charts as geometry for the page's own SVG: points in, coordinates and ticks out. Knows no episodes.
+"""The geometry of small charts: points in, coordinates and ticks out. Knows no episodes.
 
-The page draws them itself, so that they take its colours, light or dark, and need nothing installed; figures for print
-come from matplotlib (`evaluator.report.figures`).
+The page draws these charts as SVG, so they follow its light or dark colours and need no library. Figures for print come
+from matplotlib (`evaluator.report.figures`).
 """
 
 import math
@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 8.0, 22.0
-"""Room around the plotted area, for tick labels [px]."""
+"""Margins around the plotted area, for tick labels [px]."""
 
 
 class Point(NamedTuple):
-    """A value to plot, and the ends of its interval where it has one."""
+    """A value to plot, and the ends of its interval if it has one."""
 
     x: float
     y: float
@@ -22,14 +22,14 @@ class Point(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Values of one name; a new segment begins where the line must break."""
+    """A named series of values, cut into segments where its line must break."""
 
     name: str
     segments: Sequence[Sequence[Point]]
 
 
 class Tick(NamedTuple):
-    """A place on an axis [px] and what is written there."""
+    """A position on an axis [px] and its label."""
 
     at: float
     label: str
@@ -49,12 +49,12 @@ class Line(NamedTuple):
 
     name: str
     paths: Sequence[str]
-    """`points` of polylines."""
+    """The `points` attribute of each polyline."""
     marks: Sequence[Mark]
 
 
 class Chart(NamedTuple):
-    """All that an SVG of a chart needs [px]."""
+    """Everything that an SVG of a chart needs [px]."""
 
     title: str
     width: float
@@ -74,18 +74,18 @@ def chart(
     dodge: float = 0.0,
     percent: bool = False,
 ) -> Chart:
-    """Lay a chart out.
+    """Lay out a chart.
 
     Args:
-        title: Its name.
-        series: What to plot; at least one point in all.
+        title: Title.
+        series: What to plot; together at least one point.
         size: Width and height [px].
-        x_ticks: Values to label on the x axis; round ones if nothing is said.
-        y_range: Ends of the y axis; round ones around the values if nothing is said.
-        dodge: How far apart series stand at the same x [px].
-        percent: Whether y is a share, labelled in per cent.
+        x_ticks: Values to label on the x axis; round values if None.
+        y_range: Ends of the y axis; round values around the points if None.
+        dodge: Horizontal distance between the marks of neighbouring series at the same x [px].
+        percent: Whether y is a share, to be labelled in per cent.
     """
-    points = [point for one in series for segment in one.segments for point in segment]
+    points = [point for line in series for segment in line.segments for point in segment]
     ys = list(y_range or [point.y for point in points])
     y_labels = ticks(min(ys), max(ys))
     xs = [*(x_ticks or ()), *(point.x for point in points)]
@@ -101,7 +101,7 @@ def chart(
         height,
         [Tick(across.at(x), f"{x:g}") for x in x_labels],
         [Tick(up.at(y), f"{100 * y:.0f} %" if percent else f"{y:.4g}") for y in y_labels],
-        [_line(one, across._replace(shift=shift), up) for one, shift in zip(series, shifts, strict=True)],
+        [_line(line, across._replace(shift=shift), up) for line, shift in zip(series, shifts, strict=True)],
     )
 
 
@@ -115,7 +115,7 @@ class _Axis(NamedTuple):
     shift: float = 0.0
 
     def at(self, value: float) -> float:
-        """Where a value is drawn [px]."""
+        """The coordinate of a value [px]."""
         return round(self.start + self.shift + (value - self.low) / (self.high - self.low) * (self.end - self.start), 1)
 
 
@@ -137,7 +137,7 @@ def _line(series: Series, across: _Axis, up: _Axis) -> Line:
 
 
 def ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Round numbers that span a range: multiples of 1, 2 or 5 times a power of ten."""
+    """Round numbers that cover a range: multiples of 1, 2 or 5 times a power of ten."""
     low, high = _span(low, high)
     raw = (high - low) / (most - 1)
     power = 10.0 ** math.floor(math.log10(raw))
@@ -147,7 +147,7 @@ def ticks(low: float, high: float, most: int = 5) -> list[float]:
 
 
 def _span(low: float, high: float) -> tuple[float, float]:
-    """Ends that are apart, so that a single value has a place in the middle."""
+    """The ends of an axis; a single value is put in the middle of a short axis."""
     if high - low > 1e-9 * max(abs(low), abs(high), 1e-300):
         return low, high
     half = 0.5 * max(abs(low), 1e-3)

@@ -1,6 +1,6 @@
-"""Figures for papers and slides, drawn by matplotlib (the extra `report`); the page itself does without it."""
+"""Figures for papers and slides, drawn by matplotlib (the extra `report`). The page does not need it."""
 
-# matplotlib leaves the types of its keyword arguments open:
+# matplotlib does not declare the types of its keyword arguments:
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,9 +12,9 @@ import numpy as np
 from evaluator.errors import StoreError, UsageError
 from evaluator.failures.findings import FailureMode
 from evaluator.report import tables
-from evaluator.report.contenders import Contender
+from evaluator.report.agent_results import AgentResults
 from evaluator.report.tables import Share, Table
-from evaluator.scores.metrics import WEIGHTS
+from evaluator.scores.dimensions import WEIGHTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,12 +24,12 @@ _COLOURS = ("#1f5fbf", "#b4541a", "#17703c", "#9c3587", "#7a6400", "#0b7285", "#
 _LINES = ("-", "--", ":", "-.")
 
 
-def write_figures(folder: Path, who: Sequence[Contender], form: str) -> list[Path]:
-    """Draw the figures of a report and return where they are.
+def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> list[Path]:
+    """Draw the figures of a report and return their files.
 
     Args:
-        folder: Where to; made if missing.
-        who: The contenders.
+        folder: Folder to write to; made if missing.
+        results: Who is compared.
         form: `svg` or `pdf`.
 
     Raises:
@@ -44,17 +44,17 @@ def write_figures(folder: Path, who: Sequence[Contender], form: str) -> list[Pat
         ) from error
     settings: Any = {
         "svg.fonttype": "none",
-        "svg.hashsalt": "physment",  # the same figures give the same file
+        "svg.hashsalt": "physment",  # so that equal figures give equal files
         "pdf.fonttype": 42,
         "font.size": 9,
-        "text.parse_math": False,  # names of agents are no formulas
+        "text.parse_math": False,  # so that an agent's name is never read as a formula
     }
     metadata: dict[str, str | None] = {"Date": None} if form == "svg" else {"CreationDate": None}
     written: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(settings):
-            for name, figure in _figures(who):
+            for name, figure in _figures(results):
                 written.append(folder / f"{name}.{form}")
                 figure.savefig(written[-1], format=form, metadata=metadata, bbox_inches="tight")
     except OSError as error:
@@ -62,49 +62,49 @@ def write_figures(folder: Path, who: Sequence[Contender], form: str) -> list[Pat
     return written
 
 
-def _figures(who: Sequence[Contender]) -> Iterator[tuple[str, "Figure"]]:
-    yield "budget", _budget(who)
-    yield "categories", _matrix(tables.by_category(who))
-    yield "dimensions", _bars(who, ["C", "E", "G", "V", "R", "G′"], _dimensions, "mean, 0 to 1")
+def _figures(results: Sequence[AgentResults]) -> Iterator[tuple[str, "Figure"]]:
+    yield "budget", _budget(results)
+    yield "categories", _matrix(tables.by_category(results))
+    yield "dimensions", _bars(results, ["C", "E", "G", "V", "R", "G′"], _dimensions, "mean, 0 to 1")
     modes = [mode.value.replace("_", " ") for mode in FailureMode]
-    yield "failure_modes", _bars(who, modes, _failures, "share of scored episodes")
+    yield "failure_modes", _bars(results, modes, _failures, "share of scored episodes")
 
 
-def _dimensions(one: Contender) -> list[float | None]:
-    return [getattr(one.whole, name) for name in WEIGHTS]
+def _dimensions(result: AgentResults) -> list[float | None]:
+    return [getattr(result.whole, name) for name in WEIGHTS]
 
 
-def _failures(one: Contender) -> list[float | None]:
-    n = one.whole.n_scored
-    return [one.whole.failures[mode].n / n if n else None for mode in FailureMode]
+def _failures(result: AgentResults) -> list[float | None]:
+    n = result.whole.n_scored
+    return [result.whole.failures[mode].n / n if n else None for mode in FailureMode]
 
 
 def _panels(columns: int, width: float, height: float) -> tuple["Figure", list["Axes"]]:
-    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra; the figure alone needs no screen
+    from matplotlib.figure import Figure  # noqa: PLC0415 - an extra; without pyplot it needs no display
 
     figure = Figure(figsize=(width * columns, height), layout="constrained")
     return figure, list(np.atleast_1d(np.asarray(figure.subplots(1, columns, sharey=True), dtype=object)))
 
 
-def _budget(who: Sequence[Contender]) -> "Figure":
-    """Accuracy against budget with 95 % intervals, a panel for each group of categories."""
-    picks = tables.group_picks(who)
+def _budget(results: Sequence[AgentResults]) -> "Figure":
+    """Accuracy against budget with 95 % intervals, one panel for each group of categories."""
+    picks = tables.group_picks(results)
     figure, panels = _panels(len(picks), 2.6, 2.8)
-    budgets = sorted({row.episode.key.budget for one in who for row in one.rows})
-    apart = 0.012 * (max(budgets, default=0) - min(budgets, default=0))  # so that intervals do not hide one another
+    budgets = sorted({row.key.budget for result in results for row in result.rows})
+    apart = 0.012 * (max(budgets, default=0) - min(budgets, default=0))  # so that intervals do not cover each other
     for axes, (name, wanted) in zip(panels, picks, strict=True):
-        for index, one in enumerate(who):
-            cells = tables.accuracies(one.rows, lambda row: row.episode.key.budget, wanted)
+        for index, result in enumerate(results):
+            cells = tables.accuracies(result.rows, lambda row: row.key.budget, wanted)
             shares = [cell.share for cell in cells.values()]
             ends = [(cell.interval.low, cell.interval.high) for cell in cells.values()]
             axes.errorbar(
-                [budget + apart * (index - (len(who) - 1) / 2) for budget in cells],
+                [budget + apart * (index - (len(results) - 1) / 2) for budget in cells],
                 [100 * share for share in shares],
                 yerr=[
                     [100 * max(0.0, share - low) for share, (low, _) in zip(shares, ends, strict=True)],
                     [100 * max(0.0, high - share) for share, (_, high) in zip(shares, ends, strict=True)],
                 ],
-                label=one.label,
+                label=result.label,
                 color=_COLOURS[index % len(_COLOURS)],
                 linestyle=_LINES[index % len(_LINES)],
                 marker="o",
@@ -120,7 +120,7 @@ def _budget(who: Sequence[Contender]) -> "Figure":
 
 
 def _matrix(table: Table) -> "Figure":
-    """Rows against contenders, tinted by accuracy."""
+    """Rows against agents, tinted by accuracy."""
     figure, (axes,) = _panels(1, 2.2 + 0.9 * (len(table.columns) - 1), 1.2 + 0.32 * len(table.rows))
     values = [[cell.value if isinstance(cell, Share) else np.nan for cell in row[1:]] for row in table.rows]
     axes.imshow(np.array(values, dtype=float), cmap="Blues", vmin=0, vmax=1.8, aspect="auto")
@@ -134,15 +134,18 @@ def _matrix(table: Table) -> "Figure":
 
 
 def _bars(
-    who: Sequence[Contender], names: Sequence[str], values: Callable[[Contender], Sequence[float | None]], label: str
+    results: Sequence[AgentResults],
+    names: Sequence[str],
+    values: Callable[[AgentResults], Sequence[float | None]],
+    label: str,
 ) -> "Figure":
-    """Groups of bars, one bar for each contender."""
+    """Groups of bars, one bar for each agent."""
     figure, (axes,) = _panels(1, 7.0, 3.0)
-    width = 0.8 / max(1, len(who))
-    for index, one in enumerate(who):
-        at = [place + width * (index - (len(who) - 1) / 2) for place in range(len(names))]
-        heights = [value or 0.0 for value in values(one)]
-        axes.bar(at, heights, width * 0.92, label=one.label, color=_COLOURS[index % len(_COLOURS)])
+    width = 0.8 / max(1, len(results))
+    for index, result in enumerate(results):
+        at = [place + width * (index - (len(results) - 1) / 2) for place in range(len(names))]
+        heights = [value or 0.0 for value in values(result)]
+        axes.bar(at, heights, width * 0.92, label=result.label, color=_COLOURS[index % len(_COLOURS)])
     axes.set_xticks(range(len(names)), names, rotation=20, ha="right")
     axes.set(ylabel=label, ylim=(0, 1))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)

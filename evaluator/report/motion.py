@@ -1,6 +1,6 @@
-"""What an episode's returns say of how things moved: position, velocity and energy against simulated time.
+"""Charts of how objects moved in an episode: position, velocity and energy against simulated time.
 
-Only what the agent read is plotted, at the times it read it: nothing is played again.
+Only values that the agent read are plotted, at the times of its readings. Nothing is played again.
 """
 
 import math
@@ -25,7 +25,7 @@ _READINGS = {
 """Tool → quantity and the field of its result."""
 _UNITS = {"position": "m", "velocity": "m/s", "energy": "J"}
 _MOST = 6
-"""Charts shown of an episode: the objects read most often come first."""
+"""Most charts of an episode; the objects read most often are chosen."""
 
 
 class _Reading(NamedTuple):
@@ -37,10 +37,10 @@ class _Reading(NamedTuple):
 
 
 def motion_charts(turns: Sequence[Turn]) -> list[Chart]:
-    """A chart for each quantity of each object that was seen to change, those read most often first."""
+    """One chart for each object and quantity that changed, for those read most often; sorted by object."""
     found: defaultdict[tuple[str, str], defaultdict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
-    for one in _readings(turns):
-        found[one.body, one.quantity][one.component].append(Point(one.time, one.value))
+    for reading in _readings(turns):
+        found[reading.body, reading.quantity][reading.component].append(Point(reading.time, reading.value))
     moved = {
         key: series
         for key, series in found.items()
@@ -58,7 +58,7 @@ def _drawn(body: str, quantity: str, series: dict[str, list[Point]]) -> Chart:
 
 
 def _segments(points: Sequence[Point]) -> Iterator[Sequence[Point]]:
-    """Points in the order they were read, parted where the clock was set back."""
+    """Points in the order of reading, cut where the simulated time went back."""
     begin = 0
     for index in range(1, len(points)):
         if points[index].x < points[index - 1].x:
@@ -74,7 +74,7 @@ def _changes(points: Sequence[Point]) -> bool:
 
 def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
     clock = 0.0
-    for exchange in (one for turn in turns for one in turn.exchanges):
+    for exchange in (exchange for turn in turns for exchange in turn.exchanges):
         content = exchange.content
         if not exchange.returned or exchange.is_error or content is None:
             continue
@@ -89,11 +89,11 @@ def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
 
 
 def _clock(exchange: Exchange, content: dict[str, Any], before: float) -> float:
-    """Simulated time after a call [s]: as returned, else by the durations of the steps so far."""
+    """Simulated time after a call [s]: as returned, or else the sum of the durations of the steps so far."""
     for name in ("sim_time", "time"):
-        told = content.get(name)
-        if _is_number(told):
-            return float(told)
+        time = content.get(name)
+        if _is_number(time):
+            return float(time)
     duration = exchange.call.arguments.get("duration")
     return before + float(duration) if exchange.call.tool == "step" and _is_number(duration) else before
 

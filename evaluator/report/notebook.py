@@ -6,19 +6,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from evaluator.records import EpisodeKey, Exchange, GradeRecord
+from evaluator.records import EpisodeKey, Exchange
+from evaluator.report.agent_results import AgentResults
 from evaluator.report.charts import Chart
-from evaluator.report.contenders import Contender
 from evaluator.report.motion import motion_charts
-from evaluator.scores.grounding import Assertion, Support, grounding_of
-from evaluator.scores.metrics import EpisodeScores, ScoredEpisode, dimensions
+from evaluator.scores.grounding import Support
+from evaluator.scores.scored_episode import ScoredEpisode
 
 _LINE = 92
-"""Characters of JSON that stay on one line."""
+"""Longest JSON that stays on one line, in characters."""
 
 
 class Passage(NamedTuple):
-    """A piece of reasoning; where it states a number, with the return behind that number."""
+    """A piece of reasoning: a number that it states, with the returned value behind it, or the text between numbers."""
 
     text: str
     asserted: bool
@@ -27,24 +27,21 @@ class Passage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An episode with its grade and scores."""
+    """An episode in the list of a report."""
 
     number: int
     """Place in the report, from 1."""
     row: ScoredEpisode
-    record: GradeRecord
-    scores: EpisodeScores
-    assertions: Sequence[Assertion]
     label: str
-    """Scene, seed, and what else tells it from others of its contender."""
-    contender: int
-    """Index of its contender."""
-    who: str
-    """Label of its contender."""
+    """Scene and seed, and budget and epoch if the report has several."""
+    agent_index: int
+    """Index of the agent's results in the report."""
+    agent_label: str
+    """Label of the agent's results."""
     picture: str
-    """The scene's start as a PNG in base64; empty if there is none."""
+    """The scene's start as a PNG in base64; empty if there is no picture."""
     charts: Sequence[Chart]
-    """How what moved moved."""
+    """Readings over time of the objects that moved."""
 
     @property
     def id(self) -> str:
@@ -52,33 +49,29 @@ class Entry:
         return f"episode-{self.number}"
 
     def passages(self, turn: int) -> Iterator[Passage]:
-        """The reasoning of a turn, cut at the numbers it states."""
-        text, done = self.row.episode.turns[turn].reasoning, 0
-        for one in self.assertions:
-            if one.turn == turn:
-                yield Passage(text[done : one.start], asserted=False, support=None)
-                yield Passage(text[one.start : one.end], asserted=True, support=one.support)
-                done = one.end
-        yield Passage(text[done:], asserted=False, support=None)
+        """The reasoning of a turn, cut at the numbers that it states."""
+        text, end = self.row.episode.turns[turn].reasoning, 0
+        for assertion in self.row.grounding.assertions:
+            if assertion.turn == turn:
+                yield Passage(text[end : assertion.start], asserted=False, support=None)
+                yield Passage(text[assertion.start : assertion.end], asserted=True, support=assertion.support)
+                end = assertion.end
+        yield Passage(text[end:], asserted=False, support=None)
 
 
-def entries(who: Sequence[Contender]) -> Iterator[Entry]:
-    """The episodes in order of scene, seed and budget, labelled by what tells them apart."""
-    found = [(index, row) for index, one in enumerate(who) for row in one.rows]
-    found.sort(key=lambda pair: (_order(pair[1].episode.key), pair[0]))
-    varying = [name for name in ("budget", "epoch") if len({getattr(row.episode.key, name) for _, row in found}) > 1]
+def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
+    """The episodes in order of scene, seed and budget."""
+    found = [(index, row) for index, result in enumerate(results) for row in result.rows]
+    found.sort(key=lambda pair: (_order(pair[1].key), pair[0]))
+    varying = [name for name in ("budget", "epoch") if len({getattr(row.key, name) for _, row in found}) > 1]
     for number, (index, row) in enumerate(found, start=1):
-        run, key, grounding = who[index].run, row.episode.key, grounding_of(row.episode)
         yield Entry(
             number=number,
             row=row,
-            record=run.grades[key],
-            scores=dimensions(row.episode, row.grade, row.disabled_tools, grounding),
-            assertions=grounding.assertions,
-            label=_label(key, varying),
-            contender=index,
-            who=who[index].label,
-            picture=base64.b64encode(run.pictures.get(key.scene, b"")).decode(),
+            label=_label(row.key, varying),
+            agent_index=index,
+            agent_label=results[index].label,
+            picture=base64.b64encode(results[index].run.pictures.get(row.key.scene, b"")).decode(),
             charts=motion_charts(row.episode.turns),
         )
 
@@ -92,24 +85,24 @@ def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
 
 
 def returned(exchange: Exchange) -> str:
-    """What the agent read of a call, JSON laid out in lines."""
+    """What the agent read after a call, JSON broken into lines."""
     try:
         text = laid_out(json.loads(exchange.text))
-        text.encode()  # an escaped half of a surrogate pair is JSON, but no text to write
+        text.encode()  # JSON may hold an escaped half of a surrogate pair, which no file can hold
     except (ValueError, RecursionError):
         return exchange.text
     return text
 
 
 def laid_out(value: Any, indent: str = "") -> str:
-    """JSON that breaks lines only where they would be too long, so that a vector stays a line."""
+    """JSON that breaks only lines that would be too long, so that a vector stays on one line."""
     flat = json.dumps(value, ensure_ascii=False)
     if len(indent) + len(flat) <= _LINE or not isinstance(value, dict | list) or not value:
         return flat
     deeper = indent + "  "
     if isinstance(value, dict):
         named = cast(dict[str, Any], value)
-        parts = [f"{json.dumps(name, ensure_ascii=False)}: {laid_out(one, deeper)}" for name, one in named.items()]
+        parts = [f"{json.dumps(name, ensure_ascii=False)}: {laid_out(part, deeper)}" for name, part in named.items()]
         return "{\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}}}"
-    parts = [laid_out(one, deeper) for one in cast(list[Any], value)]
+    parts = [laid_out(part, deeper) for part in cast(list[Any], value)]
     return "[\n" + ",\n".join(deeper + part for part in parts) + f"\n{indent}]"

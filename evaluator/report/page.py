@@ -1,7 +1,7 @@
 """`report.html`, from the episodes of one or several runs. Everything an agent wrote is escaped.
 
-Up to 300 episodes the page is one file. Above that the notebooks stand beside it, a script each that hands over one
-notebook when it is opened: pages opened from disk may not fetch files, but they may load scripts.
+Up to 300 episodes, the page is one file. With more, each notebook is a script of its own in a folder beside the page,
+and the page loads it when its episode is opened: a page opened from disk may load scripts, but may not fetch files.
 """
 
 import base64
@@ -18,19 +18,19 @@ from evaluator.errors import StoreError
 from evaluator.failures.findings import FailureMode
 from evaluator.records import Outcome
 from evaluator.report import tables
+from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.charts import Chart, Point, Series, chart
-from evaluator.report.contenders import Contender, Run, contenders
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
-from evaluator.scores.metrics import WEIGHTS
+from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.spending import calls_made
 from evaluator.scores.wording import curve_sentence, decimal, share
 from evaluator.store import RunFolder
 
 INLINE = 300
-"""Episodes up to which a report is one file."""
+"""Most episodes of a report that is one file."""
 PAGES = "report_episodes"
-"""Folder beside the report that holds the notebooks of a larger one."""
+"""Folder for the notebooks of a larger report, beside its page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +40,19 @@ class Report:
     page: str
     """`report.html`."""
     notebooks: Iterator[str]
-    """Scripts of the notebooks that are loaded when opened, from number 1 on; none in a report of one file."""
+    """Scripts of the notebooks, from number 1; none if the report is one file."""
 
 
 def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -> Path:
-    """Write `report.html` and, where there are many episodes, the notebooks beside it.
+    """Write `report.html` and, if there are many episodes, the notebooks beside it.
 
     Args:
-        folder: Where to.
+        folder: Folder to write to.
         runs: The runs, graded.
-        inline: Episodes up to which it is one file.
+        inline: Most episodes of a report that is one file.
 
     Returns:
-        The page.
+        The file of the page.
 
     Raises:
         StoreError: A file cannot be written.
@@ -67,7 +67,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -
 
 
 def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
-    """Write the scripts as 1.js, 2.js …, and remove those of a larger report before."""
+    """Write the scripts as 1.js, 2.js …, and remove scripts that a larger, earlier report left."""
     written = 0
     for script in scripts:
         pages.mkdir(exist_ok=True)
@@ -83,26 +83,26 @@ def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
 def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
     """The report of some runs."""
     environment = _environment()
-    who = contenders(runs)
-    found = list(entries(who))
+    results = agent_results(runs)
+    found = list(entries(results))
     beside = len(found) > inline
     script = environment.get_template("report.js").render()
-    picks = tables.group_picks(who)
+    picks = tables.group_picks(results)
     page = environment.get_template("page.html.j2").render(
         runs=runs,
-        who=who,
+        results=results,
         weights=WEIGHTS,
         entries=found,
         beside=PAGES if beside else "",
-        budget_tables=[(name, tables.by_budget(who, name, wanted)) for name, wanted in picks],
-        budget_charts=_budget_charts(who),
-        heat=tables.by_category(who),
-        groupings=_groupings(who),
+        budget_tables=[(name, tables.by_budget(results, name, wanted)) for name, wanted in picks],
+        budget_charts=_budget_charts(results),
+        heat=tables.by_category(results),
+        groupings=_groupings(results),
         modes=list(FailureMode),
         outcomes=list(Outcome),
         quoted=tables.quoted(),
-        graders=sorted({one.grader_version for run in runs for one in run.grades.values()}),
-        title=_title(who),
+        graders=sorted({row.record.grader_version for run in runs for row in run.rows}),
+        title=_title(results),
         differing=_differing(runs),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
@@ -110,7 +110,7 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
 
 
 def _scripts(environment: Environment, found: Sequence[Entry]) -> Iterator[str]:
-    """A script for each notebook: one call with its number and its HTML."""
+    """One script for each notebook: a call with its number and its HTML."""
     template = environment.get_template("notebook.html.j2").module
     for entry in found:
         html = str(template.notebook(entry))  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownArgumentType] - a macro
@@ -129,18 +129,18 @@ def _environment() -> Environment:
     return environment
 
 
-def _title(who: Sequence[Contender]) -> str:
-    names = [one.label for one in who]
+def _title(results: Sequence[AgentResults]) -> str:
+    names = [result.label for result in results]
     return ", ".join(names if len(names) <= 4 else [*names[:3], f"{len(names) - 3} more"])
 
 
 def _differing(runs: Sequence[Run]) -> str:
-    """The runs by what they were played on, if two played different packs of one scene."""
+    """The names of the runs, grouped by the packs they played; empty if every scene was played on a single pack."""
     played: list[tuple[dict[str, str], list[str]]] = []
     for run in runs:
         packs = run.record.packs
         for known, names in played:
-            if all(known.get(scene, one) == one for scene, one in packs.items()):
+            if all(known.get(scene, pack) == pack for scene, pack in packs.items()):
                 known.update(packs)
                 names.append(run.name)
                 break
@@ -149,34 +149,38 @@ def _differing(runs: Sequence[Run]) -> str:
     return "" if len(played) < 2 else "; ".join(" and ".join(names) for _, names in played)
 
 
-def _budget_charts(who: Sequence[Contender]) -> list[Chart]:
-    """Accuracy against budget, of all episodes and of each group of categories; none with a single budget."""
-    budgets = sorted({row.episode.key.budget for one in who for row in one.rows})
+def _budget_charts(results: Sequence[AgentResults]) -> list[Chart]:
+    """Accuracy against budget, one chart for each group of categories; no chart if there is a single budget."""
+    budgets = sorted({row.key.budget for result in results for row in result.rows})
     if len(budgets) < 2:
         return []
     charts: list[Chart] = []
-    for name, wanted in tables.group_picks(who):
+    for name, wanted in tables.group_picks(results):
         series: list[Series] = []
-        for one in who:
-            cells = tables.accuracies(one.rows, lambda row: row.episode.key.budget, wanted)
+        for result in results:
+            cells = tables.accuracies(result.rows, lambda row: row.key.budget, wanted)
             points = [
                 Point(budget, cell.share, cell.interval.low, cell.interval.high) for budget, cell in cells.items()
             ]
-            series.append(Series(one.label, [points]))
-        if any(segment for one in series for segment in one.segments):
+            series.append(Series(result.label, [points]))
+        if any(segment for line in series for segment in line.segments):
             charts.append(chart(name, series, size=(320, 200), x_ticks=budgets, y_range=(0, 1), dodge=3, percent=True))
     return charts
 
 
-def _groupings(who: Sequence[Contender]) -> list[tables.Table]:
-    """Strict accuracy side by side, for each other grouping that has several groups."""
+def _groupings(results: Sequence[AgentResults]) -> list[tables.Table]:
+    """Tables of strict accuracy, for each further grouping that has several groups."""
     found = [
-        tables.side_by_side(who, "group", "Easy or hard, single or multi", lambda one: one.summary.by_quadrant),
-        tables.side_by_side(who, "modality", "Modality", lambda one: one.summary.by_modality),
-        tables.side_by_side(who, "kind", "Qualitative or quantitative", lambda one: one.summary.by_problem_kind),
-        tables.side_by_side(who, "problem type", "Problem type", lambda one: one.summary.by_problem_type),
+        tables.side_by_side(
+            results, "group", "Easy or hard, single or multi", lambda result: result.summary.by_quadrant
+        ),
+        tables.side_by_side(results, "modality", "Modality", lambda result: result.summary.by_modality),
+        tables.side_by_side(
+            results, "kind", "Qualitative or quantitative", lambda result: result.summary.by_problem_kind
+        ),
+        tables.side_by_side(results, "problem type", "Problem type", lambda result: result.summary.by_problem_type),
     ]
-    return [one for one in found if len(one.rows) > 1]
+    return [table for table in found if len(table.rows) > 1]
 
 
 def _score(value: float | None) -> str:
@@ -188,7 +192,7 @@ def _compact(value: object) -> str:
 
 
 def _brief(value: object) -> str:
-    """An answer in a line of the list: six digits of a float, eighty characters of anything."""
+    """An answer for a line of the list: floats with six digits, at most 80 characters in all."""
     rounded = json.loads(json.dumps(value), parse_float=lambda text: float(f"{float(text):.6g}"))
     text = _compact(rounded)
     return text if len(text) <= 80 else f"{text[:79]}…"

@@ -1,4 +1,4 @@
-"""Pictures of scenes for notebooks: those kept in the documentation, and only of the very packs that were played."""
+"""Pictures of scenes for notebooks, taken from the documentation if they show the packs that were played."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,10 +7,10 @@ from scenes import default_folder, list_packs, pack_hash
 
 
 def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[int, bytes]:
-    """Scene → PNG, for the scenes of a run whose packs are those of the folder, byte for byte.
+    """Scene → PNG, for the scenes of a run whose packs have the hashes of the packs in the folder.
 
-    The pictures stand in `docs/reference/scenes` beside the folder of packs. An installed package has none; a report
-    without pictures is whole all the same.
+    The pictures are in `docs/reference/scenes`, beside the folder of packs. An installed package has no pictures; a
+    report is complete without them.
 
     Args:
         played: Scene → hash of the pack that was played.

@@ -1,4 +1,4 @@
-"""Figures that the paper prints, quoted beside ours for context. They were measured on other scenes than ours."""
+"""Results printed in the paper, shown beside ours for context. They were measured on other scenes than ours."""
 
 from typing import NamedTuple
 
@@ -6,11 +6,11 @@ BUDGETS = (5, 10, 15, 20)
 
 
 class Quoted(NamedTuple):
-    """A model's overall accuracy as the paper prints it."""
+    """The overall accuracy of a model, as printed in the paper."""
 
     model: str
     accuracy: tuple[float, ...]
-    """Per cent, in the order of `BUDGETS`."""
+    """In per cent, in the order of `BUDGETS`."""
 
 
 PAPER = (
@@ -22,4 +22,4 @@ PAPER = (
     Quoted("Qwen 3.5", (26.7, 24.8, 35.2, 27.6)),
     Quoted("Gemini 3.1 Pro", (29.5, 50.4, 51.4, 66.7)),
 )
-"""Overall accuracy by iteration budget [%], after the paper's own re-grading by hand."""
+"""Overall accuracy by iteration budget [%], after the authors re-graded by hand."""

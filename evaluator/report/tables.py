@@ -1,25 +1,26 @@
-"""The tables of a report in the paper's layout, as plain cells: what the page shows and what `--export` writes."""
+"""The tables of a report in the paper's layout, as plain cells, for the page and for `--export`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from evaluator.failures.findings import FailureMode
-from evaluator.records import Verdict
-from evaluator.report.contenders import Contender
+from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, PAPER
 from evaluator.scores.grouping import quadrant
-from evaluator.scores.metrics import GroupSummary, ScoredEpisode
+from evaluator.scores.metrics import GroupSummary
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.intervals import Proportion, proportion
 
 
 class Share(NamedTuple):
-    """A share with its 95 % interval and the episodes behind it."""
+    """A share with its 95 % interval and its number of episodes."""
 
     value: float
     low: float | None
     high: float | None
     n: int | None
+    """Episodes; None for a share that is quoted."""
 
 
 class Score(NamedTuple):
@@ -29,7 +30,7 @@ class Score(NamedTuple):
 
 
 class Count(NamedTuple):
-    """How many of how many."""
+    """A number of episodes out of another."""
 
     n: int
     of: int
@@ -43,103 +44,132 @@ class Table:
     """A table whose first column names its rows."""
 
     name: str
-    """For file names."""
+    """For file names and labels."""
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     decimals: int = 3
-    """Of the bare numbers in it."""
+    """Decimals of plain numbers."""
 
 
-def tables(who: Sequence[Contender]) -> list[Table]:
+def tables(results: Sequence[AgentResults]) -> list[Table]:
     """All tables, in the paper's order."""
-    return [by_budget(who), by_category(who), main_metrics(who), six_dimensions(who), failure_modes(who), quoted()]
+    return [
+        by_budget(results),
+        by_category(results),
+        main_metrics(results),
+        six_dimensions(results),
+        failure_modes(results),
+        quoted(),
+    ]
 
 
-def by_budget(who: Sequence[Contender], name: str = "", rows: Callable[[ScoredEpisode], bool] | None = None) -> Table:
-    """Strict accuracy at each budget, of all episodes or of those that `rows` picks."""
-    budgets = sorted({row.episode.key.budget for one in who for row in one.rows})
+def by_budget(
+    results: Sequence[AgentResults], name: str = "", wanted: Callable[[ScoredEpisode], bool] | None = None
+) -> Table:
+    """Strict accuracy at each budget.
+
+    Args:
+        results: Who is compared.
+        name: Name of the episodes that are wanted, for the title; empty for all.
+        wanted: Picks the episodes; all if None.
+    """
+    budgets = sorted({row.key.budget for result in results for row in result.rows})
     found: list[list[Cell]] = []
-    for one in who:
-        cells = accuracies(one.rows, lambda row: row.episode.key.budget, rows)
-        if cells or rows is None:
-            found.append([one.label, *(share_of(cells.get(budget)) for budget in budgets)])
+    for result in results:
+        cells = accuracies(result.rows, lambda row: row.key.budget, wanted)
+        if cells or wanted is None:
+            found.append([result.label, *(share_of(cells.get(budget)) for budget in budgets)])
     title = "Strict accuracy by iteration budget" + (f", {name}" if name else "")
     return Table("overall_by_budget", title, ("agent", *map(str, budgets)), found)
 
 
-def by_category(who: Sequence[Contender]) -> Table:
-    """Strict accuracy of each category, over all budgets."""
-    return side_by_side(who, "category", "Strict accuracy by category", lambda one: one.summary.by_category)
+def by_category(results: Sequence[AgentResults]) -> Table:
+    """Strict accuracy in each category, over all budgets."""
+    return side_by_side(results, "category", "Strict accuracy by category", lambda result: result.summary.by_category)
 
 
 def side_by_side(
-    who: Sequence[Contender],
+    results: Sequence[AgentResults],
     name: str,
     title: str,
-    groups: Callable[[Contender], Mapping[Any, GroupSummary]],
+    groups: Callable[[AgentResults], Mapping[Any, GroupSummary]],
 ) -> Table:
-    """Strict accuracy of each group of a grouping, a column for each contender."""
-    names = sorted({group for one in who for group in groups(one)})
-    found = [[str(group), *(_strict(groups(one).get(group)) for one in who)] for group in names]
-    return Table(f"by_{name.replace(' ', '_')}", title, (name, *(one.label for one in who)), found)
+    """Strict accuracy in each group of a grouping, one column for each agent.
+
+    Args:
+        results: Who is compared.
+        name: Name of the grouping.
+        title: Title of the table.
+        groups: Gives the groups of the grouping.
+    """
+    names = sorted({group for result in results for group in groups(result)})
+    found = [[str(group), *(_strict(groups(result).get(group)) for result in results)] for group in names]
+    return Table(f"by_{name.replace(' ', '_')}", title, (name, *(result.label for result in results)), found)
 
 
-def main_metrics(who: Sequence[Contender]) -> Table:
-    """Accuracies, the Final Score, and what they took."""
+def main_metrics(results: Sequence[AgentResults]) -> Table:
+    """Accuracies, the Final Score, and the mean effort and cost."""
     columns = ("agent", "episodes", "strict", "normalised", "Final Score", "iterations", "calls", "US$ per episode")
     found: list[list[Cell]] = []
-    for one in who:
-        cost = one.spending.cost_usd
+    for result in results:
+        cost = result.spending.cost_usd
         found.append(
             [
-                one.label,
-                one.whole.n_scored,
-                _strict(one.whole),
-                _normalised(one.whole),
-                _score(one.whole),
-                one.spending.iterations,
-                one.spending.calls,
-                None if cost is None else cost / one.spending.n_priced,
+                result.label,
+                result.whole.n_scored,
+                _strict(result.whole),
+                _normalised(result.whole),
+                _score(result.whole),
+                result.spending.iterations,
+                result.spending.calls,
+                None if cost is None else cost / result.spending.n_priced,
             ]
         )
     return Table("main_metrics", "Main metrics", columns, found, decimals=2)
 
 
-def six_dimensions(who: Sequence[Contender]) -> Table:
+def six_dimensions(results: Sequence[AgentResults]) -> Table:
     """C, E, G, V, R, G′ and the Final Score, means over episodes."""
     found = [
-        [one.label, *(getattr(one.whole, name) for name in ("c", "e", "g", "v", "r", "g_prime")), _score(one.whole)]
-        for one in who
+        [
+            result.label,
+            *(getattr(result.whole, name) for name in ("c", "e", "g", "v", "r", "g_prime")),
+            _score(result.whole),
+        ]
+        for result in results
     ]
     return Table("six_dimensions", "Six dimensions", ("agent", "C", "E", "G", "V", "R", "G′", "Final Score"), found)
 
 
-def failure_modes(who: Sequence[Contender]) -> Table:
-    """In how many scored episodes each failure mode shows."""
+def failure_modes(results: Sequence[AgentResults]) -> Table:
+    """Number of scored episodes that show each failure mode."""
     found = [
-        [mode.value.replace("_", " "), *(Count(one.whole.failures[mode].n, one.whole.n_scored) for one in who)]
+        [
+            mode.value.replace("_", " "),
+            *(Count(result.whole.failures[mode].n, result.whole.n_scored) for result in results),
+        ]
         for mode in FailureMode
     ]
-    return Table("failure_modes", "Failure modes", ("failure mode", *(one.label for one in who)), found)
+    return Table("failure_modes", "Failure modes", ("failure mode", *(result.label for result in results)), found)
 
 
 def quoted() -> Table:
-    """The paper's own figures, for context."""
+    """The paper's own numbers, for context."""
     return Table(
         "paper_by_budget",
         "Accuracy by iteration budget as the paper prints it (measured on other scenes)",
         ("model", *map(str, BUDGETS)),
-        [[one.model, *(Share(value / 100, None, None, None) for value in one.accuracy)] for one in PAPER],
+        [[quote.model, *(Share(value / 100, None, None, None) for value in quote.accuracy)] for quote in PAPER],
     )
 
 
 _GROUPS = ("easy-single", "easy-multi", "hard-single", "hard-multi")
 
 
-def group_picks(who: Sequence[Contender]) -> list[tuple[str, Callable[[ScoredEpisode], bool] | None]]:
-    """All episodes, and the four groups of categories as far as they are played."""
-    played = {quadrant(row.category) for one in who for row in one.rows}
+def group_picks(results: Sequence[AgentResults]) -> list[tuple[str, Callable[[ScoredEpisode], bool] | None]]:
+    """All episodes, and each of the four groups of categories that was played: name → what picks its episodes."""
+    played = {quadrant(row.category) for result in results for row in result.rows}
 
     def picks(group: str) -> Callable[[ScoredEpisode], bool]:
         return lambda row: quadrant(row.category) == group
@@ -152,12 +182,17 @@ def accuracies(
     group: Callable[[ScoredEpisode], Any],
     wanted: Callable[[ScoredEpisode], bool] | None = None,
 ) -> dict[Any, Proportion]:
-    """Strict accuracy of each group of the scored episodes that are wanted."""
+    """Strict accuracy of each group of scored episodes.
+
+    Args:
+        rows: Episodes.
+        group: Gives the group of an episode.
+        wanted: Picks the episodes; all if None.
+    """
     verdicts: dict[Any, list[tuple[int, bool]]] = {}
     for row in rows:
-        if row.grade.strict is not Verdict.UNSCORED and (wanted is None or wanted(row)):
-            right = row.grade.strict is Verdict.CORRECT
-            verdicts.setdefault(group(row), []).append((row.episode.key.scene, right))
+        if row.is_scored and (wanted is None or wanted(row)):
+            verdicts.setdefault(group(row), []).append((row.key.scene, row.is_correct))
     return {name: proportion(verdicts[name]) for name in sorted(verdicts)}
 
 
@@ -166,17 +201,19 @@ def share_of(found: Proportion | None) -> Share | None:
     return None if found is None else Share(found.share, found.interval.low, found.interval.high, found.n)
 
 
-def _score(one: GroupSummary) -> Score | None:
-    return None if one.final_score is None else Score(one.final_score)
+def _score(group: GroupSummary) -> Score | None:
+    return None if group.final_score is None else Score(group.final_score)
 
 
-def _strict(one: GroupSummary | None) -> Share | None:
-    if one is None or one.strict_accuracy is None or one.strict_interval is None:
+def _strict(group: GroupSummary | None) -> Share | None:
+    if group is None or group.strict_accuracy is None or group.strict_interval is None:
         return None
-    return Share(one.strict_accuracy, one.strict_interval.low, one.strict_interval.high, one.n_scored)
+    return Share(group.strict_accuracy, group.strict_interval.low, group.strict_interval.high, group.n_scored)
 
 
-def _normalised(one: GroupSummary) -> Share | None:
-    if one.normalised_accuracy is None or one.normalised_interval is None:
+def _normalised(group: GroupSummary) -> Share | None:
+    if group.normalised_accuracy is None or group.normalised_interval is None:
         return None
-    return Share(one.normalised_accuracy, one.normalised_interval.low, one.normalised_interval.high, one.n_scored)
+    return Share(
+        group.normalised_accuracy, group.normalised_interval.low, group.normalised_interval.high, group.n_scored
+    )

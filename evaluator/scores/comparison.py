@@ -1,24 +1,24 @@
-"""Two runs on the episodes they have in common: who is better, by how much, and how sure that is. Pure."""
+"""Two runs compared on their common episodes: which is better, by how much, and with what certainty. Pure."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey, Grade, GradeRecord, Record, Verdict
+from evaluator.records import Grade, Record, Verdict
 from evaluator.scores.grouping import modality, problem_kind, quadrant
-from evaluator.scores.metrics import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.budget_curve import LEVEL
 from evaluator.statistics.paired import PairedDifference, PairedTest, holm, paired_difference
 
 CONDITIONS = ("agent", "budget", "prompting", "protocol")
-"""What two runs may differ in as a whole. Scene, seed and epoch are the episode and always the same in a pair."""
+"""In what two runs may differ as a whole. The two episodes of a pair always share scene, seed and epoch."""
 
 _GROUPINGS: Mapping[str, Callable[[ScoredEpisode], str]] = {
-    "agent": lambda row: row.episode.key.agent,
-    "budget": lambda row: str(row.episode.key.budget),
-    "prompting": lambda row: row.episode.key.prompting,
-    "protocol": lambda row: row.episode.key.protocol,
+    "agent": lambda row: row.key.agent,
+    "budget": lambda row: str(row.key.budget),
+    "prompting": lambda row: row.key.prompting,
+    "protocol": lambda row: row.key.protocol,
     "problem kind": lambda row: problem_kind(row.problem_type),
     "problem type": lambda row: row.problem_type,
     "difficulty and breadth": lambda row: quadrant(row.category),
@@ -30,16 +30,15 @@ _TESTS = {
     PairedTest.SIGN_FLIP: "exact sign-flip test by scene",
 }
 _NAMED = 12
-"""Scenes named in a sentence."""
+"""Most scenes, or other values, that an error message lists."""
 
 
 class Side(NamedTuple):
     """One of the two runs."""
 
     name: str
-    """What tells it from the other where nothing else does, such as its folder."""
+    """Its label if the conditions of the two runs do not differ, such as its folder."""
     rows: Sequence[ScoredEpisode]
-    grades: Mapping[EpisodeKey, GradeRecord]
 
 
 class GroupDifference(Record):
@@ -49,11 +48,11 @@ class GroupDifference(Record):
     group: str
     difference: PairedDifference
     p_adjusted: float
-    """By Holm's method over the groups of this grouping."""
+    """p adjusted by Holm's method over the groups of this grouping."""
 
 
 class Comparison(Record):
-    """What two runs have to say of each other; differences are those of B over A."""
+    """The result of comparing two runs; every difference is B minus A."""
 
     format: Literal[1] = 1
     a: str
@@ -61,28 +60,29 @@ class Comparison(Record):
     b: str
     """Label of the second."""
     better: Literal["a", "b"] | None
-    """None where the test does not tell at the 5 % level."""
+    """None if the difference is not significant at the 5 % level."""
     sentence: str
     strict: PairedDifference
     normalised: PairedDifference
     groups: tuple[GroupDifference, ...]
-    """Strict, for each grouping that has more than one group."""
+    """Differences of strict accuracy, for each grouping that has more than one group."""
     only_a: int
-    """Episodes of A that B has no counterpart of, left out."""
+    """Episodes of A without a counterpart in B; they are left out."""
     only_b: int
+    """Episodes of B without a counterpart in A; they are left out."""
     unscored: int
-    """Pairs left out because an infrastructure error ended one of them."""
+    """Pairs left out because an infrastructure error ended one of the two episodes."""
 
 
 def compare(a: Side, b: Side) -> Comparison:
     """Compare two runs, pair by pair.
 
-    A condition (agent, budget, prompting, protocol) that has one value in each run is what is compared, and may differ;
-    one that has several in either run must be equal in a pair.
+    A condition (agent, budget, prompting, protocol) with a single value in each run is compared: its two values may
+    differ. A condition with several values in either run must be equal within a pair.
 
     Raises:
-        UsageError: Nothing is common, a common episode is not the same task in both or was graded by other rules, or a
-            run is unsealed.
+        UsageError: No episode is common, a common episode is not the same task in both runs or was graded by other
+            rules, or a run is unsealed.
     """
     for side in (a, b):
         _refuse_unsealed(side)
@@ -94,7 +94,7 @@ def compare(a: Side, b: Side) -> Comparison:
         raise UsageError(_nothing_common(a, b, paired_by))
     pairs = [(firsts[key], seconds[key]) for key in common]
     _refuse_other_tasks(pairs, a, b)
-    scored = [pair for pair in pairs if all(row.grade.strict is not Verdict.UNSCORED for row in pair)]
+    scored = [(first, second) for first, second in pairs if first.is_scored and second.is_scored]
     if not scored:
         raise UsageError(f"{a.name} and {b.name}: an infrastructure error ended every episode they have in common")
     strict = _difference(scored, lambda grade: grade.strict)
@@ -107,7 +107,7 @@ def compare(a: Side, b: Side) -> Comparison:
         sentence=_sentence(labels, strict, better),
         strict=strict,
         normalised=_difference(scored, lambda grade: grade.normalised),
-        groups=tuple(one for name, group in _GROUPINGS.items() for one in _grouped(scored, name, group)),
+        groups=tuple(found for name, group in _GROUPINGS.items() for found in _grouped(scored, name, group)),
         only_a=len(firsts) - len(common),
         only_b=len(seconds) - len(common),
         unscored=len(pairs) - len(scored),
@@ -118,33 +118,32 @@ _Pair = tuple[ScoredEpisode, ScoredEpisode]
 
 
 def _values(side: Side, name: str) -> list[str]:
-    return sorted({str(getattr(row.episode.key, name)) for row in side.rows})
+    return sorted({str(getattr(row.key, name)) for row in side.rows})
 
 
 def _by_key(side: Side, names: Iterable[str]) -> dict[tuple[object, ...], ScoredEpisode]:
-    return {tuple(getattr(row.episode.key, name) for name in names): row for row in side.rows}
+    return {tuple(getattr(row.key, name) for name in names): row for row in side.rows}
 
 
 def _difference(pairs: Iterable[_Pair], verdict: Callable[[Grade], Verdict]) -> PairedDifference:
     return paired_difference(
-        (a.episode.key.scene, verdict(a.grade) is Verdict.CORRECT, verdict(b.grade) is Verdict.CORRECT)
-        for a, b in pairs
+        (a.key.scene, verdict(a.grade) is Verdict.CORRECT, verdict(b.grade) is Verdict.CORRECT) for a, b in pairs
     )
 
 
-def _grouped(pairs: Sequence[_Pair], name: str, group: Callable[[ScoredEpisode], str]) -> list[GroupDifference]:
+def _grouped(pairs: Sequence[_Pair], grouping: str, group: Callable[[ScoredEpisode], str]) -> list[GroupDifference]:
     groups: defaultdict[str, list[_Pair]] = defaultdict(list)
     for a, b in pairs:
         groups[group(a)].append((a, b))
-    # One group alone is the whole; so is a condition in which the runs differ as a whole.
+    # A single group holds all pairs, so it would repeat the overall difference.
     if len(groups) < 2:
         return []
-    named = sorted(groups, key=lambda one: (len(one), one) if one.isdecimal() else (0, one))
-    found = [_difference(groups[one], lambda grade: grade.strict) for one in named]
-    adjusted = holm([one.p_value for one in found])
+    names = sorted(groups, key=lambda name: (len(name), name) if name.isdecimal() else (0, name))
+    differences = [_difference(groups[name], lambda grade: grade.strict) for name in names]
+    adjusted = holm([difference.p_value for difference in differences])
     return [
-        GroupDifference(grouping=name, group=one, difference=difference, p_adjusted=p)
-        for one, difference, p in zip(named, found, adjusted, strict=True)
+        GroupDifference(grouping=grouping, group=name, difference=difference, p_adjusted=p)
+        for name, difference, p in zip(names, differences, adjusted, strict=True)
     ]
 
 
@@ -155,7 +154,7 @@ def _refuse_unsealed(side: Side) -> None:
 
 
 def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
-    """Refuse pairs that were not played on the same pack, or not graded by the same rules against the same key."""
+    """Refuse pairs that were played on different packs, or graded by different rules or against different keys."""
     packs = [pair for pair in pairs if pair[0].episode.versions.pack != pair[1].episode.versions.pack]
     if packs:
         scenes = _scenes(packs)
@@ -163,14 +162,13 @@ def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
             f"{a.name} and {b.name} were played on different packs of {_named(scenes)}, which are not the same tasks;"
             f" leave them out with --without {','.join(map(str, scenes))}"
         )
-    graded = [(a.grades[first.episode.key], b.grades[second.episode.key]) for first, second in pairs]
-    graders = sorted({one.grader_version for pair in graded for one in pair})
+    graders = sorted({row.record.grader_version for pair in pairs for row in pair})
     if len(graders) > 1:
         raise UsageError(
             f"{a.name} and {b.name} were graded by different versions of the grader ({', '.join(graders)});"
             " run `physment-eval grade` on both"
         )
-    keys = [pair for pair, (one, two) in zip(pairs, graded, strict=True) if one.answer_key != two.answer_key]
+    keys = [(first, second) for first, second in pairs if first.record.answer_key != second.record.answer_key]
     if keys:
         raise UsageError(
             f"{a.name} and {b.name} were graded against different keys of {_named(_scenes(keys))};"
@@ -179,7 +177,7 @@ def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
 
 
 def _scenes(pairs: Iterable[_Pair]) -> list[int]:
-    return sorted({first.episode.key.scene for first, _ in pairs})
+    return sorted({first.key.scene for first, _ in pairs})
 
 
 def _named(scenes: Sequence[int]) -> str:
@@ -188,15 +186,15 @@ def _named(scenes: Sequence[int]) -> str:
 
 
 def _nothing_common(a: Side, b: Side, paired_by: Iterable[str]) -> str:
-    """Why no episode is in both runs: the first thing they do not share."""
+    """Why the runs have no common episode: the first property of which they share no value."""
     for side in (a, b):
         if not side.rows:
             return f"{side.name} holds no episodes, or none of those chosen"
     for name in paired_by:
-        one, two = _values(a, name), _values(b, name)
-        if not set(one) & set(two):
+        first, second = _values(a, name), _values(b, name)
+        if not set(first) & set(second):
             choose = f"; choose one of each with --a {name}=… --b {name}=…" if name in CONDITIONS else ""
-            values = f"{name} {_listed(one)} against {_listed(two)}"
+            values = f"{name} {_listed(first)} against {_listed(second)}"
             return f"{a.name} and {b.name} have no episode in common: {values}{choose}"
     return f"{a.name} and {b.name} have no episode in common: no {', '.join(paired_by)} is the same in both"
 
@@ -206,7 +204,7 @@ def _listed(values: Sequence[str]) -> str:
 
 
 def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
-    """The least that tells the two apart: agents, conditions in which they differ, else names."""
+    """Labels of the runs: the agents with the conditions in which they differ; the names if no condition differs."""
     differing = [name for name in whole if _values(a, name) != _values(b, name)]
 
     def label(side: Side) -> str:
@@ -215,8 +213,8 @@ def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
             for name in differing
             if name != "agent"
         )
-        who = _values(side, "agent")[0] if "agent" in whole else side.name
-        return f"{who} ({conditions})" if conditions else who
+        agent = _values(side, "agent")[0] if "agent" in whole else side.name
+        return f"{agent} ({conditions})" if conditions else agent
 
     if differing:
         return label(a), label(b)
@@ -224,13 +222,13 @@ def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
 
 
 def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | None) -> str:
-    """Who is better on what, by how much, and with what certainty."""
+    """Which run is better on which episodes, by how much, and with what certainty."""
     episodes = f"{found.n} common episode{'s' if found.n != 1 else ''}"
     scenes = f"{found.n_scenes} scene{'s' if found.n_scenes != 1 else ''}"
-    # Told from the side that is ahead, so that the difference reads as a gain.
+    # The run that is ahead comes first, so the difference is always a gain.
     ahead = 0 if found.difference < 0 else 1
     sign = 1 if ahead else -1
-    shares = [f"{100 * right / found.n:.1f} %" for right in (found.first_correct, found.second_correct)]
+    shares = [f"{100 * correct / found.n:.1f} %" for correct in (found.first_correct, found.second_correct)]
     gap = f"{points(sign * found.difference)} points"
     if found.interval is not None:
         low, high = sorted((sign * found.interval.low, sign * found.interval.high))

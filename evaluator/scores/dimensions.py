@@ -1,7 +1,7 @@
-"""Six dimensions and the Final Score of one episode, as the paper defines them. Pure, and knows no runs.
+"""Six dimensions and the Final Score of one episode, as the paper defines them. Pure; knows nothing of other episodes.
 
-C graded correctness · E efficiency · G grounding · V valid calls · R non-repetition · G′ held-out category accuracy,
-which takes the other categories of a run and so is computed in `evaluator.scores.metrics`.
+C graded correctness · E efficiency · G grounding · V valid calls · R non-repetition · G′ held-out category accuracy.
+G′ depends on the other categories of a run, so `evaluator.scores.metrics` computes it.
 """
 
 import itertools
@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from evaluator.records import Episode, Exchange, Grade, Outcome, Record
-from evaluator.scores.grounding import Grounding, grounding_of
+from evaluator.scores.grounding import Grounding
 
 WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.10}
 """Weights of the Final Score, as the paper gives them; they add up to 1."""
@@ -19,62 +19,58 @@ _WORD = re.compile(r"[^\W_]+(?:[._'’-][^\W_]+)*")
 
 
 class EpisodeScores(Record):
-    """The dimensions that one episode defines by itself; G′ needs the other categories of the run."""
+    """The dimensions that one episode defines by itself: all but G′."""
 
     c: float | None
-    """Graded correctness, 0 to 1; None where unscored."""
+    """Graded correctness, 0 to 1; None if unscored."""
     e: float
-    """1 - k / I_max for an answer in k of I_max iterations; 0 without one."""
+    """1 - k / I_max for an answer in k of I_max iterations; 0 without an answer."""
     g: float | None
-    """Share of the reasoning's quantitative assertions that an earlier return supports; None without any."""
+    """Share of the numbers stated in the reasoning that an earlier return supports; None if it states none."""
     v: float | None
     """Share of calls without error; None without calls."""
     r: float | None
-    """1 - share of the most repeated pair of words; None without visible reasoning."""
+    """1 - share of the most frequent repeated pair of words; None without visible reasoning."""
     calls: int
-    """Calls behind V."""
+    """Calls that V counts."""
     disabled_calls: int
-    """Calls to tools that the scene disables: in no share, reported apart."""
+    """Calls of tools that the scene disables; V does not count them."""
 
 
 def final_score(c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None) -> float:
     """The Final Score, 0 to 100; undefined dimensions count 0.
 
-    Source: the paper's weights; its published rows of dimensions give its FS column to the digit printed.
+    Source: the paper's weights. With the paper's published dimensions they give its published Final Scores to the last
+    digit.
     """
     parts = {"c": c, "e": e, "g": g, "v": v, "r": r, "g_prime": g_prime}
     return 100 * sum(weight * (parts[name] or 0.0) for name, weight in WEIGHTS.items())
 
 
-def dimensions(
-    episode: Episode,
-    grade: Grade,
-    disabled_tools: frozenset[str] = frozenset(),
-    grounding: Grounding | None = None,
-) -> EpisodeScores:
+def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_tools: frozenset[str]) -> EpisodeScores:
     """The dimensions of one episode.
 
     Args:
         episode: As recorded.
         grade: Its grade.
+        grounding: Its grounding.
         disabled_tools: Names of the tools that the scene disables.
-        grounding: That of the episode, where it is known already; most of the work goes into it.
     """
-    made = [one for turn in episode.turns for one in turn.exchanges if _was_made(one)]
-    calls = [one for one in made if one.call.tool not in disabled_tools]
+    made = [exchange for turn in episode.turns for exchange in turn.exchanges if _was_made(exchange)]
+    counted = [exchange for exchange in made if exchange.call.tool not in disabled_tools]
     return EpisodeScores(
         c=grade.graded,
         e=_efficiency(episode),
-        g=(grounding or grounding_of(episode)).share,
-        v=sum(not one.is_error for one in calls) / len(calls) if calls else None,
+        g=grounding.share,
+        v=sum(not exchange.is_error for exchange in counted) / len(counted) if counted else None,
         r=non_repetition([turn.reasoning for turn in episode.turns]),
-        calls=len(calls),
-        disabled_calls=len(made) - len(calls),
+        calls=len(counted),
+        disabled_calls=len(made) - len(counted),
     )
 
 
 def _was_made(exchange: Exchange) -> bool:
-    """Tell whether a call counts: it returned, or was rejected; one that only stood behind a rejected call does not."""
+    """Whether a call counts: it returned, or was rejected. A call that was skipped after a rejected one does not."""
     return exchange.returned or exchange.is_error
 
 
@@ -85,16 +81,17 @@ def _efficiency(episode: Episode) -> float:
 
 
 def non_repetition(reasoning: Iterable[str]) -> float | None:
-    """R: 1 - the share that the most frequent repeated bigram has of all bigrams.
+    """R: 1 - n / N, with N bigrams in all, of which the most frequent repeated bigram occurs n times.
 
-    A bigram is two neighbouring words of one turn, in any case, punctuation left out; a decimal number or an id such as
-    `object_2` is one word. It is repeated if it occurs at least twice in the episode: with none repeated, R is 1.
+    A bigram is two neighbouring words of one turn, without regard to case or punctuation; a decimal number or an id
+    such as `object_2` is one word. A bigram is repeated if it occurs at least twice in the episode. Without a repeated
+    bigram, R is 1.
 
     Args:
-        reasoning: What the agent said, turn by turn.
+        reasoning: The agent's reasoning, turn by turn.
 
     Returns:
-        R from 0 to 1; None if there is not a word.
+        R from 0 to 1; None if the reasoning has no word.
     """
     turns = [_WORD.findall(text.lower()) for text in reasoning]
     if not any(turns):

@@ -1,9 +1,10 @@
-"""G: which numbers of an agent's reasoning were really measured. Pure functions over recorded episodes.
+"""G: which numbers in an agent's reasoning were really measured. Pure functions over recorded episodes.
 
-An assertion is a number that the reasoning states: not one inside a word or an exponent, not a count of steps or the
-number of an object, not one that the prompt gave, and not one that the agent itself put into a call. It is grounded if
-a call of an *earlier* turn returned it, to the precision written, with the same sign unless it is told to be a
-magnitude, in a unit of the same kind.
+An assertion is a number that the reasoning states. These are no assertions: a number inside a word or an exponent, a
+count of steps, the number of an object, a number from the prompt, and a number that the agent itself put into a call.
+
+An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a unit of
+the same kind, and with the same sign unless the text calls it a magnitude.
 """
 
 import bisect
@@ -46,7 +47,7 @@ _FIELD_UNITS = {
         "steps": "1",
     }.items()
 }
-"""Units of result fields, from the tools' contract. A field that is not listed is compared without regard to units."""
+"""Units of result fields, from the tools' contract. A field that is not listed matches a number in any unit."""
 _COMPONENT_UNITS = {"get_acceleration": parse_unit("m/s^2"), "compute_force": parse_unit("N")}
 """Units of the tools that return bare `x`, `y` and `z`."""
 
@@ -70,12 +71,13 @@ class Assertion(Record):
     turn: int
     """Index of the turn, from 0."""
     start: int
-    """Where it stands in the turn's reasoning, in characters."""
+    """Its first character in the turn's reasoning, from 0."""
     end: int
+    """The character after its last."""
     text: str
     """As written, unit included."""
     support: Support | None
-    """The latest return that supports it, or None."""
+    """The latest returned value that supports it; None if none does."""
 
 
 class Grounding(Record):
@@ -88,7 +90,7 @@ class Grounding(Record):
         """Share of supported assertions; None without any."""
         if not self.assertions:
             return None
-        return sum(one.support is not None for one in self.assertions) / len(self.assertions)
+        return sum(assertion.support is not None for assertion in self.assertions) / len(self.assertions)
 
 
 class _Returned(NamedTuple):
@@ -101,7 +103,7 @@ class _Returned(NamedTuple):
 
 def grounding_of(episode: Episode) -> Grounding:
     """Find the assertions of an episode and what supports them."""
-    told = _Told.by(episode.prompt)
+    given = _PromptNumbers.of(episode.prompt)
     own: list[Fraction] = []
     returned: list[_Returned] = []
     assertions: list[Assertion] = []
@@ -111,7 +113,7 @@ def grounding_of(episode: Episode) -> Grounding:
                 for _, value in _numbers_in(exchange.call.arguments):
                     bisect.insort(own, abs(_exact(value)))
         for spoken in spoken_numbers(turn.reasoning):
-            if not _is_given(spoken, told, own):
+            if not _is_given(spoken, given, own):
                 start, end, support = spoken.start, spoken.end, _support(spoken, returned)
                 text = turn.reasoning[start:end]
                 assertions.append(Assertion(turn=index, start=start, end=end, text=text, support=support))
@@ -120,38 +122,38 @@ def grounding_of(episode: Episode) -> Grounding:
     return Grounding(assertions=tuple(assertions))
 
 
-def _is_given(spoken: Spoken, told: "_Told", own: Sequence[Fraction]) -> bool:
-    """Tell whether the prompt or the agent's own calls, this turn's included, hold the number.
+def _is_given(spoken: Spoken, given: "_PromptNumbers", own: Sequence[Fraction]) -> bool:
+    """Whether the number comes from the prompt or from the agent's own calls, those of this turn included.
 
-    Exactly, or rounded to what is written if that is two significant digits or more (`9.8` for 9.81). Of its own
-    arguments an agent often gives the size alone (`push with 2 N` for -2), so these go by size.
+    It must be equal, or equal when rounded if it has at least two significant digits (`9.8` for 9.81). Its own
+    arguments match by magnitude, because agents often leave out their sign (`push with 2 N` for -2).
     """
     half_unit = spoken.half_unit if spoken.significant_digits > 1 else Fraction(0)
     size = abs(spoken.value)
     return any(
-        _holds(values, spoken.value * factor, half_unit * factor) for values, factor in told.comparable(spoken)
+        _holds(values, spoken.value * factor, half_unit * factor) for values, factor in given.comparable(spoken)
     ) or any(_holds(own, size * factor, half_unit * factor) for factor in (Fraction(1), spoken.si_factor))
 
 
-class _Told(NamedTuple):
+class _PromptNumbers(NamedTuple):
     """The numbers of a prompt, sorted."""
 
     by_unit: dict[Unit | None, list[Fraction]]
     of_any_unit: list[Fraction]
-    """All of them, as written and in coherent SI: what a number without a unit may repeat."""
+    """All of them, as written and in coherent SI, for comparison with a number without a unit."""
 
     @classmethod
-    def by(cls, prompt: str) -> "_Told":
+    def of(cls, prompt: str) -> "_PromptNumbers":
         by_unit: dict[Unit | None, list[Fraction]] = {None: []}
-        for one in spoken_numbers(prompt):
-            bisect.insort(by_unit.setdefault(one.unit, []), one.value)
+        for spoken in spoken_numbers(prompt):
+            bisect.insort(by_unit.setdefault(spoken.unit, []), spoken.value)
         everything = {
             value * factor for unit, values in by_unit.items() for value in values for factor in _scales(unit)
         }
         return cls(by_unit, sorted(everything))
 
     def comparable(self, spoken: Spoken) -> Iterator[tuple[list[Fraction], Fraction]]:
-        """Lists that may hold a number, each with the factor to its unit."""
+        """Lists that may hold a number, each with the factor that converts the number to the list's unit."""
         if spoken.unit is None:
             yield self.of_any_unit, Fraction(1)
             return
@@ -161,52 +163,52 @@ class _Told(NamedTuple):
 
 
 def _scales(unit: Unit | None) -> tuple[Fraction, ...]:
-    """Factors that leave a number as written, and that bring it to coherent SI."""
+    """Factors of a number in a unit: 1, and the factor that converts it to coherent SI."""
     return (Fraction(1),) if unit is None else (Fraction(1), unit.scale * unit.angle_scale)
 
 
 def _holds(values: Sequence[Fraction], wanted: Fraction, margin: Fraction) -> bool:
-    """Tell whether one of the sorted values lies within the margin."""
+    """Whether one of the sorted values lies within the margin around the wanted value."""
     nearest = bisect.bisect_left(values, wanted - margin)
     return nearest < len(values) and values[nearest] <= wanted + margin
 
 
 def _support(spoken: Spoken, returned: Sequence[_Returned]) -> Support | None:
-    """The latest return that agrees with a number."""
+    """The latest returned value that agrees with a number."""
     bands: dict[Unit | None, _Band | None] = {}
-    for one in reversed(returned):
-        if one.unit not in bands:
-            bands[one.unit] = _band(spoken, one.unit)
-        band = bands[one.unit]
-        if band is not None and band.holds(one.value):
-            return Support(turn=one.turn, exchange=one.exchange, path=one.path, value=one.value)
+    for found in reversed(returned):
+        if found.unit not in bands:
+            bands[found.unit] = _band(spoken, found.unit)
+        band = bands[found.unit]
+        if band is not None and band.holds(found.value):
+            return Support(turn=found.turn, exchange=found.exchange, path=found.path, value=found.value)
     return None
 
 
 class _Band(NamedTuple):
-    """The values that a number agrees with: those that round to it, with its sign."""
+    """The values that a number agrees with: those that round to it and have its sign."""
 
-    said: Fraction
+    stated: Fraction
     half_unit: Fraction
     low: float
     high: float
-    """Bounds a little too wide, to pass over the many values that are far off."""
+    """Bounds a little too wide, to reject most values without exact arithmetic."""
     is_magnitude: bool
-    """Whether the number is told to be a size, so that the sign of the value does not matter."""
+    """Whether the text calls the number a magnitude, so that the sign of the value does not matter."""
 
     def holds(self, value: float) -> bool:
         value = abs(value) if self.is_magnitude else value
         if not self.low <= value <= self.high:
             return False
         exact = _exact(value)
-        return abs(self.said - exact) <= self.half_unit and self.said * exact >= 0
+        return abs(self.stated - exact) <= self.half_unit and self.stated * exact >= 0
 
 
 def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
-    """What a number says in a unit; None where it speaks of something else.
+    """The values in a unit that a number agrees with; None if the number has a unit of another kind.
 
-    Without a unit a number is taken as it stands. A unit that is written counts: it is converted to the unit of the
-    returned value, or to coherent SI where that is not known.
+    A number without a unit is compared as written. A number with a unit is converted to the unit of the returned
+    value, or to coherent SI if that unit is unknown.
     """
     factor = Fraction(1)
     if spoken.unit is not None:
@@ -214,8 +216,8 @@ def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
         if converted is None:
             return None
         factor = converted
-    said, half_unit = spoken.value * factor, spoken.half_unit * factor
-    return _Band(said, half_unit, float(said - 2 * half_unit), float(said + 2 * half_unit), spoken.is_magnitude)
+    stated, half_unit = spoken.value * factor, spoken.half_unit * factor
+    return _Band(stated, half_unit, float(stated - 2 * half_unit), float(stated + 2 * half_unit), spoken.is_magnitude)
 
 
 def _returned(exchange: Exchange, turn: int, position: int) -> Iterator[_Returned]:
@@ -228,7 +230,7 @@ def _returned(exchange: Exchange, turn: int, position: int) -> Iterator[_Returne
 
 
 def _numbers_in(value: Any, path: str = "$") -> Iterator[tuple[str, float]]:
-    """Numbers inside JSON, with their paths; arrays inside arrays inside objects, in order."""
+    """The numbers inside a JSON value, however deep, in order, each with its JSON path."""
     if isinstance(value, dict):
         for name, inner in value.items():  # pyright: ignore[reportUnknownVariableType] - JSON
             yield from _numbers_in(inner, f"{path}.{name}")

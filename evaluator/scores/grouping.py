@@ -1,4 +1,4 @@
-"""What episodes are reported by: the questions asked of a category, a problem type and an episode's condition. Pure."""
+"""The groups in which episodes are reported: by condition, and by parts of a category or a problem type. Pure."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ _KINDS = {
 
 
 class Condition(NamedTuple):
-    """What must be equal for two episodes to speak of the same agent under test."""
+    """What two episodes must share to be results of the same agent under the same setting."""
 
     agent: str
     budget: int
@@ -23,7 +23,7 @@ class Condition(NamedTuple):
 
 
 def condition(key: EpisodeKey) -> Condition:
-    """The condition an episode was played under."""
+    """The condition under which an episode was played."""
     return Condition(key.agent, key.budget, key.prompting, key.protocol)
 
 
@@ -33,7 +33,7 @@ def quadrant(category: str) -> str:
 
 
 def modality(category: str) -> str:
-    """What a category adds to its quadrant: `creation`, `hidden`, or else `plain`; other categories as they are."""
+    """What a category adds to its quadrant: `creation`, `hidden`, else `plain`; other categories as they are."""
     return _parts(category)[1]
 
 

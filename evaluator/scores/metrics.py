@@ -1,51 +1,26 @@
-"""A run in numbers: accuracies, the six dimensions and the Final Score, by whatever episodes are compared by. Pure.
+"""A run in numbers: accuracies, the six dimensions and the Final Score, for the whole run and for groups. Pure.
 
-Every number comes with how many episodes it speaks of. A dimension that an episode leaves undefined (no calls, no
-assertions, no visible reasoning) is None there, counts 0 in means and in the Final Score, and its share is reported.
-Unscored episodes (infrastructure errors) are counted as outcomes and left out of everything else.
+Every number comes with its number of episodes. A dimension that an episode does not define (no calls, no stated
+numbers, no visible reasoning) is None for that episode, counts 0 in means and in the Final Score, and its share is
+reported. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import fmean
 from typing import Literal, NamedTuple, TypeVar
 
 from evaluator.failures.counting import FailureCount, failure_counts
-from evaluator.failures.findings import Failure, FailureMode
-from evaluator.records import Episode, Grade, Outcome, Record, Verdict
-from evaluator.scores.dimensions import WEIGHTS, EpisodeScores, dimensions, final_score, non_repetition
+from evaluator.failures.findings import FailureMode
+from evaluator.records import Grade, Outcome, Record, Verdict
+from evaluator.scores.dimensions import final_score
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.attempts import Attempts, attempts
 from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve
 from evaluator.statistics.intervals import Interval, IntervalMethod, Proportion, proportion
 
-__all__ = [
-    "WEIGHTS",
-    "EpisodeScores",
-    "GroupSummary",
-    "RunSummary",
-    "ScoredEpisode",
-    "dimensions",
-    "final_score",
-    "held_out_accuracy",
-    "non_repetition",
-    "summarise",
-]
-
 _Name = TypeVar("_Name", str, int)
-
-
-@dataclass(frozen=True, slots=True)
-class ScoredEpisode:
-    """An episode, its grade, and what of its scene the reports group by."""
-
-    episode: Episode
-    grade: Grade
-    category: str
-    problem_type: str
-    disabled_tools: frozenset[str] = frozenset()
-    failures: tuple[Failure, ...] = ()
 
 
 class GroupSummary(Record):
@@ -54,43 +29,45 @@ class GroupSummary(Record):
     n: int
     """Episodes."""
     n_scored: int
-    """Episodes with a verdict: the denominator of everything below but `outcomes`."""
+    """Episodes with a verdict; everything below except `outcomes` is computed from these alone."""
     n_scenes: int
-    """Scenes these are of: what the intervals take as the sample where a scene has several episodes."""
+    """Scenes of the scored episodes; if a scene has several episodes, the intervals take scenes as the sample."""
     n_correct: int
-    """Strictly correct ones."""
+    """Strictly correct episodes."""
     strict_accuracy: float | None
-    """Share of strictly correct ones, 0 to 1."""
+    """Share of strictly correct episodes, 0 to 1."""
     strict_interval: Interval | None
     """95 %."""
     normalised_accuracy: float | None
-    """Share of those correct once the four documented forms are forgiven, 0 to 1."""
+    """Share of episodes that are correct once the four documented forms are forgiven, 0 to 1."""
     normalised_interval: Interval | None
     """95 %."""
     interval_method: IntervalMethod | None
-    """Method of both intervals; None where nothing is scored."""
+    """Method of both intervals; None if nothing is scored."""
     c: float | None
     """Mean graded correctness, 0 to 1."""
     e: float | None
     """Mean efficiency, 0 to 1."""
     g: float | None
-    """Mean with undefined ones as 0; None where no episode defines it. So are V and R."""
+    """Mean grounding, undefined values counted as 0; None if no episode defines it. The same holds for V and R."""
     v: float | None
     r: float | None
     g_prime: float | None
-    """None where an agent of the group was tried on one category only."""
+    """Mean held-out category accuracy; None if an agent of the group played only one category."""
     final_score: float | None
-    """0 to 100; None where G′ is None, for a score without one of its six parts compares with nothing."""
+    """0 to 100; None if G′ is None, because a score without one of its six parts is not comparable."""
     g_undefined: float | None
-    """Share of scored episodes without a quantitative assertion."""
+    """Share of scored episodes whose reasoning states no number."""
     v_undefined: float | None
     """Share of scored episodes without a call."""
     r_undefined: float | None
     """Share of scored episodes without visible reasoning."""
     disabled_calls: int
+    """Calls of tools that the scene disables."""
     failures: dict[FailureMode, FailureCount]
-    """Failure modes: `n` is of `n_scored`, `n_incorrect` of those that are not correct."""
+    """Failure modes: `n` counts scored episodes, `n_incorrect` those of them that are not correct."""
     outcomes: dict[Outcome, int]
+    """How all `n` episodes ended."""
 
 
 class ConditionCurve(Record):
@@ -131,28 +108,20 @@ class RunSummary(Record):
     by_protocol: dict[str, GroupSummary]
     by_agent: dict[str, GroupSummary]
     budget_curves: tuple[ConditionCurve, ...]
-    """Of each condition that was played at several budgets, on the episodes that all of them scored."""
+    """One for each agent, prompting and protocol played at several budgets, on the episodes scored at all of them."""
     attempts: tuple[ConditionAttempts, ...]
-    """Of each condition under which every scene was tried more than once."""
+    """One for each condition that played every scene more than once."""
 
 
 class _Row(NamedTuple):
     source: ScoredEpisode
-    scores: EpisodeScores
     g_prime: float | None
 
 
 def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
     """The numbers of a run."""
     held_out = held_out_accuracy(rows)
-    table = [
-        _Row(
-            row,
-            dimensions(row.episode, row.grade, row.disabled_tools),
-            held_out.get((condition(row.episode.key), row.category)),
-        )
-        for row in rows
-    ]
+    table = [_Row(row, held_out.get((condition(row.key), row.category))) for row in rows]
     return RunSummary(
         overall=_summary(table),
         by_category=_grouped(table, lambda row: row.category),
@@ -160,24 +129,24 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         by_modality=_grouped(table, lambda row: modality(row.category)),
         by_problem_type=_grouped(table, lambda row: row.problem_type),
         by_problem_kind=_grouped(table, lambda row: problem_kind(row.problem_type)),
-        by_budget=_grouped(table, lambda row: row.episode.key.budget),
-        by_prompting=_grouped(table, lambda row: row.episode.key.prompting),
-        by_protocol=_grouped(table, lambda row: row.episode.key.protocol),
-        by_agent=_grouped(table, lambda row: row.episode.key.agent),
+        by_budget=_grouped(table, lambda row: row.key.budget),
+        by_prompting=_grouped(table, lambda row: row.key.prompting),
+        by_protocol=_grouped(table, lambda row: row.key.protocol),
+        by_agent=_grouped(table, lambda row: row.key.agent),
         budget_curves=tuple(_budget_curves(rows)),
         attempts=tuple(_attempts(rows)),
     )
 
 
 def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
-    """The curve of each condition, on the scenes, seeds and epochs that were scored at all of its budgets."""
+    """The curve of each agent, prompting and protocol, on the cells (scene, seed, epoch) scored at all its budgets."""
     found: defaultdict[tuple[str, str, str], defaultdict[tuple[int, int, int], dict[int, bool]]]
     found = defaultdict(lambda: defaultdict(dict))
     for row in rows:
-        if row.grade.strict is not Verdict.UNSCORED:
-            key = row.episode.key
+        if row.is_scored:
+            key = row.key
             cells = found[key.agent, key.prompting, key.protocol]
-            cells[key.scene, key.seed, key.epoch][key.budget] = row.grade.strict is Verdict.CORRECT
+            cells[key.scene, key.seed, key.epoch][key.budget] = row.is_correct
     for (agent, prompting, protocol), cells in sorted(found.items()):
         budgets = sorted({budget for verdicts in cells.values() for budget in verdicts})
         common = [
@@ -193,25 +162,24 @@ def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
 def _attempts(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAttempts]:
     found: defaultdict[Condition, defaultdict[int, list[bool]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
-        if row.grade.strict is not Verdict.UNSCORED:
-            verdict = row.grade.strict is Verdict.CORRECT
-            found[condition(row.episode.key)][row.episode.key.scene].append(verdict)
-    for one, verdicts in sorted(found.items()):
+        if row.is_scored:
+            found[condition(row.key)][row.key.scene].append(row.is_correct)
+    for played, verdicts in sorted(found.items()):
         tried = attempts(dict(sorted(verdicts.items())))
         if tried is not None:
-            yield ConditionAttempts(**one._asdict(), attempts=tried)
+            yield ConditionAttempts(**played._asdict(), attempts=tried)
 
 
 def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition, str], float]:
-    """G′ of each agent's categories: the mean of the strict accuracies of its *other* categories, each counted once.
+    """G′ for each condition and category: the mean strict accuracy of the condition's *other* categories.
 
-    Nothing is pooled over agents, budgets, promptings or protocols. With one category there is no entry.
+    Each category counts once, however many episodes it has. Agents, budgets, promptings and protocols are never
+    pooled. A condition with a single category has no entry.
     """
     verdicts: defaultdict[Condition, defaultdict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
-        if row.grade.strict is not Verdict.UNSCORED:
-            right = row.grade.strict is Verdict.CORRECT
-            verdicts[condition(row.episode.key)][row.category].append(right)
+        if row.is_scored:
+            verdicts[condition(row.key)][row.category].append(row.is_correct)
     return {
         (condition, category): fmean(fmean(seen) for other, seen in categories.items() if other != category)
         for condition, categories in verdicts.items()
@@ -228,15 +196,16 @@ def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> 
 
 
 def _summary(table: Sequence[_Row]) -> GroupSummary:
-    scored = [row for row in table if row.source.grade.strict is not Verdict.UNSCORED]
+    counted = [row for row in table if row.source.is_scored]
+    scored = [row.source for row in counted]
     strict = _proportion(scored, lambda grade: grade.strict)
     normalised = _proportion(scored, lambda grade: grade.normalised)
     c = _mean([row.scores.c for row in scored])
     e = _mean([row.scores.e for row in scored])
-    g, g_undefined = _counted([row.scores.g for row in scored])
-    v, v_undefined = _counted([row.scores.v for row in scored])
-    r, r_undefined = _counted([row.scores.r for row in scored])
-    g_prime = None if any(row.g_prime is None for row in scored) else _mean([row.g_prime for row in scored])
+    g, g_undefined = _mean_with_undefined([row.scores.g for row in scored])
+    v, v_undefined = _mean_with_undefined([row.scores.v for row in scored])
+    r, r_undefined = _mean_with_undefined([row.scores.r for row in scored])
+    g_prime = None if any(row.g_prime is None for row in counted) else _mean([row.g_prime for row in counted])
     whole = None if c is None or e is None or g_prime is None else final_score(c, e, g, v, r, g_prime)
     return GroupSummary(
         n=len(table),
@@ -259,13 +228,13 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         v_undefined=v_undefined,
         r_undefined=r_undefined,
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
-        failures=failure_counts((row.source.grade, row.source.failures) for row in scored),
+        failures=failure_counts((row.grade, row.failures) for row in scored),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )
 
 
-def _proportion(scored: Sequence[_Row], verdict: Callable[[Grade], Verdict]) -> Proportion | None:
-    rows = [(row.source.episode.key.scene, verdict(row.source.grade) is Verdict.CORRECT) for row in scored]
+def _proportion(scored: Sequence[ScoredEpisode], verdict: Callable[[Grade], Verdict]) -> Proportion | None:
+    rows = [(row.key.scene, verdict(row.grade) is Verdict.CORRECT) for row in scored]
     return proportion(rows) if rows else None
 
 
@@ -275,8 +244,8 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return fmean(defined) if defined else None
 
 
-def _counted(values: Sequence[float | None]) -> tuple[float | None, float | None]:
-    """The mean with undefined values as 0, None if all are; and the share of undefined ones."""
+def _mean_with_undefined(values: Sequence[float | None]) -> tuple[float | None, float | None]:
+    """The mean, undefined values counted as 0, or None if all are undefined; and the share of undefined values."""
     if not values:
         return None, None
     undefined = sum(value is None for value in values) / len(values)

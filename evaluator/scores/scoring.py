@@ -1,68 +1,81 @@
-"""The second pass: recorded episodes and answer keys → grades, scores and the run's numbers. Plays nothing."""
+"""From recorded episodes and answer keys to grades, scores and the summary of a run. Plays nothing.
 
-from collections.abc import Iterable, Mapping
+Each episode is scored once. What is printed, reported or compared afterwards is taken from the result.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from evaluator.answers.grading import GRADER_VERSION, AnswerKey, grade_episode
+from evaluator.answers.grading import GRADER_VERSION, grade_episode
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.strict import AnswerKey
+from evaluator.errors import UsageError
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import form_of
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Verdict
-from evaluator.scores.metrics import RunSummary, ScoredEpisode, summarise
+from evaluator.scores.dimensions import dimensions
+from evaluator.scores.grounding import grounding_of
+from evaluator.scores.metrics import RunSummary, summarise
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.store import RunFolder
 
 
-def grade_run(folder: RunFolder, episodes: Mapping[EpisodeKey, Episode], keys: KeyRing) -> tuple[list[str], RunSummary]:
-    """Grade all episodes of a run and write its grades and summary.
+class GradedRun(NamedTuple):
+    """A run that has just been graded."""
 
-    Returns:
-        What changed against the grades that were there, a line each, and the summary. Where something did, the grades
-        of before are kept beside the new ones.
+    rows: Sequence[ScoredEpisode]
+    summary: RunSummary
+    changes: Sequence[str]
+    """Empty if no verdict changed; else one line for each change, and a last line that names the old grades' file."""
+
+
+def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> ScoredEpisode:
+    """Compute everything that follows from one episode alone.
+
+    Args:
+        episode: As recorded.
+        record: Its grade.
+        keys: Answer keys of the packs that it was played on.
+
+    Raises:
+        UsageError: The pack is missing or malformed.
+    """
+    facts, grounding = keys.facts(episode.key.scene), grounding_of(episode)
+    return ScoredEpisode(
+        episode=episode,
+        record=record,
+        category=facts.category,
+        problem_type=facts.problem_type,
+        scores=dimensions(episode, record.grade, grounding, facts.disabled_tools),
+        grounding=grounding,
+        failures=failures_of(episode, record.grade, form_of(keys.key(episode.key.scene, 0))),
+    )
+
+
+def grade_run(folder: RunFolder, keys: KeyRing) -> GradedRun:
+    """Grade and score all episodes of a run, and write its grades and its summary.
+
+    If a verdict changed, the previous grades are kept in a second file.
 
     Raises:
         UsageError: A pack is malformed or gives no key.
-        StoreError: The folder cannot be written.
+        StoreError: The folder cannot be read or written.
     """
-    grades = [grade_record(episode, keys) for episode in episodes.values()]
-    changes = _changes(folder.grades(), grades)
+    rows = [score_episode(episode, grade_record(episode, keys), keys) for episode in folder.episodes().values()]
+    records = [row.record for row in rows]
+    changes = _changes(folder.grades(), records)
     if changes:
-        changes.append(f"the grades of before are kept in {folder.keep_grades()}")
-    folder.write_grades(grades)
-    summary = summarise(scored(episodes.values(), grades, keys))
+        changes.append(f"the previous grades are kept in {folder.keep_grades()}")
+    folder.write_grades(records)
+    summary = summarise(rows)
     folder.write_text(folder.summary_file, summary.model_dump_json(indent=2) + "\n")
-    return changes, summary
-
-
-def _changes(before: Mapping[EpisodeKey, GradeRecord], now: Iterable[GradeRecord]) -> list[str]:
-    """A line for each verdict that is not what it was, and why it may be."""
-    lines: list[str] = []
-    for one in now:
-        old = before.get(one.key)
-        if old is None or old.grade.strict is Verdict.UNSCORED:
-            continue
-        verdicts = [(old.grade.strict, one.grade.strict), (old.grade.normalised, one.grade.normalised)]
-        if all(was is is_now for was, is_now in verdicts):
-            continue
-        reasons = [
-            f"{name} {was} → {is_now}"
-            for name, was, is_now in (
-                ("grader", old.grader_version, one.grader_version),
-                ("pack", old.pack_version, one.pack_version),
-                ("key", old.answer_key, one.answer_key),
-            )
-            if was != is_now
-        ]
-        lines.append(
-            f"scene {one.key.scene} seed {one.key.seed} {one.key.agent}: strict {verdicts[0][0].value} →"
-            f" {verdicts[0][1].value}, normalised {verdicts[1][0].value} → {verdicts[1][1].value}"
-            f" ({', '.join(reasons) or 'same grader, pack and key'})"
-        )
-    return lines
+    return GradedRun(rows, summary, changes)
 
 
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
-    """The grade of one episode, with the key it was graded against."""
+    """The grade of one episode, with the key that decided it."""
     key = keys.key(episode.key.scene, episode.key.seed)
     return GradeRecord(
         key=episode.key,
@@ -73,23 +86,44 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
     )
 
 
-def scored(episodes: Iterable[Episode], grades: Iterable[GradeRecord], keys: KeyRing) -> list[ScoredEpisode]:
-    """Episodes with their grades and what reports group them by."""
-    by_key = {one.key: one.grade for one in grades}
-    rows: list[ScoredEpisode] = []
-    for episode in episodes:
-        facts = keys.facts(episode.key.scene)
-        rows.append(
-            ScoredEpisode(
-                episode=episode,
-                grade=by_key[episode.key],
-                category=facts.category,
-                problem_type=facts.problem_type,
-                disabled_tools=facts.disabled_tools,
-                failures=failures_of(episode, by_key[episode.key], form_of(keys.key(episode.key.scene, 0))),
+def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
+    """The episodes of a run with their stored grades.
+
+    Raises:
+        UsageError: Some episodes have no grade.
+        StoreError: The folder cannot be read.
+    """
+    episodes, grades = folder.episodes(), folder.grades()
+    if set(grades) != set(episodes):
+        raise UsageError(f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first")
+    return [(episode, grades[key]) for key, episode in episodes.items()]
+
+
+def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[GradeRecord]) -> list[str]:
+    """One line for each changed verdict, with what else changed. A grade that was missing or unscored is no change."""
+    lines: list[str] = []
+    for new in records:
+        old = previous.get(new.key)
+        if old is None or old.grade.strict is Verdict.UNSCORED:
+            continue
+        verdicts = [(old.grade.strict, new.grade.strict), (old.grade.normalised, new.grade.normalised)]
+        if all(before is after for before, after in verdicts):
+            continue
+        reasons = [
+            f"{name} {before} → {after}"
+            for name, before, after in (
+                ("grader", old.grader_version, new.grader_version),
+                ("pack", old.pack_version, new.pack_version),
+                ("key", old.answer_key, new.answer_key),
             )
+            if before != after
+        ]
+        lines.append(
+            f"scene {new.key.scene} seed {new.key.seed} {new.key.agent}: strict {verdicts[0][0].value} →"
+            f" {verdicts[0][1].value}, normalised {verdicts[1][0].value} → {verdicts[1][1].value}"
+            f" ({', '.join(reasons) or 'same grader, pack and key'})"
         )
-    return rows
+    return lines
 
 
 def _plain(key: AnswerKey) -> JsonValue:

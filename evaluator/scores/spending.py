@@ -1,6 +1,6 @@
-"""What episodes cost: tokens, money, time. Pure; every number comes with how many episodes it speaks of.
+"""What episodes cost: tokens, money, time. Pure; every number comes with its number of episodes.
 
-Unscored episodes count too: what an infrastructure error ended was paid for all the same.
+Unscored episodes count too: they were paid for although an infrastructure error ended them.
 """
 
 import math
@@ -8,43 +8,45 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean, median
 from typing import NamedTuple
 
-from evaluator.records import Episode, Record, Turn, Verdict
-from evaluator.scores.metrics import ScoredEpisode
+from evaluator.records import Record, Turn
+from evaluator.scores.scored_episode import ScoredEpisode
 
 
 class Quantiles(Record):
-    """The middle and the upper end of some times."""
+    """Median and 95th percentile of durations."""
 
     n: int
+    """Durations."""
     median: float
     """[s]."""
     p95: float
-    """[s]; 95 % of the times are no longer."""
+    """[s]; 95 % of the durations are not longer."""
 
 
 class Spending(Record):
-    """Tokens, money and time of some episodes."""
+    """Tokens, money and time of a group of episodes."""
 
     n: int
     """Episodes."""
     n_metered: int
-    """Episodes that report tokens: the denominator of the means of tokens."""
+    """Episodes that report tokens: the denominator of mean tokens."""
     input_tokens: int
     output_tokens: int
     cached_tokens: int
     n_priced: int
     """Episodes with a price."""
     cost_usd: float | None
-    """Sum [US$] over the priced ones; None without any."""
+    """Sum over the priced episodes [US$]; None if there are none."""
     cost_per_correct_usd: float | None
-    """That sum over the priced episodes that are strictly correct [US$]; None without any."""
+    """That sum divided by the number of priced episodes that are strictly correct [US$]; None if there are none."""
     iterations: float | None
-    """Mean over episodes; so are calls."""
+    """Mean over episodes."""
     calls: float | None
+    """Mean over episodes."""
     agent_turn: Quantiles | None
-    """Time the agent took for a turn."""
+    """Time that the agent took for a turn."""
     server_turn: Quantiles | None
-    """Time the laboratory took for the calls of a turn."""
+    """Time that the laboratory took for the calls of a turn."""
     episode: Quantiles | None
     """Wall time of an episode."""
 
@@ -55,40 +57,36 @@ class _Paid(NamedTuple):
 
 
 def spending(rows: Sequence[ScoredEpisode]) -> Spending:
-    """What some episodes cost."""
+    """What a group of episodes cost."""
     usages = [row.episode.usage for row in rows if row.episode.usage is not None]
     paid = [
-        _Paid(row.episode.usage.cost_usd, row.grade.strict is Verdict.CORRECT)
+        _Paid(row.episode.usage.cost_usd, row.is_correct)
         for row in rows
         if row.episode.usage is not None and row.episode.usage.cost_usd is not None
     ]
-    cost = math.fsum(one.usd for one in paid) if paid else None
-    right = sum(one.correct for one in paid)
+    cost = math.fsum(episode.usd for episode in paid) if paid else None
+    correct = sum(episode.correct for episode in paid)
     turns = [turn for row in rows for turn in row.episode.turns]
     return Spending(
         n=len(rows),
         n_metered=len(usages),
-        input_tokens=sum(one.input_tokens for one in usages),
-        output_tokens=sum(one.output_tokens for one in usages),
-        cached_tokens=sum(one.cached_tokens for one in usages),
+        input_tokens=sum(usage.input_tokens for usage in usages),
+        output_tokens=sum(usage.output_tokens for usage in usages),
+        cached_tokens=sum(usage.cached_tokens for usage in usages),
         n_priced=len(paid),
         cost_usd=cost,
-        cost_per_correct_usd=cost / right if cost is not None and right else None,
+        cost_per_correct_usd=cost / correct if cost is not None and correct else None,
         iterations=_mean(len(row.episode.turns) for row in rows),
         calls=_mean(calls_made(row.episode.turns) for row in rows),
         agent_turn=_quantiles(turn.agent_s for turn in turns),
         server_turn=_quantiles(turn.server_s for turn in turns),
-        episode=_quantiles(_wall_times(row.episode for row in rows)),
+        episode=_quantiles(row.episode.duration_s for row in rows),
     )
 
 
 def calls_made(turns: Sequence[Turn]) -> int:
-    """How many calls the agent wrote."""
+    """Number of calls that the agent wrote."""
     return sum(len(turn.exchanges) for turn in turns)
-
-
-def _wall_times(episodes: Iterable[Episode]) -> Iterable[float]:
-    return (one.duration_s for one in episodes)
 
 
 def _mean(counts: Iterable[int]) -> float | None:
@@ -96,9 +94,9 @@ def _mean(counts: Iterable[int]) -> float | None:
     return fmean(values) if values else None
 
 
-def _quantiles(times: Iterable[float]) -> Quantiles | None:
-    """Median and 95th percentile (nearest rank); None where nothing was timed, as in imported transcripts."""
-    values = sorted(times)
+def _quantiles(durations: Iterable[float]) -> Quantiles | None:
+    """Median and 95th percentile (nearest rank); None if nothing was timed, as in imported transcripts."""
+    values = sorted(durations)
     if not any(values):
         return None
     return Quantiles(n=len(values), median=median(values), p95=values[math.ceil(0.95 * len(values)) - 1])

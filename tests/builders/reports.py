@@ -6,7 +6,6 @@ from evaluator.records import (
     EpisodeKey,
     Exchange,
     Grade,
-    GradeRecord,
     Outcome,
     Plan,
     RunRecord,
@@ -17,8 +16,9 @@ from evaluator.records import (
     Verdict,
     Versions,
 )
-from evaluator.report.contenders import Run
-from evaluator.scores.metrics import ScoredEpisode
+from evaluator.report.agent_results import Run
+from evaluator.scores.scored_episode import ScoredEpisode
+from tests.builders.scored import scored
 
 RECORD = RunRecord(
     created_at="2026-01-01T00:00:00+00:00",
@@ -66,7 +66,7 @@ def played(scene: int, agent: str, budget: int, *, right: bool, seed: int = 0) -
         explanation="It answered in words.",
         evidence=(Evidence(turn=1, exchange=1, quote="no idea", numbers={"simulated_s": 0.2}),),
     )
-    return ScoredEpisode(
+    return scored(
         episode,
         Grade(strict=verdict, graded=float(right), normalised=verdict, reason="as read" if right else "no number"),
         CATEGORIES[scene % len(CATEGORIES)],
@@ -76,10 +76,4 @@ def played(scene: int, agent: str, budget: int, *, right: bool, seed: int = 0) -
 
 
 def run_of(rows: list[ScoredEpisode], name: str = "study") -> Run:
-    grades = {
-        row.episode.key: GradeRecord(
-            key=row.episode.key, grade=row.grade, answer_key=1.5, grader_version="1", pack_version="0"
-        )
-        for row in rows
-    }
-    return Run(name, RECORD, rows, grades, {7: PNG})
+    return Run(name, RECORD, rows, {7: PNG})

@@ -22,11 +22,12 @@ from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.original.play import scene_of
 from evaluator.records import Episode, EpisodeKey, Grade, Verdict, Versions
-from evaluator.scores.dimensions import EpisodeScores, dimensions
+from evaluator.scores.dimensions import EpisodeScores
 from evaluator.scores.grounding import grounding_of
 from evaluator.study.selection import parse_scenes
 from scenes import read_pack
 from tests.builders.paths import DOCS, ORIGINAL
+from tests.builders.scored import scores_of
 
 HERE = Path(__file__)
 DOC = DOCS / "explanation" / "failure-modes.md"
@@ -93,7 +94,7 @@ def judged() -> dict[Id, Judged]:
         answer_key = keys.key(scene, 0)
         grade = grade_episode(episode, answer_key)
         found = frozenset(one.mode.value for one in failures_of(episode, grade, form_of(answer_key)))
-        rows[key.agent, scene, key.epoch] = Judged(episode, grade, dimensions(episode, grade), found)
+        rows[key.agent, scene, key.epoch] = Judged(episode, grade, scores_of(episode, grade), found)
     return rows
 
 

@@ -5,7 +5,7 @@ from collections.abc import Generator
 
 import pytest
 
-from evaluator.report.contenders import Run
+from evaluator.report.agent_results import Run
 from tests.builders.chromium import Page, chromium
 from tests.builders.reports import played, run_of
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.report.contenders import Run
+from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, write_report
 from evaluator.store import RunFolder
 from tests.builders.chromium import Page

@@ -10,7 +10,7 @@ import pytest
 from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
 from evaluator.records import Plan, ServerRecord
-from evaluator.report.contenders import Run
+from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.report.pictures import pictures
 from evaluator.scores.scoring import grade_run
@@ -31,7 +31,7 @@ def store(folder: Path, agent: str, scenes: Sequence[int] = (7, 8), scenes_dir: 
     run.write_run(run_record(plan, packs, ServerRecord(option="host")))
     for scene in scenes:
         run.append_episode(played(scene, agent, 5, right=True).episode)
-    grade_run(run, run.episodes(), KeyRing(scenes_dir))
+    grade_run(run, KeyRing(scenes_dir))
     return folder
 
 

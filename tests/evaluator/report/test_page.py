@@ -10,7 +10,6 @@ from evaluator.records import (
     EpisodeKey,
     Exchange,
     Grade,
-    GradeRecord,
     Outcome,
     Plan,
     RunRecord,
@@ -20,9 +19,10 @@ from evaluator.records import (
     Verdict,
     Versions,
 )
-from evaluator.report.contenders import Run
+from evaluator.report.agent_results import Run
 from evaluator.report.page import render
-from evaluator.scores.metrics import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode
+from tests.builders.scored import scored
 
 EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
 RECORD = RunRecord(
@@ -50,17 +50,11 @@ def row(scene: int, verdict: Verdict, category: str, said: str = "I look.") -> S
     grade = Grade(
         strict=verdict, graded=None if unplayed else float(verdict is Verdict.CORRECT), normalised=verdict, reason=said
     )
-    return ScoredEpisode(episode, grade, category, "calculation")
+    return scored(episode, grade, category, "calculation")
 
 
 def page(*rows: ScoredEpisode) -> str:
-    records = {
-        one.episode.key: GradeRecord(
-            key=one.episode.key, grade=one.grade, answer_key=1.5, grader_version="1", pack_version="0"
-        )
-        for one in rows
-    }
-    return render([Run("run", RECORD, rows, records, {})]).page
+    return render([Run("run", RECORD, rows, {})]).page
 
 
 class _Tags(HTMLParser):
@@ -155,7 +149,7 @@ def played(seed: int, budget: int, *turns: Turn, answer: str = "1.5") -> ScoredE
         versions=Versions(physment="0", protocol="0", pack="0"),
     )
     grade = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="right")
-    return ScoredEpisode(episode, grade, "easy-single", "calculation")
+    return scored(episode, grade, "easy-single", "calculation")
 
 
 def look(text: str) -> Exchange:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from evaluator.errors import UsageError
-from evaluator.report.contenders import Run, contenders
+from evaluator.report.agent_results import Run, agent_results
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.figures import write_figures
 from evaluator.report.page import render
@@ -31,13 +31,13 @@ def test_agents_under_test_come_first_and_the_baselines_last(study: Run) -> None
     other = run_of(
         [played(7, agent, 5, right=False) for agent in ("blind-constant", "zeta", "random", "reference")], "b"
     )
-    names = [one.label for one in contenders([other, study])]
+    names = [one.label for one in agent_results([other, study])]
     assert names == ["model:x", "zeta", "reference (b)", "reference (study)", "random", "blind-constant"]
-    assert [one.is_baseline for one in contenders([other, study])] == [False, False, True, True, True, True]
+    assert [one.is_baseline for one in agent_results([other, study])] == [False, False, True, True, True, True]
 
 
 def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run) -> None:
-    who = contenders([study])
+    who = agent_results([study])
     model, reference = by_budget(who).rows
     assert model[:1] == ["model:x"]
     assert [cell.value for cell in model[1:] if isinstance(cell, Share)] == [0.5, 0.5]
@@ -51,12 +51,12 @@ def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run)
 
 
 def test_the_page_says_of_a_curve_what_the_terminal_says(study: Run) -> None:
-    (curve,) = contenders([study])[0].summary.budget_curves
+    (curve,) = agent_results([study])[0].summary.budget_curves
     assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in render([study]).page
 
 
 def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
-    picks = dict(group_picks(contenders([study])))
+    picks = dict(group_picks(agent_results([study])))
     assert list(picks) == ["all", "easy-single", "easy-multi", "hard-single", "hard-multi"]
     easy_multi = picks["easy-multi"]
     assert easy_multi is not None
@@ -64,7 +64,7 @@ def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
 
 
 def test_failure_modes_are_counted_with_their_denominator(study: Run) -> None:
-    table = next(one for one in tables(contenders([study])) if one.name == "failure_modes")
+    table = next(one for one in tables(agent_results([study])) if one.name == "failure_modes")
     assert {str(row[0]): row[1:] for row in table.rows}["answer format mismatch"] == [Count(16, 32), Count(0, 32)]
 
 
@@ -75,29 +75,29 @@ def test_the_paper_is_quoted_with_seven_models_and_without_intervals() -> None:
 
 
 def test_every_row_of_markdown_has_the_cells_of_its_head() -> None:
-    for part in re.split(r"^## .*$", markdown(tables(contenders([hostile()]))), flags=re.MULTILINE)[1:]:
+    for part in re.split(r"^## .*$", markdown(tables(agent_results([hostile()]))), flags=re.MULTILINE)[1:]:
         rows = [re.split(r"(?<!\\)\|", line) for line in part.strip().splitlines()]
         assert len({len(row) for row in rows}) == 1
-    assert "<b>" not in markdown(tables(contenders([hostile()])))
+    assert "<b>" not in markdown(tables(agent_results([hostile()])))
 
 
 def test_latex_runs_nothing_that_an_agent_is_called(study: Run) -> None:
-    text = latex(tables(contenders([hostile()])))
+    text = latex(tables(agent_results([hostile()])))
     assert "\\input" not in text
     assert "=x|<b>\\&\\textbackslash{}input\\{/etc/passwd\\}\\$\\_\\textasciicircum{} \\%" in text
     assert text.count("\\begin{") == text.count("\\end{")
-    rows = [line for line in latex(tables(contenders([study]))).splitlines() if line.endswith("\\\\")]
+    rows = [line for line in latex(tables(agent_results([study]))).splitlines() if line.endswith("\\\\")]
     assert all(line.startswith("    ") for line in rows)
 
 
 def test_csv_keeps_full_precision_and_gives_a_spreadsheet_no_formula(study: Run) -> None:
-    table = by_budget(contenders([study]))
+    table = by_budget(agent_results([study]))
     head, model, _ = csv.reader(io.StringIO(csv_text(table)))
     assert head == ["agent", *(f"{budget}{what}" for budget in (5, 20) for what in ("", " low", " high", " n"))]
     share = table.rows[0][1]
     assert isinstance(share, Share)
     assert [float(one) for one in model[1:5]] == [share.value, share.low, share.high, share.n]
-    rows = list(csv.reader(io.StringIO(csv_text(by_budget(contenders([hostile()]))))))
+    rows = list(csv.reader(io.StringIO(csv_text(by_budget(agent_results([hostile()]))))))
     assert rows[1][0].startswith("'=x")
     assert {len(row) for row in rows} == {9}
 
@@ -116,7 +116,7 @@ def test_spending_says_what_it_speaks_of(study: Run) -> None:
 
 @pytest.mark.parametrize("form", ["svg", "pdf"])
 def test_figures_are_whole_files_and_the_same_each_time(tmp_path: Path, study: Run, form: str) -> None:
-    who = contenders([study, hostile()])
+    who = agent_results([study, hostile()])
     files = write_figures(tmp_path / "a", who, form)
     assert [file.stem for file in files] == ["budget", "categories", "dimensions", "failure_modes"]
     again = write_figures(tmp_path / "b", who, form)
@@ -131,4 +131,4 @@ def test_without_the_plotting_library_one_sentence_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(UsageError, match=r"pip install physment-mcp\[report\]"):
-        write_figures(tmp_path, contenders([study]), "svg")
+        write_figures(tmp_path, agent_results([study]), "svg")

@@ -8,22 +8,12 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import (
-    Episode,
-    EpisodeKey,
-    Grade,
-    GradeRecord,
-    Outcome,
-    Plan,
-    RunRecord,
-    ServerRecord,
-    Verdict,
-    Versions,
-)
+from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Plan, RunRecord, ServerRecord, Verdict, Versions
 from evaluator.scores.comparison import Comparison, Side, compare
-from evaluator.scores.metrics import ScoredEpisode
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.paired import PairedTest
 from evaluator.store import RunFolder
+from tests.builders.scored import scored
 
 CATEGORIES = ("easy-single", "hard-multi", "create-delete-attach")
 
@@ -60,7 +50,6 @@ def side(
     key: float = 1.0,
 ) -> Side:
     rows: list[ScoredEpisode] = []
-    grades: dict[EpisodeKey, GradeRecord] = {}
     for one in (
         EpisodeKey(scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting)
         for scene in scenes
@@ -71,9 +60,9 @@ def side(
         pack, grade = packs(one.scene), verdict(right(one))
         outcome = Outcome.INFRASTRUCTURE_ERROR if right(one) is None else Outcome.ANSWERED
         kind = "comparison" if one.scene % 2 else "calculation"
-        rows.append(ScoredEpisode(episode(one, pack, outcome), grade, CATEGORIES[one.scene % 3], kind))
-        grades[one] = GradeRecord(key=one, grade=grade, answer_key=key, grader_version=grader, pack_version=pack)
-    return Side(name, rows, grades)
+        played = episode(one, pack, outcome)
+        rows.append(scored(played, grade, CATEGORIES[one.scene % 3], kind, answer_key=key, grader_version=grader))
+    return Side(name, rows)
 
 
 def test_the_better_of_two_agents_is_named_with_its_certainty() -> None:
@@ -179,7 +168,7 @@ def test_runs_without_a_common_episode_are_refused_with_what_they_do_not_share()
     several = side("two", bool, agents=["y", "z"])
     assert refusal(one, several).endswith("agent x against y, z; choose one of each with --a agent=… --b agent=…")
     assert refusal(one, side("two", bool, scenes=[])) == "two holds no episodes, or none of those chosen"
-    crossed = Side("two", [*side("", bool, scenes=[7], seeds=[1]).rows, *side("", bool, scenes=[99]).rows], {})
+    crossed = Side("two", [*side("", bool, scenes=[7], seeds=[1]).rows, *side("", bool, scenes=[99]).rows])
     assert "no scene, seed, epoch is the same in both" in refusal(side("one", bool, scenes=[7]), crossed)
 
 
@@ -215,7 +204,7 @@ def stored(folder: Path, made: Side) -> Path:
     run.write_run(RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host")))
     for row in made.rows:
         run.append_episode(row.episode)
-    run.write_grades(made.grades.values())
+    run.write_grades(row.record for row in made.rows)
     return folder
 
 

@@ -19,17 +19,12 @@ from evaluator.records import (
     Verdict,
     Versions,
 )
+from evaluator.scores.dimensions import WEIGHTS, final_score, non_repetition
 from evaluator.scores.grouping import quadrant
-from evaluator.scores.metrics import (
-    WEIGHTS,
-    ScoredEpisode,
-    dimensions,
-    final_score,
-    held_out_accuracy,
-    non_repetition,
-    summarise,
-)
+from evaluator.scores.metrics import held_out_accuracy, summarise
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.intervals import wilson_interval
+from tests.builders.scored import scored, scores_of
 
 RIGHT = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="")
 WRONG = Grade(strict=Verdict.INCORRECT, graded=0.0, normalised=Verdict.INCORRECT, reason="")
@@ -83,7 +78,7 @@ def row(
     problem_type: str = "calculation",
 ) -> ScoredEpisode:
     played = episode(turn("push", exchange("answer")), agent=agent, budget=budget, outcome=outcome)
-    return ScoredEpisode(played, grade, category, problem_type)
+    return scored(played, grade, category, problem_type)
 
 
 # The paper's table: C, E, G, V, R, G' → FS.
@@ -117,20 +112,20 @@ def test_undefined_dimensions_count_nothing_in_the_score() -> None:
 # One episode.
 def test_efficiency_is_the_share_of_the_budget_left() -> None:
     turns = [turn("", exchange()) for _ in range(5)]
-    assert dimensions(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
-    assert dimensions(episode(*turns, budget=5), RIGHT).e == 0
-    assert dimensions(episode(*turns, budget=20), WRONG).e == pytest.approx(0.75)
+    assert scores_of(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
+    assert scores_of(episode(*turns, budget=5), RIGHT).e == 0
+    assert scores_of(episode(*turns, budget=20), WRONG).e == pytest.approx(0.75)
     limited_by_calls = episode(*turns, budget=5).model_copy(update={"max_calls": 50})
-    assert dimensions(limited_by_calls, RIGHT).e == pytest.approx(0.9)
+    assert scores_of(limited_by_calls, RIGHT).e == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.BUDGET_EXHAUSTED, Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR])
 def test_without_an_answer_efficiency_is_nothing(outcome: Outcome) -> None:
-    assert dimensions(episode(turn(), outcome=outcome), WRONG).e == 0
+    assert scores_of(episode(turn(), outcome=outcome), WRONG).e == 0
 
 
 def test_correctness_is_the_graded_one() -> None:
-    assert [dimensions(episode(), grade).c for grade in (RIGHT, HALF, WRONG, UNSCORED)] == [1, 0.5, 0, None]
+    assert [scores_of(episode(), grade).c for grade in (RIGHT, HALF, WRONG, UNSCORED)] == [1, 0.5, 0, None]
 
 
 def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_behind_them() -> None:
@@ -140,19 +135,19 @@ def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_behi
         turn("", exchange(), exchange(ran=False, error=True), exchange(ran=False)),
         turn("", exchange("answer")),
     )
-    scores = dimensions(played, RIGHT)
+    scores = scores_of(played, RIGHT)
     # Made: 3 + 2 + 1 = 6, of which one returned an error and one was rejected.
     assert (scores.v, scores.calls, scores.disabled_calls) == (pytest.approx(4 / 6), 6, 0)
 
 
 def test_calls_to_disabled_tools_are_counted_apart() -> None:
     played = episode(turn("", exchange(), exchange("detect_collision", error=True), exchange("answer")))
-    scores = dimensions(played, RIGHT, frozenset({"detect_collision"}))
+    scores = scores_of(played, RIGHT, frozenset({"detect_collision"}))
     assert (scores.v, scores.calls, scores.disabled_calls) == (1.0, 2, 1)
 
 
 def test_without_calls_words_or_assertions_the_dimensions_are_undefined() -> None:
-    scores = dimensions(episode(turn(""), turn(" …\n"), outcome=Outcome.AGENT_ERROR), WRONG)
+    scores = scores_of(episode(turn(""), turn(" …\n"), outcome=Outcome.AGENT_ERROR), WRONG)
     assert (scores.g, scores.v, scores.r) == (None, None, None)
 
 
@@ -160,7 +155,7 @@ def test_grounding_is_the_share_of_supported_assertions() -> None:
     read = Exchange(
         call=ToolCall(tool="get_velocity", arguments={}), returned=True, content={"velocity": [1.5, 0.0, 0.0]}
     )
-    scores = dimensions(episode(turn("", read), turn("It has 1.5 m/s, so 7 J.", exchange("answer"))), RIGHT)
+    scores = scores_of(episode(turn("", read), turn("It has 1.5 m/s, so 7 J.", exchange("answer"))), RIGHT)
     assert scores.g == pytest.approx(0.5)
 
 
@@ -230,10 +225,10 @@ def test_a_run_by_hand() -> None:
     broken = episode(outcome=Outcome.INFRASTRUCTURE_ERROR, scene=52)
     summary = summarise(
         [
-            ScoredEpisode(played, HALF, "easy-single", "computation"),
-            ScoredEpisode(silent, RIGHT, "easy-single", "comparison", frozenset({"step"})),
-            ScoredEpisode(lost, WRONG, "easy-multi", "comparison"),
-            ScoredEpisode(broken, UNSCORED, "easy-multi-hidden", "comparison"),
+            scored(played, HALF, "easy-single", "computation"),
+            scored(silent, RIGHT, "easy-single", "comparison", disabled_tools=frozenset({"step"})),
+            scored(lost, WRONG, "easy-multi", "comparison"),
+            scored(broken, UNSCORED, "easy-multi-hidden", "comparison"),
         ]
     )
     overall = summary.overall

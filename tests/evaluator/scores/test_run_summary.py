@@ -11,11 +11,13 @@ from jsonschema import Draft202012Validator
 from evaluator.commands.terminal import summary_lines
 from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
 from evaluator.scores.grouping import modality, problem_kind
-from evaluator.scores.metrics import RunSummary, ScoredEpisode, summarise
+from evaluator.scores.metrics import RunSummary, summarise
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import curve_sentence
 from evaluator.statistics.budget_curve import Cell, Shape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
 from tests.builders.paths import DOCS
+from tests.builders.scored import scored
 
 SCHEMA = DOCS / "reference" / "run-summary.schema.json"
 
@@ -50,7 +52,7 @@ def rows(
         )
         grade = Grade(strict=strict, graded=None if said is None else float(said), normalised=strict, reason="")
         kind = "comparison" if key.scene % 2 else "computation"
-        found.append(ScoredEpisode(played, grade, "hard-multi-hidden" if key.scene % 3 else "easy-single", kind))
+        found.append(scored(played, grade, "hard-multi-hidden" if key.scene % 3 else "easy-single", kind))
     return found
 
 

@@ -1,0 +1,45 @@
+"""The record that summaries, reports and comparisons read: one episode and everything computed from it alone."""
+
+from dataclasses import dataclass
+
+from evaluator.failures.findings import Failure
+from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.scores.dimensions import EpisodeScores
+from evaluator.scores.grounding import Grounding
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredEpisode:
+    """One episode with its grade, scores, grounding and failures. Only `evaluator.scores.scoring` builds it."""
+
+    episode: Episode
+    record: GradeRecord
+    """Its grade, with the answer key and the version of the grader."""
+    category: str
+    """Category of its scene."""
+    problem_type: str
+    """Problem type of its scene."""
+    scores: EpisodeScores
+    grounding: Grounding
+    failures: tuple[Failure, ...]
+    """Empty if the episode is unscored."""
+
+    @property
+    def key(self) -> EpisodeKey:
+        """The episode's place in the matrix of a run."""
+        return self.episode.key
+
+    @property
+    def grade(self) -> Grade:
+        """The verdicts on its answer."""
+        return self.record.grade
+
+    @property
+    def is_scored(self) -> bool:
+        """Whether it has a verdict; an episode ended by an infrastructure error has none."""
+        return self.grade.strict is not Verdict.UNSCORED
+
+    @property
+    def is_correct(self) -> bool:
+        """Whether its answer is strictly correct."""
+        return self.grade.strict is Verdict.CORRECT

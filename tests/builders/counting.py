@@ -1,0 +1,33 @@
+"""How often functions are called while a block runs, without changing them."""
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+
+@contextmanager
+def calls_counted(*functions: Callable[..., Any]) -> Generator[Counter[str]]:
+    """Count the calls of some functions in this thread.
+
+    Args:
+        functions: Written in Python, and no generators, which would count once for each value.
+
+    Yields:
+        Name of the function → its calls so far.
+    """
+    names = {function.__code__: function.__qualname__ for function in functions}
+    calls: Counter[str] = Counter()
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        if event == "call" and frame.f_code in names:
+            calls[names[frame.f_code]] += 1
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        yield calls
+    finally:
+        sys.setprofile(before)

@@ -1,0 +1,44 @@
+"""Scored episodes made by hand: real scores and grounding, a chosen grade and chosen failures."""
+
+from pydantic import JsonValue
+
+from evaluator.failures.findings import Failure
+from evaluator.records import Episode, Grade, GradeRecord
+from evaluator.scores.dimensions import EpisodeScores, dimensions
+from evaluator.scores.grounding import grounding_of
+from evaluator.scores.scored_episode import ScoredEpisode
+
+
+def scores_of(episode: Episode, grade: Grade, disabled_tools: frozenset[str] = frozenset()) -> EpisodeScores:
+    """The dimensions of an episode with its own grounding."""
+    return dimensions(episode, grade, grounding_of(episode), disabled_tools)
+
+
+def scored(
+    episode: Episode,
+    grade: Grade,
+    category: str = "easy-single",
+    problem_type: str = "calculation",
+    *,
+    disabled_tools: frozenset[str] = frozenset(),
+    failures: tuple[Failure, ...] = (),
+    answer_key: JsonValue = 1.5,
+    grader_version: str = "1",
+) -> ScoredEpisode:
+    """A scored episode of a scene that no pack describes."""
+    record = GradeRecord(
+        key=episode.key,
+        grade=grade,
+        answer_key=answer_key,
+        grader_version=grader_version,
+        pack_version=episode.versions.pack,
+    )
+    return ScoredEpisode(
+        episode=episode,
+        record=record,
+        category=category,
+        problem_type=problem_type,
+        scores=scores_of(episode, grade, disabled_tools),
+        grounding=grounding_of(episode),
+        failures=failures,
+    )
