@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from evaluator.markdown import markdown_table
 from evaluator.records import Episode, GradeRecord, Record, RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
@@ -41,12 +42,11 @@ def _table(title: str, schema: dict[str, Any]) -> list[str]:
     if not fields:
         return ["No arguments.", ""]
     required = set(schema.get("required", []))
-    rows = [f"| {title} | form | meaning |", "|---|---|---|"]
+    rows: list[tuple[str, str, str]] = []
     for name, field in fields.items():
         default = "" if name in required else f", default {json.dumps(field.get('default'))}"
-        meaning = field.get("description", "").replace("|", "\\|")
-        rows.append(f"| `{name}` | {_form(field)}{default} | {meaning} |")
-    return [*rows, ""]
+        rows.append((f"`{name}`", f"{_form(field)}{default}", field.get("description", "")))
+    return [markdown_table((title, "form", "meaning"), rows), ""]
 
 
 def _form(field: dict[str, Any]) -> str:

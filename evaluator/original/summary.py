@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pydantic import JsonValue
 
 from evaluator.episode.player import ANSWER
+from evaluator.markdown import markdown_table
 from evaluator.original.play import PlayedLog
 from evaluator.original.verdicts import eq1, why_other_than_eq1, why_other_verdict
 from evaluator.protocols.text import parse_reply
@@ -206,25 +207,25 @@ def _ends_in_answer(episode: Episode) -> bool:
     return any(one.call.tool == ANSWER and one.returned for one in episode.turns[-1].exchanges)
 
 
-def markdown(table: Sequence[Row]) -> str:
+def markdown(rows: Sequence[Row]) -> str:
     """The report: how replies were read, what came of the calls, the verdicts, and why they differ."""
-    total = table[-1]
-    heads = [f"{row.model} {row.budget or ''}".rstrip() for row in table]
+    total = rows[-1]
+    heads = [f"{row.model} {row.budget or ''}".rstrip() for row in rows]
     return "\n".join(
         (
-            _table(_READING, [(*_who(row), *_reading_cells(row)) for row in table]),
-            _table(_CALLING, [(*_who(row), *_calling_cells(row.calls)) for row in table]),
-            _table(_JUDGING, [(*_who(row), *_verdict_cells(row.verdicts)) for row in table]),
+            _table(_READING, [(*_who(row), *_reading_cells(row)) for row in rows]),
+            _table(_CALLING, [(*_who(row), *_calling_cells(row.calls)) for row in rows]),
+            _table(_JUDGING, [(*_who(row), *_verdict_cells(row.verdicts)) for row in rows]),
             _table(
                 ("why the log's verdict is another than ours", *heads, "scenes"),
                 [
-                    (why, *(row.disagreements.get(why, 0) for row in table), ", ".join(map(str, total.scenes[why])))
+                    (why, *(row.disagreements.get(why, 0) for row in rows), ", ".join(map(str, total.scenes[why])))
                     for why in total.disagreements
                 ],
             ),
             _table(
                 ("why our strict verdict is another than that of Eq. 1", *heads),
-                [(why, *(row.eq1_disagreements.get(why, 0) for row in table)) for why in total.eq1_disagreements],
+                [(why, *(row.eq1_disagreements.get(why, 0) for row in rows)) for why in total.eq1_disagreements],
             ),
         )
     )
@@ -274,7 +275,5 @@ def _share(part: int, whole: int) -> str:
     return f"{part} ({part / whole:.1%})" if whole else str(part)
 
 
-def _table(head: Sequence[str], body: Sequence[Sequence[object]]) -> str:
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    lines += [f"| {' | '.join(map(str, cells))} |" for cells in body]
-    return "\n".join(lines) + "\n"
+def _table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    return markdown_table(titles, [[str(cell) for cell in cells] for cells in rows]) + "\n"

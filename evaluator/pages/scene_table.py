@@ -1,7 +1,8 @@
 """`scenes.md`: a row for each scene, by category, and which scenes are of the kinds that UTOPIA has."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
+from evaluator.markdown import escaped, markdown_table
 from evaluator.pages.listing import Listing
 from scenes import Category
 
@@ -17,6 +18,8 @@ KINDS: Mapping[str, tuple[int, ...]] = {
 
 PICTURES = "scenes"
 """Folder of the pictures, beside the page."""
+
+_TITLES = ("picture", "scene", "name", "concepts", "answer", "iterations, interventions", "objects")
 
 _HEAD = """\
 # The scenes
@@ -38,9 +41,7 @@ _KINDS_HEAD = """\
 UTOPIA (Liu et al., *Mind's Eye: Grounded Language Model Reasoning through Simulation*, ICLR 2023) asks about six kinds
 of scenes. These scenes are about the same physics, the nearest first. They are relatives and not copies: here the
 quantity that decides is not told but has to be measured.
-
-| kind | scenes |
-|---|---|"""
+"""
 
 
 def scenes_page(listings: Sequence[Listing], pictured: Mapping[int, bool], *, drawn: bool) -> str:
@@ -55,27 +56,21 @@ def scenes_page(listings: Sequence[Listing], pictured: Mapping[int, bool], *, dr
     parts = [_HEAD]
     for category in categories:
         rows = [_row(one, pictured.get(one.scene, False), drawn) for one in listings if one.category is category]
-        parts.append(f"## {category.value if category else 'without category'}\n\n{_table(rows)}")
+        parts.append(f"## {category.value if category else 'without category'}\n\n{markdown_table(_TITLES, rows)}\n")
     kinds = _kinds({one.scene: one.name for one in listings})
     return "\n".join([*parts, *([kinds] if kinds else [])]).rstrip() + "\n"
 
 
-def _table(rows: Iterable[str]) -> str:
-    titles = ("picture", "scene", "name", "concepts", "answer", "iterations, interventions", "objects")
-    return "\n".join([f"| {' | '.join(titles)} |", "|---" * len(titles) + "|", *rows]) + "\n"
-
-
-def _row(one: Listing, pictured: bool, drawn: bool) -> str:
-    cells = (
+def _row(one: Listing, pictured: bool, drawn: bool) -> tuple[str, ...]:
+    return (
         _picture(one, pictured, drawn),
         f'<a id="scene-{one.scene}"></a>{one.scene}',
-        cell(one.name),
-        cell(", ".join(one.concepts)),
-        cell(one.answer),
+        escaped(one.name),
+        escaped(", ".join(one.concepts)),
+        escaped(one.answer),
         f"{_span(one.steps.iterations)}, {_span(one.steps.interventions)}" if one.steps else "–",
         str(one.in_sight),
     )
-    return f"| {' | '.join(cells)} |"
 
 
 def _span(ends: tuple[int, int]) -> str:
@@ -89,15 +84,9 @@ def _picture(one: Listing, pictured: bool, drawn: bool) -> str:
 
 
 def _kinds(names: Mapping[int, str]) -> str:
-    lines = [
-        f"| {kind} | {'; '.join(f'[{scene}](#scene-{scene}) {cell(names[scene])}' for scene in found)} |"
+    rows = [
+        (kind, "; ".join(f"[{scene}](#scene-{scene}) {escaped(names[scene])}" for scene in found))
         for kind, scenes in KINDS.items()
         if (found := [scene for scene in scenes if scene in names])
     ]
-    return "\n".join([_KINDS_HEAD, *lines]) if lines else ""
-
-
-def cell(text: str) -> str:
-    """Text that stays in its cell, and is only text."""
-    one_line = " ".join(text.split())
-    return one_line.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+    return f"{_KINDS_HEAD}\n{markdown_table(('kind', 'scenes'), rows)}" if rows else ""

@@ -1,10 +1,11 @@
-"""Tables as Markdown, CSV and LaTeX. Whatever an agent is called, it stays text."""
+"""Tables as Markdown, CSV and LaTeX. The name of an agent can never become markup, a formula or a command."""
 
 import csv
 import io
 import re
 from collections.abc import Sequence
 
+from evaluator.markdown import escaped, markdown_table
 from evaluator.report.tables import Cell, Count, Score, Share, Table
 
 _LATEX = {
@@ -15,37 +16,35 @@ _LATEX = {
     "^": r"\textasciicircum{}",
     "′": r"$'$",
     "–": "--",
-    **{one: f"\\{one}" for one in "$%&#_"},
+    **{sign: f"\\{sign}" for sign in "$%&#_"},
 }
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 
 
 def markdown(tables: Sequence[Table]) -> str:
-    """GitHub-flavoured Markdown, a heading above each table."""
+    """GitHub-flavoured Markdown, with a heading above each table."""
     parts: list[str] = []
     for table in tables:
-        lines = [f"## {table.title}", "", _markdown_row(table.columns)]
-        lines.append("|---|" + "---:|" * (len(table.columns) - 1))
-        lines += [_markdown_row([shown(cell, table.decimals) for cell in row]) for row in table.rows]
-        parts.append("\n".join(lines) + "\n")
+        titles, *rows = [[escaped(_one_line(cell)) for cell in cells] for cells in _texts(table)]
+        parts.append(f"## {table.title}\n\n{markdown_table(titles, rows, numbers=True)}\n")
     return "\n".join(parts)
 
 
-def _markdown_row(cells: Sequence[str]) -> str:
-    escaped = (re.sub(r"([\\`*_{}\[\]<>|#])", r"\\\1", _plain(cell)) for cell in cells)
-    return "| " + " | ".join(escaped) + " |"
+def _texts(table: Table) -> list[list[str]]:
+    """The titles of a table and then its rows, each cell as a reader sees it."""
+    return [[*table.columns], *([shown(cell, table.decimals) for cell in row] for row in table.rows)]
 
 
 def latex(tables: Sequence[Table]) -> str:
-    r"""`tabular`s with the rules of `booktabs`, each in a `table` with caption and label."""
+    r"""LaTeX: a `tabular` with the rules of `booktabs` for each table, in a `table` with caption and label."""
     parts = ["% Needs \\usepackage{booktabs}.\n"]
     for table in tables:
-        head, *rows = ([*table.columns], *([shown(cell, table.decimals) for cell in row] for row in table.rows))
+        titles, *rows = _texts(table)
         body = "".join(_latex_row(row) for row in rows)
         parts.append(
             f"\\begin{{table}}\n  \\centering\n  \\caption{{{_latex_text(table.title)}}}\n"
             f"  \\label{{tab:{table.name.replace('_', '-')}}}\n"
-            f"  \\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}\n    \\toprule\n{_latex_row(head)}    \\midrule\n"
+            f"  \\begin{{tabular}}{{l{'r' * (len(titles) - 1)}}}\n    \\toprule\n{_latex_row(titles)}    \\midrule\n"
             f"{body}    \\bottomrule\n  \\end{{tabular}}\n\\end{{table}}\n"
         )
     return "\n".join(parts)
@@ -56,11 +55,11 @@ def _latex_row(cells: Sequence[str]) -> str:
 
 
 def _latex_text(text: str) -> str:
-    return "".join(_LATEX.get(one, one) for one in _plain(text))
+    return "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
 
 
 def csv_text(table: Table) -> str:
-    """One table with full precision; a share fills four columns (value, ends of its interval, episodes)."""
+    """One table with full precision. A share takes four columns: value, ends of its interval, episodes."""
     wide = [
         next((kind for kind in (Share, Count) if any(isinstance(row[index], kind) for row in table.rows)), None)
         for index in range(len(table.columns))
@@ -70,8 +69,8 @@ def csv_text(table: Table) -> str:
     titles: list[str] = []
     for title, kind in zip(table.columns, wide, strict=True):
         more = {Share: ("low", "high", "n"), Count: ("of",), None: ()}[kind]
-        titles += [title, *(f"{title} {one}" for one in more)]
-    writer.writerow([_safe(one) for one in titles])
+        titles += [title, *(f"{title} {part}" for part in more)]
+    writer.writerow([_safe(title) for title in titles])
     for row in table.rows:
         cells: list[object] = []
         for cell, kind in zip(row, wide, strict=True):
@@ -84,19 +83,19 @@ def csv_text(table: Table) -> str:
 
 
 def _safe(cell: object) -> object:
-    """A text that no spreadsheet takes for a formula."""
+    """A cell; a text gets a quote in front if a spreadsheet could read it as a formula."""
     if not isinstance(cell, str):
         return cell
-    text = _plain(cell)
+    text = _one_line(cell)
     return f"'{text}" if text[:1] in {"=", "+", "-", "@"} else text
 
 
-def _plain(text: str) -> str:
+def _one_line(text: str) -> str:
     return _CONTROL.sub(" ", text)
 
 
 def shown(cell: Cell, decimals: int) -> str:
-    """A cell as a reader sees it; a dash where there is nothing."""
+    """A cell as a reader sees it; a dash if it is empty."""
     if cell is None:
         return "–"
     if isinstance(cell, Count):

@@ -18,6 +18,7 @@ from rich.table import Table
 from scripted_model import app, serving
 
 from evaluator.commands.base import wide_console
+from evaluator.markdown import markdown_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +113,7 @@ def page(rows: Sequence[Row]) -> str:
         " grade is the same. *Host only* means that the client was seen to start a laboratory for each call."
         " [How to set each of them up](../how-to/clients.md).",
         "",
-        "| " + " | ".join(TITLES) + " |",
-        "|---" * len(TITLES) + "|",
-        *("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines_of(rows)),
+        markdown_table(TITLES, lines_of(rows)),
     ]
     return "\n".join(lines) + "\n"
 

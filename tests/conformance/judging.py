@@ -9,6 +9,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from suite import Result
 
+from evaluator.markdown import markdown_table
+
 Found = Mapping[str, Mapping[str, Result]]
 """Protocol → scenario → what it found."""
 
@@ -93,9 +95,10 @@ def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
         "A pass means little where a scenario takes any well-formed reply: `tools-call-simple-text` is content with the"
         " refusal of a tool that is not there. What the 26 tools do is held by `make test`.",
         "",
-        "| scenario | " + " | ".join(revisions) + " | why not |",
-        "|---" * (len(revisions) + 2) + "|",
-        *(_line(scenario, [found[revision].get(scenario) for revision in revisions], expected) for scenario in ran),
+        markdown_table(
+            ("scenario", *revisions, "why not"),
+            [_cells(scenario, [found[revision].get(scenario) for revision in revisions], expected) for scenario in ran],
+        ),
         "",
         *(f"- *{kind}*: {meaning}." for kind, meaning in KINDS.items()),
         "- –: the scenario is not of this protocol.",
@@ -103,10 +106,9 @@ def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _line(scenario: str, results: Sequence[Result | None], expected: Mapping[str, Expected]) -> str:
+def _cells(scenario: str, results: Sequence[Result | None], expected: Mapping[str, Expected]) -> list[str]:
     why = expected.get(scenario)
-    cells = [scenario, *map(_cell, results), "" if why is None else f"*{why.kind}*: {why.reason}"]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return [scenario, *map(_cell, results), "" if why is None else f"*{why.kind}*: {why.reason}"]
 
 
 def _cell(result: Result | None) -> str:

@@ -18,6 +18,7 @@ from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import FailureMode, form_of
+from evaluator.markdown import markdown_table
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.original.play import scene_of
@@ -173,60 +174,56 @@ def measured(judged: dict[Id, Judged]) -> str:
 
 
 def _composition(judged: dict[Id, Judged]) -> str:
-    lines = ["| sample | model | strictly right | wrong | of these drawn for an error |", "|---|---|---|---|---|"]
+    lines: list[Sequence[str]] = []
     for sample in SAMPLES:
         for agent in sorted({row[0] for row in LABELS[sample]}):
             rows = [row for row in LABELS[sample] if row[0] == agent]
             right = sum(judged[_id(row)].grade.strict is Verdict.CORRECT for row in rows)
             drawn = sum(row[3] != "any" for row in rows)
-            lines.append(f"| {sample} | {agent} | {right} | {len(rows) - right} | {drawn} |")
-    return "\n".join(lines)
+            lines.append((sample, agent, str(right), str(len(rows) - right), str(drawn)))
+    return markdown_table(("sample", "model", "strictly right", "wrong", "of these drawn for an error"), lines)
 
 
 def _detectors(judged: dict[Id, Judged]) -> str:
-    lines = ["| mode | " + " | ".join(SAMPLES) + " | precision | recall |", "|---|" + "---|" * (len(SAMPLES) + 2)]
+    lines: list[Sequence[str]] = []
     for mode in FailureMode:
         cells = [" / ".join(map(str, agreement(judged, LABELS[sample], mode))) for sample in SAMPLES]
         total = agreement(judged, [row for sample in SAMPLES for row in LABELS[sample]], mode)
         precision = _share(total.both, total.both + total.found_only)
         recall = _share(total.both, total.both + total.labelled_only)
-        lines.append(f"| {_worded(mode)} | {' | '.join(cells)} | {precision} | {recall} |")
-    return "\n".join(lines)
+        lines.append((_worded(mode), *cells, precision, recall))
+    return markdown_table(("mode", *SAMPLES, "precision", "recall"), lines)
 
 
 def _links(judged: dict[Id, Judged]) -> str:
     links, treated = link_agreement(judged)
     hows = ("linked", "unsupported", "left out")
-    lines = ["| the number was | " + " | ".join(hows) + " |", "|---|---|---|---|"]
-    for label, said in (("read", "read from a return"), ("own", "the agent's own"), ("no assertion", "no assertion")):
-        lines.append(f"| {said} | " + " | ".join(str(treated[label, how]) for how in hows) + " |")
+    labels = (("read", "read from a return"), ("own", "the agent's own"), ("no assertion", "no assertion"))
+    lines = [(said, *(str(treated[label, how]) for how in hows)) for label, said in labels]
     precision = _share(links.both, links.both + links.found_only)
     recall = _share(links.both, links.both + links.labelled_only)
-    return "\n".join(lines) + f"\n\nPrecision of the links {precision}, recall {recall}."
+    table = markdown_table(("the number was", *hows), lines)
+    return f"{table}\n\nPrecision of the links {precision}, recall {recall}."
 
 
 def _all_episodes(judged: dict[Id, Judged]) -> str:
     agents = sorted({agent for agent, _, _ in judged})
     groups = [[one for (agent, _, _), one in judged.items() if agent == name] for name in agents]
-    lines = ["| | " + " | ".join(agents) + " |", "|---|" + "---|" * len(agents)]
     wrong = [sum(one.grade.strict is Verdict.INCORRECT for one in group) for group in groups]
-    lines.append(
-        "| episodes (wrong) | "
-        + " | ".join(f"{len(group)} ({count})" for group, count in zip(groups, wrong, strict=True))
-        + " |"
-    )
+    counts = [f"{len(group)} ({count})" for group, count in zip(groups, wrong, strict=True)]
+    lines: list[Sequence[str]] = [("episodes (wrong)", *counts)]
     for mode in FailureMode:
         cells = [
             f"{sum(mode in one.found for one in group)}"
             f" ({sum(mode in one.found and one.grade.strict is Verdict.INCORRECT for one in group)})"
             for group in groups
         ]
-        lines.append(f"| {_worded(mode)} | {' | '.join(cells)} |")
+        lines.append((_worded(mode), *cells))
     for name in ("e", "g", "v", "r"):
         values = [[getattr(one.scores, name) for one in group] for group in groups]
         cells = [f"{fmean(one or 0.0 for one in group):.3f} ({sum(one is None for one in group)})" for group in values]
-        lines.append(f"| mean {name.upper()} (undefined in) | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        lines.append((f"mean {name.upper()} (undefined in)", *cells))
+    return markdown_table(("", *agents), lines)
 
 
 def _share(part: int, whole: int) -> str:
