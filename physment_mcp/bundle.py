@@ -83,7 +83,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
         "description": "A physics laboratory: find quantities by experiment in MuJoCo scenes.",
         "long_description": "Choose the prompt `scene` and a number. The model is told a task, experiments with 26"
         " tools (push, wait, measure, create, reveal, attach), and answers once. The right answers are not in here.",
-        "author": {"name": "The PhysMent MCP authors"},
+        "author": {"name": "PhysMent MCP contributors"},
         "license": "MIT",
         "icon": "icon.png",
         "keywords": ["physics", "mujoco", "simulation", "benchmark"],
