@@ -1,82 +1,132 @@
-# Set-up and the commands of every day. `make demo` and `make test` need nothing but Python 3.11+ and make.
+# The commands of every day. `make help` lists them; `make demo` and `make test` need nothing but Python 3.11+ and make.
+# Every command works on a fresh clone: whatever needs the environment depends on $(STAMP), which creates it once.
+# Linux and macOS only: the recipes are POSIX shell, and an environment on Windows has no bin/ folder.
 
 VENV := .venv
 BIN := $(VENV)/bin
+# Touched after a complete installation. It is older than the lock or pyproject.toml when one of them has changed since;
+# make then builds the environment anew.
 STAMP := $(VENV)/.installed
+# Modules whose lines and branches the tests must cover completely, because results depend on them.
 CORE := physment_mcp/session.py,physment_mcp/tools/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/records.py,evaluator/episode/loop.py,evaluator/answers/grading.py,evaluator/answers/strict.py,evaluator/answers/forgiven.py,evaluator/scores/metrics.py,evaluator/scores/grouping.py,evaluator/scores/comparison.py,evaluator/scores/dimensions.py,evaluator/statistics/*
+# The interpreters that are tried, the newest first; `make setup PYTHON=python3.11` tries only that one.
+PYTHONS := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test ray-test clients conformance inspect-test verify check bench pages lock mcpb wheel clean setup
+.PHONY: help setup demo check format test bench verify pages pages-check ray-test clients conformance inspect-test mcpb lock \
+  test-lowest dist test-wheel release release-check clean
 
+# `## text` after a target is its line in this list, `##@ text` a heading.
 help: ## list the commands
-	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1|\2/' | column -t -s '|'
+	@awk 'BEGIN { FS = ":.*## " } \
+	  /^##@ / { printf "\n%s\n", substr($$0, 5) } \
+	  /^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: $(STAMP) ## create .venv and install everything, locked by hash
+##@ Every day
 
+setup: $(STAMP) ## create .venv and install every dependency of requirements.lock, checked by hash (1 to 2 minutes)
+
+# Python 3.14 is refused because the pinned MuJoCo has no wheels for it.
 $(STAMP): requirements.lock pyproject.toml
-	@python=$$(for name in python3.13 python3.12 python3.11 python3 python; do \
+	@python=$$(for name in $(PYTHONS); do \
 	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
 	done); \
-	if [ -z "$$python" ]; then echo "physment-mcp needs Python 3.11, 3.12 or 3.13, and finds none on this machine." >&2; exit 1; fi; \
+	if [ -z "$$python" ]; then echo "physment-mcp needs Python 3.11, 3.12 or 3.13; none of $(PYTHONS) is one." >&2; exit 1; fi; \
 	echo "Creating $(VENV) with $$($$python --version)"; rm -rf $(VENV); $$python -m venv $(VENV)
 	@echo "Installing the locked dependencies (a minute or two)"
 	@$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $(STAMP)
 
-demo: $(STAMP) ## set up, then let the reference agent solve every scene over stdio
+demo: $(STAMP) ## let the reference agent solve every scene over stdio: shows that the laboratory works here
 	@$(BIN)/physment-eval --server stdio
 
-test: $(STAMP) ## set up, then run the whole test suite
+format: $(STAMP) ## lay out the code with ruff, and let ruff repair what it can repair safely
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+check: $(STAMP) ## check layout (ruff format), rules (ruff check) and types (pyright, strict); changes nothing
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/pyright --pythonpath $(BIN)/python
+
+# The second command is quiet and only decides; if it fails, the third prints the lines that are missing.
+test: $(STAMP) ## run the whole test suite, and require full coverage of the core modules
 	@$(BIN)/python -m pytest --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
-	  { echo "The core must be covered whole, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
+	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
-ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
-	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'
-	@$(BIN)/python -m pytest tests/evaluator/study/ray_cluster
+bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothing fails by being slow
+	@$(BIN)/python tests/bench/bench.py
 
-clients: $(STAMP) ## install eight third-party MCP clients (1.6 GB, into ~/.cache) and play a scene through each of them
+clean: ## remove the environments, built files and caches
+	@rm -rf $(VENV) .inspect .lowest dist build .pytest_cache .ruff_cache .hypothesis .coverage
+
+##@ Scenes
+
+verify: $(STAMP) ## prove every scene sound on 20 seeds and write scenes/certificates.json (some minutes; decision 11)
+	@$(BIN)/physment-eval verify
+
+pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws the pictures)
+	@$(BIN)/physment-eval scenes pages --out docs
+
+# Only the text is compared: pictures may differ in a pixel between versions of the renderer.
+pages-check: pages ## the same, and fail if the text of a page changed: somebody forgot to run it
+	@git diff --exit-code -- 'docs/*.md'
+
+##@ Other programs (each installs what it tests)
+
+clients: $(STAMP) ## play scenes through eight third-party MCP clients (1.6 GB, into ~/.cache) and write their table
 	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md
 
-conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only what is listed may fail
+conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only listed scenarios may fail
 	@$(BIN)/python tests/conformance/run.py --out docs/explanation/conformance.md
 
+# An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
 	@test -d .inspect || python3 -m venv .inspect
 	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
 	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
 
-verify: $(STAMP) ## prove all scenes sound, on 20 seeds each, and write their certificates (some minutes; see docs/decisions/0011)
-	@$(BIN)/physment-eval verify
+ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
+	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'
+	@$(BIN)/python -m pytest tests/evaluator/study/ray_cluster
 
-check: $(STAMP) ## format, lint, types
-	@$(BIN)/ruff format --check .
-	@$(BIN)/ruff check .
-	@$(BIN)/pyright --pythonpath $(BIN)/python
-
-bench: $(STAMP) ## speed, as ratios measured in one run
-	@$(BIN)/python tests/bench/bench.py
-
-pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws them)
-	@$(BIN)/physment-eval scenes pages --out docs
-
-mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; its own tool checks it where npx is installed
+mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; npx, if installed, fetches the tool that checks it
 	@$(BIN)/physment-mcp bundle dist/physment.mcpb
 	@if command -v npx >/dev/null; then \
 	  rm -rf build/mcpb && mkdir -p build && $(MCPB) unpack dist/physment.mcpb build/mcpb && $(MCPB) validate build/mcpb; \
 	else echo "npx is not installed: the bundle was not checked by its own tool"; fi
 
-wheel: $(STAMP) ## build the wheel into dist/
-	@$(BIN)/python -m build --wheel --no-isolation
+##@ Dependencies (both need uv: pip install uv)
 
-lock: ## resolve the dependencies anew into requirements.lock (needs uv)
+# The options keep the addresses of registries out of the lock. uv keeps each present version that still fits, so the
+# difference shows only what had to change.
+lock: ## resolve the dependencies of pyproject.toml into requirements.lock
 	@uv pip compile --universal --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
 	  --python-version 3.11 --group dev pyproject.toml --quiet -o requirements.lock
-	@sed -i.old '1i # Every dependency, runtime and development, with hashes. Regenerate with: make lock' requirements.lock
-	@rm requirements.lock.old
+	@{ echo '# Every dependency, runtime and development, with hashes. Regenerate with: make lock'; \
+	  cat requirements.lock; } > requirements.lock.new
+	@mv requirements.lock.new requirements.lock
 
-clean: ## remove what the commands above made
-	@rm -rf $(VENV) dist build .pytest_cache .ruff_cache .hypothesis .coverage
+# Only wheels: an old sdist may need a compiler, or a build tool that is gone.
+test-lowest: ## test with the oldest versions that pyproject.toml allows (into .lowest; TESTS=tests/scenes for a part)
+	@uv venv --quiet --clear $(if $(PYTHON),--python $(PYTHON)) .lowest
+	@uv pip install --quiet --python .lowest --resolution lowest-direct --only-binary :all: --group dev -e '.[models,report]'
+	@.lowest/bin/python -m pytest $(TESTS)
+
+##@ Release (CONTRIBUTING.md says how)
+
+dist: $(STAMP) ## build sdist and wheel into dist/; both must hold exactly the files that git tracks
+	@$(BIN)/python -m release build
+
+test-wheel: $(STAMP) ## install the built wheel in a new environment and play three scenes with it (1 to 2 minutes)
+	@$(BIN)/python -m release trial
+
+release: $(STAMP) ## VERSION=X.Y.Z: set version and changelog, check, test, build, commit and tag; pushes nothing
+	@$(BIN)/python -m release prepare $(VERSION)
+
+release-check: $(STAMP) ## VERSION=X.Y.Z: the same, but leaves no commit, tag or file behind
+	@$(BIN)/python -m release prepare --dry-run $(VERSION)

@@ -9,9 +9,9 @@ import venv
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 import scenes
-from physment_mcp import __version__
 from tests.builders.paths import ROOT
 
 
@@ -63,6 +63,12 @@ def test_the_lock_has_a_hash_for_everything_and_names_no_host() -> None:
     assert [one.split()[0] for one in requirements if "--hash=sha256:" not in one] == []
 
 
-def test_the_version_is_said_once() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert project["version"] == __version__
+def test_the_lock_satisfies_every_requirement_of_the_project() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    locked: dict[str, list[str]] = {}
+    for name, pinned in re.findall(r"^([a-z0-9-]+)==([^ ;]+)", lock, flags=re.MULTILINE):
+        locked.setdefault(name, []).append(pinned)
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for text in [*pyproject["project"]["dependencies"], *pyproject["dependency-groups"]["dev"]]:
+        required = Requirement(text)
+        assert all(pinned in required.specifier for pinned in locked[required.name]), text
