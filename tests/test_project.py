@@ -1,0 +1,120 @@
+"""What contributors rely on: make targets, workflow, commit hooks, citation, decision records, paths in guides."""
+
+import re
+import shlex
+import sysconfig
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from packaging.specifiers import SpecifierSet
+
+from physment_mcp import __version__
+from tests.builders.paths import DOCS, ROOT
+
+WORKFLOW: dict[str, Any] = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
+HOOKS: dict[str, Any] = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+CITATION: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT: dict[str, Any] = PYPROJECT["project"]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+TARGETS = set(re.findall(r"^([a-z-]+):", MAKEFILE, flags=re.MULTILINE))
+GUIDES = ("CONTRIBUTING.md", "SECURITY.md")
+
+
+def steps(job: dict[str, Any]) -> list[dict[str, Any]]:
+    return job["steps"]
+
+
+def commands(workflow: dict[str, Any]) -> list[str]:
+    """Every shell command of the workflow."""
+    return [
+        part.strip()
+        for job in workflow["jobs"].values()
+        for step in steps(job)
+        for part in step.get("run", "").split("&&")
+    ]
+
+
+def test_every_make_target_is_explained_and_is_no_file() -> None:
+    explained = set(re.findall(r"^([a-z-]+):.*## \w+", MAKEFILE, flags=re.MULTILINE))
+    phony = re.search(r"^\.PHONY: ((?:.*\\\n)*.*)$", MAKEFILE, flags=re.MULTILINE)
+    assert phony is not None
+    assert TARGETS == explained == set(phony[1].replace("\\", "").split())
+
+
+def test_the_workflow_tests_every_supported_python_with_locked_and_lowest_dependencies() -> None:
+    matrix = WORKFLOW["jobs"]["test"]["strategy"]["matrix"]
+    named = [classifier.rsplit(" ", 1)[1] for classifier in PROJECT["classifiers"] if ":: Python :: 3." in classifier]
+    supported = SpecifierSet(PROJECT["requires-python"])
+    assert matrix["python"] == named == [f"3.{minor}" for minor in range(30) if f"3.{minor}" in supported]
+    assert matrix["dependencies"] == ["locked", "lowest"]
+
+
+def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
+    called = {command.split()[1] for command in commands(WORKFLOW) if command.startswith("make ")}
+    assert called == {"check", "test", "test-lowest", "pages-check", "test-wheel"}
+    assert called <= TARGETS
+
+
+def test_one_job_of_the_workflow_waits_for_all_others() -> None:
+    jobs = WORKFLOW["jobs"]
+    gate = jobs["required-checks-pass"]
+    assert set(gate["needs"]) == set(jobs) - {"required-checks-pass"}
+    assert gate["if"] == "always()"
+    for result in ("failure", "cancelled", "skipped"):
+        assert f"contains(needs.*.result, '{result}')" in steps(gate)[0]["if"]
+
+
+def test_the_actions_of_the_workflow_are_pinned_to_a_major_version() -> None:
+    used = [step["uses"] for job in WORKFLOW["jobs"].values() for step in steps(job) if "uses" in step]
+    assert used
+    assert [action for action in used if not re.fullmatch(r"actions/[a-z-]+@v\d+", action)] == []
+
+
+def test_the_commit_hooks_run_the_tools_of_this_project_and_download_nothing() -> None:
+    (repository,) = HOOKS["repos"]
+    assert repository["repo"] == "local"
+    for hook in repository["hooks"]:
+        assert hook["language"] == "system"
+        program, argument, *_ = shlex.split(hook["entry"])
+        if program == "make":
+            assert argument in TARGETS
+        else:
+            tool = Path(program)
+            assert tool.parent == Path(".venv/bin")
+            assert (Path(sysconfig.get_path("scripts")) / tool.name).is_file()
+
+
+def test_the_citation_names_this_version_and_no_address_of_its_own() -> None:
+    assert CITATION["cff-version"] == "1.2.0"
+    assert CITATION["version"] == PROJECT["version"] == __version__ == version("physment-mcp")
+    assert CITATION["license"] == PROJECT["license"]
+    assert CITATION["authors"] == PROJECT["authors"] == [{"name": "PhysMent MCP contributors"}]
+    assert {"message", "title", "type"} <= CITATION.keys()
+    assert CITATION.get("repository-code") == PROJECT.get("urls", {}).get("Source")
+    assert CITATION.keys().isdisjoint({"url", "doi", "repository", "contact"})
+
+
+def test_the_index_of_the_decisions_has_a_line_for_every_record() -> None:
+    folder = DOCS / "decisions"
+    records = sorted(file.name for file in folder.glob("[0-9]*.md"))
+    rows = re.findall(
+        r"^\| \[(\d+)\]\((.+?)\) \| .+ \|$", (folder / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert [name for _, name in rows] == records
+    for number, name in rows:
+        assert int(name[:4]) == int(number)
+        assert (folder / name).read_text(encoding="utf-8").startswith(f"# {number}. ")
+
+
+@pytest.mark.parametrize("guide", GUIDES)
+def test_every_path_link_and_make_target_that_a_guide_names_exists(guide: str) -> None:
+    text = (ROOT / guide).read_text(encoding="utf-8")
+    paths = [path for path in re.findall(r"`([\w./-]+)`", text) if "/" in path and path != "dist/"]
+    links = [link for link in re.findall(r"\]\(([^)#]+)\)", text) if ":" not in link]
+    assert [path for path in [*paths, *links] if not (ROOT / path).exists()] == []
+    assert set(re.findall(r"(?:`|^)make ([a-z-]+)", text, flags=re.MULTILINE)) <= TARGETS
