@@ -1,1 +1,1 @@
-"""Numbers with units, written or spoken."""
+"""Numbers with units, as written in answers and in prose."""

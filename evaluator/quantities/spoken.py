@@ -1,4 +1,4 @@
-"""Numbers that prose states, with units and the precision written. Knows no tools, records or verdicts."""
+"""Finds the numbers that prose states, with unit and written precision. Knows no tools, records or verdicts."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from evaluator.quantities.units import MAX_UNIT_CHARS, Unit, parse_unit
 _NUMBER = re.compile(
     r"""
     (?<![\w.^]) (?<!\^[-+−{(]) (?<!\^[{(][-+−]) (?<![\w)]\*\*)   # not inside a word, a decimal or an exponent: x1, m^-2
-    (?:(?<![)\]])(?P<sign>[-+−]))?                          # after a bracket it is an operation
+    (?:(?<![)\]])(?P<sign>[-+−]))?                          # after a bracket it is an operator, not a sign
     (?P<digits>[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]+)?|[0-9]+(?:\.[0-9]+)?|\.[0-9]+)(?![0-9]|\.[0-9])
     (?:[eE](?P<exponent>[-+−]?[0-9]{1,2})(?![0-9])
       |\s?(?:[×x*]|\\times|\\cdot)\s?10\s?(?:\^|\*\*)\s?[{(]?(?P<power>[-+−]?[0-9]{1,2})(?![0-9])[)}]?
@@ -45,7 +45,7 @@ _FRACTION = re.compile(
 )
 _DIGITS = re.compile("[0-9]+")
 _MAX_COEFFICIENT = 12
-"""Largest part of a formula's fraction: the 12 of a rod's moment of inertia."""
+"""Largest numerator or denominator of a coefficient: the 12 of a rod's moment of inertia."""
 _SYMBOL_AFTER = re.compile(
     r"\s?\\(?:pi|sqrt|d?frac|(?:var)?theta|phi|alpha|omega|tau|mu|rho|lambda|Delta|sin|cos|tan|ln|log)(?![A-Za-z])"
 )
@@ -63,19 +63,19 @@ _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 class Spoken(NamedTuple):
-    """A number as prose states it."""
+    """A number that prose states."""
 
     start: int
     end: int
-    """Unit included."""
+    """End of the number and its unit."""
     value: Fraction
     half_unit: Fraction
-    """Half a unit of the last place written."""
+    """Half a unit in the last written decimal place."""
     unit: Unit | None
     significant_digits: int
-    """Digits written, from the first that is not 0."""
+    """Number of written digits, from the first non-zero digit."""
     is_magnitude: bool
-    """Whether the words around it say that it is a size, without a sign: `a speed of 3 m/s`, `3 m/s downward`."""
+    """Whether the words around it make it unsigned: `a speed of 3 m/s`, `3 m/s downward`."""
 
     @property
     def si_factor(self) -> Fraction:
@@ -84,12 +84,11 @@ class Spoken(NamedTuple):
 
 
 def spoken_numbers(text: str) -> Iterator[Spoken]:
-    r"""Numbers that a text states, in order.
+    r"""Yield the numbers that a text states, in order.
 
-    Left out: numbers inside words and ids, exponents, whole numbers that count or number something (`iteration 3`,
-    `object 2`, `3 steps`), the numbers of a list's lines, and the coefficients of formulas (`2/5 m r^2`,
-    `\frac{1}{12}`, `2\pi`). Every component of a vector is a number of its own; a
-    unit after the vector is the unit of each.
+    Left out: numbers inside words and ids, exponents, whole numbers that count or label something (`iteration 3`,
+    `object 2`, `3 steps`), list markers (`1.`), and the coefficients of formulas (`2/5 m r^2`, `\frac{1}{12}`,
+    `2\pi`). Each component of a vector is a separate number; a unit after the vector applies to all of them.
     """
     vectors = [found.span() for found in _VECTOR.finditer(text)]
     # The commas of a vector separate numbers, not thousands.
@@ -99,13 +98,13 @@ def spoken_numbers(text: str) -> Iterator[Spoken]:
     for found in _NUMBER.finditer(text):
         start, end = found.span()
         if start < read_to or len(found["digits"]) > _MAX_DIGITS:
-            continue  # inside the unit of the number before, or no measurement
+            continue  # inside the unit of the previous number, or too long to be a measurement
         while next_vector < len(vectors) and vectors[next_vector][1] <= start:
             next_vector += 1
         in_vector = next_vector < len(vectors) and vectors[next_vector][0] < start
         unit, unit_end = _unit_at(text, end)
         if unit is None and (text[end : end + 1].isalnum() or text[end : end + 1] == "_"):
-            continue  # the beginning of a word, such as 2D or 3rd
+            continue  # the start of a word, such as 2D or 3rd
         if not in_vector and _is_count(text, found, has_unit=unit is not None):
             continue
         # In `2/5 m r^2` the letter is a mass, not a metre.
@@ -118,7 +117,7 @@ def spoken_numbers(text: str) -> Iterator[Spoken]:
 
 
 def _coefficients(text: str) -> frozenset[int]:
-    """Where the parts of a formula's fractions stand, such as those of `2/5 m r^2`."""
+    """Positions of numerators and denominators of coefficients, such as those of `2/5 m r^2`."""
     fractions = (
         [(found.start() + part.start(), int(part[0])) for part in _DIGITS.finditer(found[0])]
         for found in _FRACTION.finditer(text)
@@ -147,7 +146,7 @@ def _spoken(found: re.Match[str], end: int, unit: Unit | None, *, is_magnitude: 
 
 
 def _unit_at(text: str, start: int) -> tuple[Unit | None, int]:
-    """The longest unit that stands at a place, and where it ends."""
+    """The longest unit that starts at a position, and where it ends."""
     found = _UNIT.match(text, start, start + MAX_UNIT_CHARS)
     if found is None:
         return None, start
@@ -165,7 +164,7 @@ def _unit_at(text: str, start: int) -> tuple[Unit | None, int]:
 
 
 def _is_count(text: str, found: re.Match[str], *, has_unit: bool) -> bool:
-    """Tell whether a whole number counts or numbers something rather than measuring it."""
+    """Whether a whole number counts or labels something instead of measuring it."""
     if not found[0].isdecimal():
         return False
     before, after = text[max(0, found.start() - 24) : found.start()], text[found.end() : found.end() + 32]

@@ -1,8 +1,8 @@
-"""Units of mechanics as people write them, and the factor between two of them. Knows no answers and no tools.
+"""Parses units of mechanics as people write them, and converts between them. Knows no answers and no tools.
 
-A general unit library is not used on purpose: in SI the radian is 1, so such libraries turn `3 Hz` into `3 rad/s`
-without a word, and their prefixes read everyday words as units (`cat` becomes a centi-technical-atmosphere). Both would
-make wrong answers right. Here angle is a dimension of its own, and a word that is not in the table is not a unit.
+General unit libraries are not used, because they would make wrong answers right: they treat the radian as 1 and convert
+`3 Hz` to `3 rad/s` without warning, and their prefixes turn ordinary words into units (`cat` becomes a
+centi-technical-atmosphere). Here angle is a separate dimension, and a word that is not in the table is not a unit.
 """
 
 import math
@@ -22,7 +22,7 @@ class Unit(NamedTuple):
     """A unit as a factor to coherent SI and the exponents of its dimensions."""
 
     scale: Fraction
-    """Factor to metre, kilogram and second, angle left aside."""
+    """Factor to metre, kilogram and second, without the angular part."""
     dimensions: tuple[int, int, int]
     """Exponents of length, mass and time."""
     angle: int = 0
@@ -107,7 +107,7 @@ def _table() -> dict[str, Unit]:
             scaled = unit._replace(scale=unit.scale * factor)
             table[short + symbol] = scaled
             table.update({long + name: scaled for name in names})
-    # Plural names only: the plural of a symbol ("ms", "Ns") would be another unit.
+    # Only names have plurals: the plural of a symbol ("ms", "Ns") would be a different unit.
     table.update({f"{name}s": unit for name, unit in tuple(table.items()) if len(name) > 3 and name.isalpha()})
     return table
 
@@ -140,10 +140,10 @@ _TOKEN = re.compile(
 
 
 def _tokens(text: str) -> Iterator[Unit | str]:
-    """Units with their powers, and the marks between them.
+    """Yield units raised to their powers, and the operators and brackets between them.
 
     Raises:
-        ValueError: Something is neither.
+        ValueError: A part of the text is neither.
     """
     position = 0
     while position < len(text):
@@ -164,10 +164,10 @@ def _tokens(text: str) -> Iterator[Unit | str]:
 
 
 def _product(parts: Iterator[Unit | str], *, inside: bool = False) -> Unit:
-    """Multiply and divide from left to right, as `m/s/s` is read, down to the closing bracket if inside one.
+    """Multiply and divide from left to right, as in `m/s/s`, up to the end or to the closing bracket.
 
     Raises:
-        ValueError: A mark without a unit on both sides, or brackets that do not match.
+        ValueError: An operator lacks a unit on one side, or brackets do not match.
     """
     result, sign, open_mark = _ONE, 1, True
     for part in parts:
@@ -188,7 +188,7 @@ def _product(parts: Iterator[Unit | str], *, inside: bool = False) -> Unit:
 
 
 def parse_unit(text: str) -> Unit | None:
-    """Read a unit such as `m/s^2`, `kg·m²`, `N m`, `metres per second` or `km/h`; None if it is not one."""
+    """Parse a unit such as `m/s^2`, `kg·m²`, `N m`, `metres per second` or `km/h`; None if the text is not a unit."""
     text = text.strip()
     if not 0 < len(text) <= MAX_UNIT_CHARS:
         return None
@@ -204,10 +204,10 @@ def parse_unit(text: str) -> Unit | None:
 
 
 def conversion(written: Unit, asked: Unit) -> Fraction | None:
-    """Factor that turns a number in one unit into the other; None where they measure different things.
+    """Factor that converts a number from one unit to the other; None if their dimensions differ.
 
-    A side without an angle (`1/s`, `N·m`) agrees with radians and with cycles (`rad/s`, `Hz`) as it stands, for SI has
-    it so; it never agrees with degrees.
+    A unit without an angle (`1/s`, `N·m`) matches radians and cycles (`rad/s`, `Hz`) without conversion, as in SI. It
+    never matches degrees.
     """
     if written.dimensions != asked.dimensions:
         return None
@@ -217,7 +217,7 @@ def conversion(written: Unit, asked: Unit) -> Fraction | None:
     if written.angle and asked.angle:
         return None
     if not any(written.dimensions):
-        # `rad` or `turn` where a bare number is asked, or the reverse of it: only the radian is the number 1.
+        # An angle against a pure number: only the radian equals 1; `turn` and `deg` do not.
         return scale if written.angle_scale == asked.angle_scale == 1 else None
     angular = written if written.angle else asked
     return scale if abs(angular.angle) == 1 and angular.angle_scale in {1, _CYCLE, 1 / _CYCLE} else None
