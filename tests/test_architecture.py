@@ -32,8 +32,9 @@ ONLY_THERE = {
     "pydantic_ai": ("evaluator/models",),
     "matplotlib": ("evaluator/report/figures.py",),
     "ray": ("evaluator/study/ray_executor.py",),
+    "evaluator.answers.engine": ("evaluator/answers/keys.py", "evaluator/certify", "evaluator/commands/scenes.py"),
 }
-"""Library → the only parts of the tree that may import it."""
+"""Library or module → the only parts of the tree that may import it."""
 
 MODULE_RULES = {
     "evaluator/study/runner.py": {"evaluator.answers", "evaluator.scores"},

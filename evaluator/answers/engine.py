@@ -1,11 +1,16 @@
-"""The laboratory without its gates, for those who may know both sides: drawn worlds, sessions of twins, calls.
+"""The one privileged door to the physics engine: everything in the evaluator that needs it goes through this module.
 
-`measure` sees the engine through `drawn_world`: no permissions, budgets or hidden things. Everything else here goes
-through the laboratory's own door, so what a check reads is what an agent would read.
+Only three may import it: `answers/keys`, to compute a key that has no closed form; `certify/`, to prove scenes; and
+`commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which an episode and the grading of a scene
+with `theory` never need.
+
+`drawn_world` bypasses permissions, budgets and hiding. The other functions use a session and its tools, so they read
+what an agent would read.
 """
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 from physment_mcp.errors import RefusedCall
@@ -20,42 +25,43 @@ from scenes.protocol import Call, Reading
 
 READING_TOOLS = tuple(tool for tool in TOOLS if tool.reads_only)
 TOOL_NAMES = tuple(tool.name for tool in TOOLS)
-_LOOKS = {"elastic_response": False}
+_LOOK_ONLY = {"elastic_response": False}
+"""Arguments with which `detect_collision` reads and changes nothing."""
 
 
 def drawn_world(mjcf: str, timestep: float | None = None) -> World:
-    """The world of a drawn scene at its start.
+    """The world of a drawn scene at its start, without permissions.
 
     Args:
         mjcf: The model with the drawn values in it.
-        timestep: Replaces the scene's time step [s], to see how much of a value is discretisation.
+        timestep: Replaces the scene's time step [s], to measure the discretisation error.
     """
     return World(mjcf, timestep)
 
 
 def session_of(files: PackFiles, mjcf: str) -> Session:
-    """A fresh session of a pack with this model in it."""
+    """A new session of a pack with this model."""
     return Session(replace(load_scene(files.scene_id, 0, files.folder.parent), mjcf=mjcf))
 
 
 def prompt_of(files: PackFiles, mjcf: str) -> str:
-    """What an agent is told of a pack with this model in it."""
+    """The opening prompt of a pack with this model."""
     return opening_prompt(session_of(files, mjcf))
 
 
 def is_intervention(tool: str, arguments: Mapping[str, Any]) -> bool:
-    """Whether a call changes the world: every tool but those that only read, and the answer."""
-    looks = tool == "detect_collision" and arguments.get("elastic_response") is False
-    return not (looks or tool == "answer" or any(tool == one.name for one in READING_TOOLS))
+    """Whether a call changes the world. Reading tools and `answer` do not."""
+    only_looks = tool == "detect_collision" and arguments.get("elastic_response") is False
+    return not (only_looks or tool == "answer" or any(tool == reading.name for reading in READING_TOOLS))
 
 
 async def run(session: Session, asked: Call, refused: Collection[str] = ()) -> Reading:
-    """Run a call as an agent's; returns its result, or `{"error": …}` where it is refused.
+    """Run a call as if an agent had made it; returns its result, or `{"error": …}` if it is refused.
 
     Args:
         session: The episode.
         asked: The call.
-        refused: Tools refused whatever the scene says.
+        refused: Tools that are refused even if the scene allows them.
     """
     if asked.tool in refused:
         return {"error": f"{asked.tool} is refused"}
@@ -66,19 +72,20 @@ async def run(session: Session, asked: Call, refused: Collection[str] = ()) -> R
 
 
 async def all_readings(session: Session) -> list[tuple[str, Reading]]:
-    """What every tool that only reads says of every known object and pair, with the call it came from."""
-    known = [one.object_id for one in session.known()]
-    asked: list[Call] = []
+    """The result of every reading tool for every known object and pair of objects, with the call that gave it."""
+    known = [listed.object_id for listed in session.known()]
+    calls: list[Call] = []
     for tool in READING_TOOLS:
         fields = set(tool.arguments.model_fields)
         if "object_id" in fields:
             extra = {"mass": 1.0} if "mass" in fields else {}
-            asked += [Call(tool.name, {"object_id": one, **extra}) for one in known]
+            calls += [Call(tool.name, {"object_id": object_id, **extra}) for object_id in known]
         elif not fields:
-            asked.append(Call(tool.name, {}))
-    asked += [
-        Call("detect_collision", {"obj1_id": one, "obj2_id": other, **_LOOKS})
-        for place, one in enumerate(known)
-        for other in known[place + 1 :]
+            calls.append(Call(tool.name, {}))
+    calls += [
+        Call("detect_collision", {"obj1_id": first, "obj2_id": second, **_LOOK_ONLY})
+        for first, second in combinations(known, 2)
     ]
-    return [(f"{one.tool}({', '.join(map(str, one.arguments.values()))})", await run(session, one)) for one in asked]
+    return [
+        (f"{asked.tool}({', '.join(map(str, asked.arguments.values()))})", await run(session, asked)) for asked in calls
+    ]

@@ -1,7 +1,7 @@
-"""Normalised comparison: the four documented reasons to forgive a strict fail, and no fifth.
+"""Normalised grading: a strictly wrong answer is forgiven for one of four documented reasons, and no other.
 
-Equivalent object notation, trivial rounding, conceptual description, partial answer format. Each part of an answer
-needs one of them, or to be right as it stands; they do not stack, so `3.1 N` is not also rounded.
+The reasons: equivalent object notation, trivial rounding, conceptual description, partial answer format. Each part of
+the answer must be strictly right or have exactly one reason; reasons do not combine, so `3.1 N` is not also rounded.
 """
 
 import re
@@ -11,29 +11,38 @@ from pydantic import JsonValue
 
 from evaluator.answers.forms import (
     Item,
-    Plain,
+    PlainNumber,
     as_item,
-    free_items,
-    free_number,
     is_too_long,
+    lenient_items,
+    lenient_number,
     plain_number,
     plain_text,
     unlabel,
     unwrap,
 )
-from evaluator.answers.strict import AnswerKey, Finding, compared, exact, quoted, strict_finding, told, wanted_number
+from evaluator.answers.strict import (
+    AnswerKey,
+    Finding,
+    compare_numbers,
+    exact_text,
+    joined_reasons,
+    quoted,
+    strict_finding,
+    wanted_number,
+)
 from evaluator.answers.words import is_object_id, named_object
 from evaluator.quantities.units import conversion, parse_unit
 from evaluator.records import NormalisationClass
 from scenes.pack import AnswerKind
 
 _MAX_PATTERN_CHARS = 300
-"""Longer answers are not matched against a pack's own patterns, which may be slow on long text."""
+"""Longer answers are not matched against a pack's patterns, which may be slow on long text."""
 _ANSWER_LABEL = frozenset({"the", "my", "final", "answer", "result"})
 
 
 def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """The finding that forgives a strict fail; None if nothing does."""
+    """The finding that forgives a strictly wrong answer; None if nothing forgives it."""
     while isinstance(answer, list) and len(answer) == 1 and not isinstance(key.value, tuple):
         answer = answer[0]
     if is_too_long(answer):
@@ -42,23 +51,23 @@ def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
 
 
 def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """Every part right in one of three forms; the first of their classes, in the documented order, stands for all."""
+    """Forgive each part by its form. The answer gets the first class, in the documented order, that a part needed."""
     findings: list[Finding] = []
-    for index, item in enumerate(free_items(answer, len(key.parts)) or ()):
-        finding = _free(item, key, index)
+    for index, item in enumerate(lenient_items(answer, len(key.parts)) or ()):
+        finding = _right_part(item, key, index)
         if finding is None:
             return None
         findings.append(finding)
     if not findings:
         return None
     classes = {finding.forgiven for finding in findings}
-    # Parts that are all right as they stand were missed only for the form of the whole.
-    forgiven = next((one for one in NormalisationClass if one in classes), NormalisationClass.ANSWER_FORMAT)
-    return Finding(right=True, reason=told(findings), forgiven=forgiven)
+    # If every part is strictly right, only the form of the whole answer was wrong.
+    forgiven = next((reason for reason in NormalisationClass if reason in classes), NormalisationClass.ANSWER_FORMAT)
+    return Finding(right=True, reason=joined_reasons(findings), forgiven=forgiven)
 
 
 def _forgive_wording(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """The whole answer in a wording that the scene accepts; nothing may stand before or after it."""
+    """Forgive a wording that the scene accepts. The pattern must match the whole answer."""
     item = as_item(answer)
     text = "" if item is None else str(item).strip()
     if not 0 < len(text) <= _MAX_PATTERN_CHARS:
@@ -70,19 +79,19 @@ def _forgive_wording(answer: JsonValue, key: AnswerKey) -> Finding | None:
     return None
 
 
-def _free(item: Item, key: AnswerKey, index: int) -> Finding | None:
-    """What makes one part right, strictly or forgiven; None if nothing does."""
+def _right_part(item: Item, key: AnswerKey, index: int) -> Finding | None:
+    """Why one part is right, strictly or forgiven; None if it is wrong."""
     finding = strict_finding(item, key, index)
     if finding.right:
         return finding
     wanted = wanted_number(key, index)
     if wanted is None:
-        return _free_words(str(item), key, index)
+        return _forgive_words(str(item), key, index)
     got = plain_number(item)
-    return _free_quantity(item, wanted, key, index) if got is None else _rounded(got, wanted)
+    return _forgive_quantity(item, wanted, key, index) if got is None else _forgive_rounding(got, wanted)
 
 
-def _rounded(got: Plain, wanted: Plain) -> Finding | None:
+def _forgive_rounding(got: PlainNumber, wanted: PlainNumber) -> Finding | None:
     if got.significant_digits < 2 or abs(got.value - wanted.value) > got.half_unit:
         return None
     return Finding(
@@ -92,8 +101,8 @@ def _rounded(got: Plain, wanted: Plain) -> Finding | None:
     )
 
 
-def _free_quantity(item: Item, wanted: Plain, key: AnswerKey, index: int) -> Finding | None:
-    got = free_number(item, key.spec.labels)
+def _forgive_quantity(item: Item, wanted: PlainNumber, key: AnswerKey, index: int) -> Finding | None:
+    got = lenient_number(item, key.spec.labels)
     if got is None or _is_mislabelled(got.label, key.spec.labels, index):
         return None
     value, converted = got.value, ""
@@ -104,7 +113,7 @@ def _free_quantity(item: Item, wanted: Plain, key: AnswerKey, index: int) -> Fin
         if factor is None:
             return None
         value, converted = value * factor, f", in {asked}"
-    finding = compared(value, wanted, key)
+    finding = compare_numbers(value, wanted, key)
     if not finding.right:
         return None
     reason = f"{quoted(item)} says one number{converted}: {finding.reason}"
@@ -112,16 +121,16 @@ def _free_quantity(item: Item, wanted: Plain, key: AnswerKey, index: int) -> Fin
 
 
 def _is_mislabelled(label: str, labels: Sequence[str], index: int) -> bool:
-    """Tell whether a part is called by the name of another part."""
+    """Whether a part carries the label of another part."""
     names = [name.strip().lower() for name in labels]
     return label in names and index < len(names) and names[index] != label
 
 
-def _free_words(text: str, key: AnswerKey, index: int) -> Finding | None:
-    """Forgive decoration around the right words (label, brackets, full stop), and other names of the right object."""
+def _forgive_words(text: str, key: AnswerKey, index: int) -> Finding | None:
+    """Forgive a label, brackets or full stop around the right words, and other names of the right object."""
     whole = unwrap(plain_text(text))
     label, rest = unlabel(whole)
-    # Only "the answer is" and its like: "object_1 = object_2" does not answer object_2.
+    # Drop only labels such as "the answer is": `object_1 = object_2` does not answer object_2.
     bare = unwrap(rest) if _ANSWER_LABEL.issuperset(label.split()) else whole
     for said in dict.fromkeys((text, bare)):
         finding = _same_words(said, key, index) or _same_object(said, key, index)
@@ -131,7 +140,7 @@ def _free_words(text: str, key: AnswerKey, index: int) -> Finding | None:
 
 
 def _same_object(said: str, key: AnswerKey, index: int) -> Finding | None:
-    meant = exact(key.parts[index])
+    meant = exact_text(key.parts[index])
     by_number = not key.spec.options or any(is_object_id(option.strip().lower()) for option in key.spec.options)
     if key.spec.kind is AnswerKind.TEXT or (key.spec.kind is not AnswerKind.OBJECTS and not by_number):
         return None

@@ -1,8 +1,8 @@
-"""What an answer says, read from how it is written: numbers, and the parts of a list. Knows no keys and no verdicts.
+"""Parses the numbers and list parts of an answer. Knows no keys and no verdicts.
 
-Two readings. The strict one takes a number for a number and nothing else. The free one also takes the forms people use
-for one number (a unit, a label, brackets, LaTeX, a fraction, thousands separators, powers of ten), but must account for
-every character: text with anything left over (`1 or 2`, `not 2`, `3 ± 1`, `4.9 m/s downward`) says no number.
+There are two parsers. The strict one accepts only a plain number. The lenient one also accepts common notations of one
+number (a unit, a label, brackets, LaTeX, a fraction, thousands separators, powers of ten), but every character must
+have a meaning: `1 or 2`, `not 2`, `3 ± 1` and `4.9 m/s downward` are not numbers.
 """
 
 import math
@@ -17,7 +17,7 @@ from pydantic import JsonValue
 from evaluator.quantities.units import Unit, parse_unit
 
 MAX_CHARS = 2000
-"""Longer answers are not read at all; no key of the published suite needs more than 50 characters."""
+"""Longer answers are not parsed; no key of the published suite needs more than 50 characters."""
 
 _MAX_INTEGER = 10**300
 Item = str | int | float
@@ -27,37 +27,37 @@ _DIGITS = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _PLAIN = re.compile(rf"[+-]?{_DIGITS}(?:[eE][+-]?[0-9]{{1,4}})?")
 
 
-class Plain(NamedTuple):
-    """A plain number."""
+class PlainNumber(NamedTuple):
+    """A number written without unit, label or other notation."""
 
     value: Fraction
-    """The decimal as written, exactly, so that a bound that is just met counts as met."""
+    """The exact written decimal, so that an answer exactly on the tolerance bound is right."""
     text: str
-    """How it was written."""
+    """The number as written."""
 
     @property
     def half_unit(self) -> Fraction:
-        """Half a unit of the last place written."""
+        """Half a unit in the last written decimal place."""
         exponent = Decimal(self.text).as_tuple().exponent
         return Fraction(10) ** int(exponent) / 2
 
     @property
     def significant_digits(self) -> int:
-        """Digits written, from the first that is not 0."""
+        """Number of written digits, from the first non-zero digit."""
         return len("".join(map(str, Decimal(self.text).as_tuple().digits)).lstrip("0"))
 
 
-class Free(NamedTuple):
-    """A number in one of the forms people use."""
+class LenientNumber(NamedTuple):
+    """A number written in one of the common notations."""
 
     value: Fraction
     unit: Unit | None
     label: str
-    """What the number was called, in lower case; empty if nothing."""
+    """The label before the number, in lower case; empty if there is none."""
 
 
 def is_too_long(answer: JsonValue) -> bool:
-    """Tell whether an answer has more than `MAX_CHARS` characters, or that many parts."""
+    """Whether an answer has more than `MAX_CHARS` characters or parts."""
     if isinstance(answer, str):
         return len(answer) > MAX_CHARS
     if isinstance(answer, (list, dict)):
@@ -66,14 +66,14 @@ def is_too_long(answer: JsonValue) -> bool:
 
 
 def as_item(value: JsonValue) -> Item | None:
-    """The value as one part of an answer; None for booleans, null, lists, objects and numbers beyond all floats."""
+    """The value as one part of an answer; None for booleans, null, lists, objects and numbers too large for a float."""
     if isinstance(value, bool) or (isinstance(value, int) and abs(value) > _MAX_INTEGER):
         return None
     return value if isinstance(value, (str, int, float)) else None
 
 
-def plain_number(item: Item) -> Plain | None:
-    """Read a JSON number, or a string that is exactly one plain decimal number; None for anything else."""
+def plain_number(item: Item) -> PlainNumber | None:
+    """Parse a JSON number, or a string that is exactly one plain decimal number; None for anything else."""
     if isinstance(item, str):
         text = item.strip()
         if not _PLAIN.fullmatch(text):
@@ -83,11 +83,11 @@ def plain_number(item: Item) -> Plain | None:
     else:
         text = str(item)
     number = float(text)
-    return Plain(Fraction(repr(number)), text) if math.isfinite(number) else None
+    return PlainNumber(Fraction(repr(number)), text) if math.isfinite(number) else None
 
 
 def strict_items(answer: JsonValue) -> list[Item] | None:
-    """Parts of a JSON list, of a string that is one, or of a plain list with commas; None for anything else."""
+    """Parts of a JSON list, of a JSON list in a string, or of a comma-separated string; None for anything else."""
     if isinstance(answer, list):
         return _all_items(as_item(part) for part in answer)
     if not isinstance(answer, str):
@@ -106,7 +106,7 @@ def _all_items(parts: Iterable[Item | None]) -> list[Item] | None:
     return items if len(items) == len(found) else None
 
 
-# The free reading.
+# The lenient parser.
 
 _LATEX = (
     (
@@ -137,7 +137,7 @@ _SYMBOL = re.compile(r"[a-zα-ω][0-9]?|mu|omega|theta|alpha|tau|rho|lambda|delt
 _LABEL_WORDS = frozenset(
     re.findall(
         r"\w+",
-        # What people call a result. A fixed list, for any other word could deny or hedge what follows it.
+        # Words that may label a result. The list is fixed, because any other word could negate or weaken the number.
         """
         a an at by for in of on the its my final initial answer result value total net mean average maximum minimum
         max min magnitude size component coefficient constant ratio fraction share difference change loss amount
@@ -169,7 +169,7 @@ def plain_text(text: str) -> str:
 
 
 def unwrap(text: str) -> str:
-    """The text without the brackets, quotes, stars and full stop around it."""
+    """The text without surrounding brackets, quotes, stars and full stop."""
     for _ in range(4):
         text = text.strip().removesuffix(".")
         for left, right in _PAIRS:
@@ -179,11 +179,11 @@ def unwrap(text: str) -> str:
 
 
 def unlabel(text: str, known: Sequence[str] = ()) -> tuple[str, str]:
-    """Split `v_final = 3.2` or `The answer is 2` into label and rest; the label is empty where there is none.
+    """Split `v_final = 3.2` or `The answer is 2` into label and rest; the label is empty if there is none.
 
     Args:
-        text: Text as `plain_text` gives it.
-        known: Labels of the scene, accepted beside the usual names of quantities.
+        text: Text returned by `plain_text`.
+        known: Labels of the scene, accepted in addition to common names of quantities.
     """
     found = _LABEL.fullmatch(text)
     if found is None:
@@ -200,8 +200,8 @@ def _label_words(label: str) -> list[str]:
     return re.sub(r"\bobject[_ ]?[0-9]{1,3}\b", "object", label).replace("_", " ").replace("-", " ").split()
 
 
-def free_number(item: Item, known_labels: Sequence[str] = ()) -> Free | None:
-    """Read one number in any of the forms people use; None unless every character is accounted for."""
+def lenient_number(item: Item, known_labels: Sequence[str] = ()) -> LenientNumber | None:
+    """Parse one number in a common notation; None if any character has no meaning."""
     label, text = unlabel(unwrap(plain_text(str(item))), known_labels)
     text = unwrap(text)
     for form in _NUMBERS:
@@ -214,26 +214,26 @@ def free_number(item: Item, known_labels: Sequence[str] = ()) -> Free | None:
         unit = parse_unit(unwrap(rest)) if rest else None
         value = _value(number)
         if value is not None and (unit is not None or not rest):
-            return Free(value, unit, label)
+            return LenientNumber(value, unit, label)
     return None
 
 
 def _value(number: re.Match[str]) -> Fraction | None:
     """Value of a match of one of `_NUMBERS`; None for a division by zero."""
-    said = {
+    groups = {
         name: text.replace(" ", "").replace(",", "") for name, text in number.groupdict().items() if text is not None
     }
-    if "top" in said:
-        bottom = Fraction(said["bottom"])
-        return Fraction(said["top"]) / bottom if bottom else None
-    if "exponent" in said:
-        size = Fraction(said.get("mantissa", "1")) * Fraction(10) ** int(said["exponent"])
-        return -size if said["sign"] == "-" else size
-    return Fraction(said.get("grouped") or said["plain"])
+    if "top" in groups:
+        bottom = Fraction(groups["bottom"])
+        return Fraction(groups["top"]) / bottom if bottom else None
+    if "exponent" in groups:
+        size = Fraction(groups.get("mantissa", "1")) * Fraction(10) ** int(groups["exponent"])
+        return -size if groups["sign"] == "-" else size
+    return Fraction(groups.get("grouped") or groups["plain"])
 
 
-def free_items(answer: JsonValue, count: int) -> list[Item] | None:
-    """The answer as so many parts, however it separates them; None if it has more or fewer."""
+def lenient_items(answer: JsonValue, count: int) -> list[Item] | None:
+    """Split the answer into `count` parts, with any common separator; None if it has more or fewer parts."""
     if isinstance(answer, list):
         items = strict_items(answer)
         return items if items is not None and len(items) == count else None
@@ -253,7 +253,7 @@ def free_items(answer: JsonValue, count: int) -> list[Item] | None:
 
 
 def _common_unit(text: str) -> tuple[str, str]:
-    """Split `(3, 4) m/s` into the list and the unit of all its parts."""
+    """Split `(3, 4) m/s` into the list and the unit shared by its parts."""
     close = max(text.rfind("]"), text.rfind(")"))
     unit = text[close + 1 :].strip()
     if text.startswith(("[", "(")) and close > 0 and unit and parse_unit(unit):

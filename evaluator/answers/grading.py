@@ -1,39 +1,37 @@
-"""Right or wrong, and why: pure functions from an answer and its key to a grade. Knows no files, agents or engine.
+"""Grades an answer against its key, with a reason. Pure functions; knows no files, agents or engine.
 
-Three verdicts on one answer. *Strict*: the answer in the form that was asked for, within tolerance. *Graded*: the share
-of its parts that are strictly right. *Normalised*: a strict fail forgiven for one of four documented reasons. No rule
-looks inside an answer for the key, so an answer that says several things, or nothing, is wrong.
+An answer gets three verdicts. *Strict*: it has the requested form and is within tolerance. *Graded*: the share of its
+parts that are strictly right. *Normalised*: it is strictly right, or forgiven for one of four documented reasons. No
+rule searches an answer for the key, so an answer with several values, or none, is wrong.
 """
 
 from pydantic import JsonValue
 
 from evaluator.answers.forgiven import forgive
 from evaluator.answers.forms import MAX_CHARS, is_too_long, plain_number
-from evaluator.answers.strict import AnswerKey, Finding, strict_finding, strict_parts, told
+from evaluator.answers.strict import AnswerKey, Finding, joined_reasons, strict_finding, strict_parts
 from evaluator.answers.words import is_object_id
 from evaluator.records import Episode, Grade, Outcome, Verdict
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
 
-__all__ = ["GRADER_VERSION", "AnswerKey", "grade", "grade_episode", "grade_missing", "infer_spec"]
-
 GRADER_VERSION = "1"
-"""Changes with every change of a verdict; stored beside each grade."""
+"""Stored with each grade; raised whenever a verdict can change."""
 
 ZERO_ABS_TOL = 0.01
-"""Absolute tolerance of published keys that are 0, for which 5 % means nothing.
+"""Absolute tolerance for published keys that are 0, because 5 % of 0 is 0.
 
-The smallest other published key is 0.2 (scenes 93 and 99), whose 5 % is 0.01: a key of 0 is held as tightly as that.
+It equals 5 % of the smallest other published key, 0.2 (scenes 93 and 99).
 """
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
 
 
 def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> AnswerSpec:
-    """Answer type of a published pack, which declares none.
+    """Infer the answer type of a published pack, which declares none.
 
-    A whole number is a quantity only in a `calculation` or `computation`. In every other type it stands for an object
-    or for an option told in the task's text: a choice, compared exactly. No unit is declared, so none can be checked,
-    and numbers written with one are not forgiven.
+    A whole number is a quantity only in a `calculation` or `computation`. In every other problem type it is the number
+    of an object or of an option in the task's text: a choice, compared exactly. Since no unit is declared, units cannot
+    be checked, and a number with a unit is not forgiven.
     """
     parts = answer if isinstance(answer, tuple) else (answer,)
     listed = isinstance(answer, tuple)
@@ -50,12 +48,12 @@ def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> Answer
 
 
 def _is_whole(answer: Scalar | tuple[Scalar, ...]) -> bool:
-    """Tell whether a key is written as a whole number; 2.0 is a measured quantity."""
+    """Whether a key is written as a whole number; 2.0 is a measured quantity."""
     return isinstance(answer, int) or (isinstance(answer, str) and answer.strip().lstrip("+-").isdecimal())
 
 
 def grade_episode(episode: Episode, key: AnswerKey) -> Grade:
-    """Grade what an episode left: its answer, or the lack of one."""
+    """Grade an episode by its answer, or by its outcome if there is no answer."""
     if episode.outcome is Outcome.ANSWERED:
         return grade(episode.answer, key)
     return grade_missing(episode.outcome)
@@ -76,21 +74,21 @@ def grade_missing(outcome: Outcome) -> Grade:
 
 
 def grade(answer: JsonValue, key: AnswerKey) -> Grade:
-    """Compare an answer, verbatim as submitted, with its key. Never raises, whatever was submitted."""
+    """Grade an answer, exactly as submitted, against its key. Never raises."""
     if is_too_long(answer):
         return _wrong(f"longer than {MAX_CHARS} characters or parts")
     items = strict_parts(answer, key)
     if items is None:
-        findings, graded = [Finding(right=False, reason=_misfit(key))], 0.0
+        findings, graded = [Finding(right=False, reason=_wrong_shape(key))], 0.0
     else:
         findings = [strict_finding(item, key, index) for index, item in enumerate(items)]
         graded = sum(finding.right for finding in findings) / len(findings)
     if all(finding.right for finding in findings):
-        reason = told(findings)
+        reason = joined_reasons(findings)
         return Grade(strict=Verdict.CORRECT, graded=graded, normalised=Verdict.CORRECT, reason=reason)
     forgiven = forgive(answer, key)
     if forgiven is None:
-        return _wrong(told([finding for finding in findings if not finding.right]), graded)
+        return _wrong(joined_reasons([finding for finding in findings if not finding.right]), graded)
     return Grade(
         strict=Verdict.INCORRECT,
         graded=graded,
@@ -104,5 +102,5 @@ def _wrong(reason: str, graded: float = 0.0) -> Grade:
     return Grade(strict=Verdict.INCORRECT, graded=graded, normalised=Verdict.INCORRECT, reason=reason)
 
 
-def _misfit(key: AnswerKey) -> str:
+def _wrong_shape(key: AnswerKey) -> str:
     return f"not a list of {len(key.parts)}" if isinstance(key.value, tuple) else "not a single answer"

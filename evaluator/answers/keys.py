@@ -1,10 +1,11 @@
-"""The only reader of the private half of packs: from scene and seed to the answer key."""
+"""Gives the answer key for a scene and a seed. The only module that reads the private half of a pack."""
 
 import functools
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.answers.grading import AnswerKey, infer_spec
+from evaluator.answers.grading import infer_spec
+from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
 from scenes.protocol import AnswerValue, load_solution
@@ -12,7 +13,7 @@ from scenes.protocol import AnswerValue, load_solution
 
 @dataclass(frozen=True, slots=True)
 class SceneFacts:
-    """What reports say of a scene beside its verdicts."""
+    """What reports show about a scene besides its verdicts."""
 
     name: str
     category: str
@@ -21,11 +22,11 @@ class SceneFacts:
 
 
 class KeyRing:
-    """Answer keys of one folder of packs, computed once each."""
+    """Answer keys for one folder of packs. Each key is computed once."""
 
     def __init__(self, scenes_dir: Path | None = None) -> None:
         self.folder = scenes_dir
-        """Folder of the packs; None for the suite's own."""
+        """Folder of the packs; None for the packs that ship with the suite."""
         self.key = functools.cache(self._key)
         self.facts = functools.cache(self._facts)
 
@@ -39,15 +40,15 @@ class KeyRing:
     def _key(self, scene: int, seed: int) -> AnswerKey:
         """The answer key of a scene at a seed.
 
-        Seed 0 has its key in the pack. For any other, `theory` gives it from the drawn values, and `measure` from a
-        privileged run of the engine where no closed form exists; never what a protocol read.
+        The pack stores the key for seed 0. For other seeds, `theory` computes it from the drawn values, or `measure`
+        from a privileged engine run if there is no closed form. A key never comes from an agent's readings.
 
         Raises:
-            UsageError: The pack is malformed, or says nothing of the key at this seed.
+            UsageError: The pack is malformed, or gives no key for this seed.
         """
         files, pack = self._open(scene)
         spec = pack.answer_spec or infer_spec(pack.answer, pack.metadata.problem_type)
-        names = {f"object_{one.object_id}": one.name for one in pack.objects.values()}
+        names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}
         # A pack without knobs is the same at every seed.
         value = pack.answer if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
         return AnswerKey(value=tuple(value) if isinstance(value, list) else value, spec=spec, objects=names)

@@ -1,4 +1,4 @@
-"""An answer key, and strict comparison with it: the form that was asked for, within tolerance. Forgives nothing."""
+"""Answer keys, and strict comparison with them: the answer must have the requested form and be within tolerance."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from evaluator.answers.forms import Item, Plain, as_item, plain_number, strict_items
+from evaluator.answers.forms import Item, PlainNumber, as_item, plain_number, strict_items
 from evaluator.answers.words import is_contained
 from evaluator.records import NormalisationClass
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
@@ -19,13 +19,13 @@ class AnswerKey:
     """The right answer of one episode, and how to compare with it.
 
     Raises:
-        ValueError: The value and its specification do not fit each other.
+        ValueError: The value does not match its specification.
     """
 
     value: Scalar | tuple[Scalar, ...]
     spec: AnswerSpec
     objects: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Ids of the scene's objects, such as `object_2`, and their public names."""
+    """Object id, such as `object_2` → public name."""
 
     def __post_init__(self) -> None:
         listed = isinstance(self.value, tuple)
@@ -47,25 +47,25 @@ class AnswerKey:
 
     @property
     def parts(self) -> tuple[Scalar, ...]:
-        """The sub-answers; one for a scalar key."""
+        """The parts of the key; a scalar key has one part."""
         return self.value if isinstance(self.value, tuple) else (self.value,)
 
 
 class Finding(NamedTuple):
-    """What is found about one part."""
+    """The result of comparing one part of an answer."""
 
     right: bool
     reason: str
     forgiven: NormalisationClass | None = None
 
 
-def told(findings: Sequence[Finding]) -> str:
-    """The reasons, each once."""
+def joined_reasons(findings: Sequence[Finding]) -> str:
+    """The reasons of the findings, without repetition."""
     return "; ".join(dict.fromkeys(finding.reason for finding in findings))
 
 
 def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
-    """The sub-answers, where the answer has the shape of the key; None otherwise."""
+    """The parts of an answer that has as many parts as the key; None otherwise."""
     if isinstance(key.value, tuple):
         items = strict_items(answer)
         return items if items is not None and len(items) == len(key.value) else None
@@ -74,34 +74,34 @@ def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
 
 
 def strict_finding(item: Item, key: AnswerKey, index: int) -> Finding:
-    """Tell whether one sub-answer is right as it stands."""
+    """Compare one part of an answer with its key, strictly."""
     wanted = wanted_number(key, index)
     if wanted is not None:
         got = plain_number(item)
         if got is None:
             return Finding(right=False, reason=f"{quoted(item)} is not a plain number")
-        return compared(got.value, wanted, key)
-    said, meant = exact(item), exact(key.parts[index])
-    asked = {meant, f"object_{meant}"} if _is_numbered_object(key, meant) else {meant}
-    if said in asked:
+        return compare_numbers(got.value, wanted, key)
+    said, meant = exact_text(item), exact_text(key.parts[index])
+    accepted = {meant, f"object_{meant}"} if _is_numbered_object(key, meant) else {meant}
+    if said in accepted:
         return Finding(right=True, reason=f"{quoted(item)} is the key")
     if key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
         return Finding(right=True, reason=f"{quoted(item)} stands in the key as whole words")
     return Finding(right=False, reason=f"{quoted(item)} is not {quoted(key.parts[index])}")
 
 
-def wanted_number(key: AnswerKey, index: int) -> Plain | None:
-    """The key's part as a number, if that is how it is compared."""
+def wanted_number(key: AnswerKey, index: int) -> PlainNumber | None:
+    """A part of the key as a number; None if the part is not compared as a number."""
     return plain_number(key.parts[index]) if key.spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} else None
 
 
 def _is_numbered_object(key: AnswerKey, meant: str) -> bool:
-    """Tell whether the key gives an object by its bare number, where the prompt asks for `object_2`."""
+    """Whether the key is the bare number of an object, while the prompt asks for the form `object_2`."""
     return key.spec.kind is AnswerKind.OBJECTS and f"object_{meant}" in key.objects
 
 
-def compared(got: Fraction, wanted: Plain, key: AnswerKey) -> Finding:
-    """Equation 1 of the paper, on exact decimals: |got - wanted| <= abs_tol + rel_tol * |wanted|."""
+def compare_numbers(got: Fraction, wanted: PlainNumber, key: AnswerKey) -> Finding:
+    """Compare by equation 1 of the paper, on exact decimals: |got - wanted| <= abs_tol + rel_tol * |wanted|."""
     allowed = Fraction(repr(key.spec.abs_tol)) + Fraction(repr(key.spec.rel_tol)) * abs(wanted.value)
     right = abs(got - wanted.value) <= allowed
     return Finding(
@@ -109,8 +109,8 @@ def compared(got: Fraction, wanted: Plain, key: AnswerKey) -> Finding:
     )
 
 
-def exact(item: Item) -> str:
-    """An answer in words as it is compared; a whole JSON number is written without a point."""
+def exact_text(item: Item) -> str:
+    """The text that is compared for an answer in words; a whole JSON number is written without a decimal point."""
     if isinstance(item, str):
         return item.strip().lower()
     number = plain_number(item)
@@ -129,6 +129,6 @@ def _short(number: Fraction) -> str:
 
 
 def quoted(item: Item) -> str:
-    """An item as reasons show it."""
-    text = str(item)[:60] if isinstance(item, str) else exact(item)
+    """An item in quotes, shortened, for use in a reason."""
+    text = str(item)[:60] if isinstance(item, str) else exact_text(item)
     return f"{text!r}"

@@ -1,4 +1,4 @@
-"""Answers in words: text contained in a key, and the ways to name one object. Knows no numbers and no verdicts."""
+"""Compares answers in words: text contained in a key, and the ways to name an object. Knows no numbers or verdicts."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ _TWO_NAMES = re.compile(r"(?P<first>[^()]+) \((?P<second>[^()]+)\)")
 
 
 def words_of(text: str) -> list[str]:
-    """The words of a text in lower case, punctuation left out; a hyphenated word is one word."""
+    """The words of a text in lower case, without punctuation; a hyphenated word is one word."""
     return [word for word in _WORD.findall(text.lower()) if word != "_"]
 
 
@@ -38,44 +38,43 @@ def _negations(words: Sequence[str]) -> int:
 
 
 def is_contained(answer: str, key: str, options: Sequence[str] = ()) -> bool:
-    """Tell whether the answer's words stand in the key, in a row, and say something.
+    """Whether the answer's words occur in the key as a contiguous sequence with a content word.
 
-    At least one must be a content word: letters, and neither a function word nor a negation. Three guards keep what
-    distinguishes one answer from another: numbers in the key must be said (`ball` is not `ball 2`), the answer must
-    deny as often as the key (`oscillates` is not found in `no longer oscillates`), and where the admissible answers
-    are known it must not stand in another one too.
+    A content word has letters and is neither a function word nor a negation. Three further rules keep different answers
+    apart: every number in the key must be in the answer (`ball` is not `ball 2`); both must have as many negations
+    (`oscillates` does not match `no longer oscillates`); and the words must not occur in another of the options.
     """
     said, meant = words_of(answer), words_of(key)
-    if not _stands_in(said, meant) or _negations(said) != _negations(meant):
+    if not _occurs_in(said, meant) or _negations(said) != _negations(meant):
         return False
     if not any(_is_content(word) for word in said) or {word for word in meant if word[0].isdigit()} - {*said}:
         return False
-    others = [words_of(option) for option in options]
-    return not any(_stands_in(said, other) for other in others if other != meant)
+    other_options = [words for words in map(words_of, options) if words != meant]
+    return not any(_occurs_in(said, words) for words in other_options)
 
 
 def _is_content(word: str) -> bool:
     return len(word) > 1 and word[0].isalpha() and word not in _EMPTY_WORDS and word not in _NEGATIONS
 
 
-def _stands_in(said: Sequence[str], meant: Sequence[str]) -> bool:
+def _occurs_in(said: Sequence[str], meant: Sequence[str]) -> bool:
     return bool(said) and any(
         list(meant[start : start + len(said)]) == list(said) for start in range(len(meant) - len(said) + 1)
     )
 
 
 def is_object_id(text: str) -> bool:
-    """Tell whether a text is an id in the form that the prompt asks for, such as `object_2`."""
+    """Whether a text is an object id in the form that the prompt asks for, such as `object_2`."""
     return _OBJECT_ID.fullmatch(text) is not None
 
 
 def named_object(text: str, objects: Mapping[str, str]) -> str | None:
-    """Id of the one object that a text names; None if it names none, or could mean several.
+    """Id of the object that a text names; None if it names no object or could mean several.
 
     Args:
         text: A number (`2`), an id (`object_2`, `Object 2`), a public name (`cart_2`), or two of these for the same
             object, the second in brackets.
-        objects: Ids of the scene's objects and their public names.
+        objects: Object id → public name.
     """
     folded = _folded(text)
     pair = _TWO_NAMES.fullmatch(folded)
@@ -95,5 +94,5 @@ def _notations(object_id: str, name: str) -> set[str]:
 
 def _folded(text: str) -> str:
     if re.match(r"\s*[-\N{MINUS SIGN}]\s*\d", text):
-        return text  # a negative number is the name of nothing
+        return text  # a negative number is not an object id
     return " ".join(re.split(r"[\s_-]+", text.lower().strip(" _-\t\r\n")))

@@ -10,8 +10,9 @@ from mcp import Client
 from evaluator.agents.baselines import GUESS_RANGE, BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import load_script
-from evaluator.answers.grading import AnswerKey, grade
+from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.strict import AnswerKey
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError

@@ -1,4 +1,4 @@
-"""The grader: every rule by example, every stress case of the published suite, and laws by property test."""
+"""The grader: an example for every rule, the difficult answers of the published suite, and property tests."""
 
 import json
 import math
@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from evaluator.answers.grading import ZERO_ABS_TOL, AnswerKey, grade, grade_episode, grade_missing, infer_spec
+from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_missing, infer_spec
+from evaluator.answers.strict import AnswerKey
 from evaluator.quantities.units import conversion, parse_unit
 from evaluator.records import Episode, EpisodeKey, NormalisationClass, Outcome, Verdict, Versions
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
@@ -23,7 +24,7 @@ FORMAT = NormalisationClass.ANSWER_FORMAT
 STRICT = "strict"
 WRONG = "wrong"
 Expected = str | NormalisationClass
-"""`STRICT`, `WRONG`, or the class by which normalised grading forgives."""
+"""`STRICT`, `WRONG`, or the class for which normalised grading forgives the answer."""
 
 
 def number(value: float, unit: str | None = None, *, abs_tol: float = 0.0, rel_tol: float = 0.05) -> AnswerKey:
@@ -78,10 +79,10 @@ def check(case: Case) -> None:
         assert grade(case.answer, case.key).graded == pytest.approx(case.graded)
 
 
-# The stress cases of the audit of the published suite, section 3: submitted, key, verdict, why.
+# The stress cases in section 3 of the audit of the published suite.
 CARTS = {"object_1": "cart_1", "object_2": "cart_2"}
 SECTION_3 = [
-    Case("full stop for a number", ".", published(0.889), WRONG),
+    Case("only a full stop", ".", published(0.889), WRONG),
     Case("part of a list", "2", published((2, 1.41), "oscillation"), WRONG),
     Case("zero for two zeros", "0", published((0, 0), "conceptual"), WRONG),
     Case("zero inside 0.72", "0", published(0.72), WRONG),
@@ -92,7 +93,7 @@ SECTION_3 = [
     Case("hedged set", "1, 2, 3", published(2, "comparison"), WRONG),
     Case("negation", "not 2", published(2, "comparison"), WRONG),
     Case("minus added", "-3.27", published(3.27), WRONG),
-    Case("minus lost", "4.905", published(-4.905, "computation"), WRONG),
+    Case("minus omitted", "4.905", published(-4.905, "computation"), WRONG),
     Case("0.81 is 12 % off 0.72", "0.81", published(0.72), WRONG),
     Case("0.6 is 17 % off 0.513", "0.6", published(0.513), WRONG),
     Case("0.29 is 45 % off 0.2", "0.29", published(0.2), WRONG),
@@ -100,7 +101,7 @@ SECTION_3 = [
     Case("joule where no unit is declared cannot be checked", "150 J", published(150), WRONG),
     Case("newton where newton is asked", "150 N", number(150, "N"), FORMAT),
     Case("elastic inside inelastic", "elastic", text("inelastic"), WRONG),
-    Case("non-oscillatory holds oscillatory", "non-oscillatory", text("oscillatory"), WRONG),
+    Case("non-oscillatory contains oscillatory", "non-oscillatory", text("oscillatory"), WRONG),
     Case("2936.1 is 0.1 % off 2939.6", "2936.1", published(2939.6), STRICT),
     Case("149 is 0.7 % off 150", "149", published(150), STRICT),
     Case("26.5 is 0.6 % off 26.667", "26.5", published(26.667), STRICT),
@@ -117,7 +118,7 @@ SECTION_3 = [
     Case("empty for 2", "", published(2, "comparison"), WRONG),
 ]
 
-# Section 4.5, numbered as there.
+# The answers in section 4.5 of the audit, with its numbers.
 SIX_NUMBERS = (717.5, 2939.6, 146.3, 747.3, 3656.4, 149.3)
 LEVER = r"setup 1 .*has more torque"
 SECTION_4_5 = [
@@ -219,8 +220,8 @@ FORMS = [
         AnswerKey(3.26, AnswerSpec(kind=AnswerKind.NUMBER, labels=("apex",))),
         FORMAT,
     ),
-    Case("denying label", "anything but = 4.905", number(4.905), WRONG),
-    Case("denial after a label", "The answer is not 4.905", number(4.905), WRONG),
+    Case("label that negates", "anything but = 4.905", number(4.905), WRONG),
+    Case("negation after a label", "The answer is not 4.905", number(4.905), WRONG),
     Case("bound", "> 4.905", number(4.905), WRONG),
     Case("uncertainty", "4.905 ± 5", number(4.905), WRONG),
     Case("range", "4.8-5.0", number(4.905), WRONG),
@@ -265,7 +266,7 @@ FORMS = [
     Case("JSON list of strings", ["3.3", "42"], numbers(3.3, 42), STRICT),
     Case("list as text", "[3.3, 42]", numbers(3.3, 42), STRICT),
     Case("half right", [3.3, 7], numbers(3.3, 42), WRONG, graded=0.5),
-    Case("too long a list", [3.3, 42, 1], numbers(3.3, 42), WRONG, graded=0),
+    Case("list that is too long", [3.3, 42, 1], numbers(3.3, 42), WRONG, graded=0),
     Case("nested list", [[3.3, 42]], numbers(3.3, 42), WRONG),
     Case("common unit", "(3.3, 42.0) m/s", numbers(3.3, 42, unit="m/s"), FORMAT),
     Case("and", "3.3 m/s and 42.0 m/s", numbers(3.3, 42, unit="m/s"), FORMAT),
@@ -288,19 +289,19 @@ FORMS = [
     Case("negative number, typeset", " \N{MINUS SIGN}2", objects("object_2", **CARTS), WRONG),
     Case("id with a space", "Object 2", objects("object_2", **CARTS), NOTATION),
     Case("id in a list of one", ["2"], objects("object_2", **CARTS), NOTATION),
-    Case("name of another", "cart_1", objects("object_2", **CARTS), WRONG),
-    Case("id with the name of another", "object_2 (cart_1)", objects("object_2", **CARTS), WRONG),
+    Case("name of another object", "cart_1", objects("object_2", **CARTS), WRONG),
+    Case("id with the name of another object", "object_2 (cart_1)", objects("object_2", **CARTS), WRONG),
     Case("two ids", "object_1 or object_2", objects("object_2", **CARTS), WRONG),
     Case("equation of ids", "object_1 = object_2", objects("object_2", **CARTS), WRONG),
-    Case("name that two share", "cart", objects("object_2", object_1="cart", object_2="cart"), WRONG),
-    Case("zero for none of them", 0, objects("0", **CARTS), STRICT),
+    Case("name shared by two objects", "cart", objects("object_2", object_1="cart", object_2="cart"), WRONG),
+    Case("zero means none of the objects", 0, objects("0", **CARTS), STRICT),
     Case("order of ids", "object_2, object_1", objects(("object_2", "object_1"), **CARTS), STRICT),
     Case("order of ids wrong", "object_1, object_2", objects(("object_2", "object_1"), **CARTS), WRONG, graded=0),
     Case("order by numbers", "2, 1", objects(("object_2", "object_1"), **CARTS), NOTATION),
     Case("whole words of the key", "rolls faster", text("the shell rolls faster"), STRICT),
     Case("the key itself", "No.", text("no."), STRICT),
-    Case("function words alone", "the", text("the shell rolls faster"), WRONG),
-    Case("words not in a row", "shell faster", text("the shell rolls faster"), WRONG),
+    Case("only function words", "the", text("the shell rolls faster"), WRONG),
+    Case("words that are not contiguous", "shell faster", text("the shell rolls faster"), WRONG),
     Case("part of a word", "fast", text("the shell rolls faster"), WRONG),
     Case("longer than the key", "the shell rolls faster than the disk", text("the shell rolls faster"), WRONG),
     Case("negation left out", "oscillates", text("it no longer oscillates"), WRONG),
@@ -319,17 +320,17 @@ FORMS = [
 
 
 @pytest.mark.parametrize("case", SECTION_3, ids=lambda case: case.name)
-def test_verdicts_on_answers_that_the_published_matcher_got_wrong(case: Case) -> None:
+def test_answers_that_the_published_matcher_misjudged_get_the_right_verdict(case: Case) -> None:
     check(case)
 
 
 @pytest.mark.parametrize("case", SECTION_4_5, ids=lambda case: case.name)
-def test_verdicts_on_answers_found_in_the_published_logs(case: Case) -> None:
+def test_answers_from_the_published_logs_get_the_right_verdict(case: Case) -> None:
     check(case)
 
 
 @pytest.mark.parametrize("case", FORMS, ids=lambda case: case.name)
-def test_verdicts_on_each_form_of_an_answer(case: Case) -> None:
+def test_every_form_of_an_answer_gets_the_right_verdict(case: Case) -> None:
     check(case)
 
 
@@ -359,13 +360,13 @@ def test_verdicts_on_each_form_of_an_answer(case: Case) -> None:
         *(("", "m", None), ("m/", "m", None), ("m §", "m", None)),
     ],
 )
-def test_units_convert_where_they_measure_the_same(written: str, asked: str, factor: float | None) -> None:
-    one, other = parse_unit(written), parse_unit(asked)
-    found = None if one is None or other is None else conversion(one, other)
+def test_units_convert_only_if_they_measure_the_same_quantity(written: str, asked: str, factor: float | None) -> None:
+    source, target = parse_unit(written), parse_unit(asked)
+    found = None if source is None or target is None else conversion(source, target)
     assert found == (None if factor is None else pytest.approx(factor))
 
 
-# Constants over all keys of the published suite.
+# Constant answers against all keys of the published suite.
 CHOICES = {
     0: "22",
     1: "12 14 18 24 26 27 31 39 43 45 47 53 56 62 64 69 71 75 77 83 84",
@@ -399,19 +400,19 @@ SUITE = [
 @pytest.mark.parametrize(
     "constant", [".", ",", "-", "0 1 2 3", "0, 1, 2, 3", "0 or 1 or 2", "e", "object_", "[]", "1e", "%"]
 )
-def test_a_constant_that_says_no_single_thing_is_right_nowhere(constant: str) -> None:
+def test_a_constant_without_one_clear_value_is_never_right(constant: str) -> None:
     assert {verdict_of(constant, key) for key in SUITE} == {WRONG}
 
 
 @pytest.mark.parametrize(("constant", "most"), [("0", 3), ("1", 22), ("2", 28), ("3", 7)])
-def test_a_constant_digit_is_right_only_where_it_is_the_key(constant: str, most: int) -> None:
+def test_a_constant_digit_is_right_only_if_it_is_the_key(constant: str, most: int) -> None:
     right = [key.value for key in SUITE if verdict_of(constant, key) != WRONG]
     assert len(right) <= most
     assert all(isinstance(value, (int, float)) and abs(value - int(constant)) <= 0.05 * abs(value) for value in right)
 
 
 APART = [sign * 0.03 * 1.2**power for power in range(40) for sign in (1, -1)]
-"""Keys whose 5 % bands do not touch."""
+"""Keys whose tolerance bands of 5 % do not overlap."""
 SNIPPETS = st.lists(
     st.sampled_from(
         [
@@ -437,7 +438,7 @@ SNIPPETS = st.lists(
 
 @settings(max_examples=200)
 @given(constant=SNIPPETS, unit=st.sampled_from([None, "1", "m", "N", "m/s"]))
-def test_no_text_is_right_for_two_keys_that_lie_apart(constant: str, unit: str | None) -> None:
+def test_no_text_is_right_for_two_different_keys(constant: str, unit: str | None) -> None:
     right = [value for value in APART if verdict_of(constant, number(value, unit)) != WRONG]
     assert len(right) <= 1
 
@@ -446,10 +447,10 @@ def test_no_text_is_right_for_two_keys_that_lie_apart(constant: str, unit: str |
 @given(constant=SNIPPETS)
 def test_no_text_names_two_objects(constant: str) -> None:
     names = {f"object_{n}": f"block_{n}" for n in range(1, 10)}
-    assert sum(verdict_of(constant, objects(one, **names)) != WRONG for one in names) <= 1
+    assert sum(verdict_of(constant, objects(object_id, **names)) != WRONG for object_id in names) <= 1
 
 
-# Laws.
+# Property tests.
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=40) | SNIPPETS,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
@@ -472,7 +473,7 @@ SIGNED = st.builds(math.copysign, SIZES, st.sampled_from([1.0, -1.0]))
 
 @settings(max_examples=200)
 @given(answer=JSON, key=st.sampled_from(KEYS))
-def test_grade_never_raises_and_graded_is_a_share(answer: JsonValue, key: AnswerKey) -> None:
+def test_grade_never_raises_and_its_verdicts_are_consistent(answer: JsonValue, key: AnswerKey) -> None:
     result = grade(answer, key)
     assert result.graded is not None
     assert 0 <= result.graded <= 1
@@ -483,7 +484,7 @@ def test_grade_never_raises_and_graded_is_a_share(answer: JsonValue, key: Answer
 
 @settings(max_examples=100)
 @given(value=SIGNED)
-def test_the_exact_key_is_right_in_every_plain_notation(value: float) -> None:
+def test_the_exact_key_is_strictly_right_in_every_plain_notation(value: float) -> None:
     key = number(value, "m")
     for answer in (value, repr(value), f" {value!r}\n", f"{value:.12e}", f"{value:+.8f}", f"{value:.6g}"):
         assert verdict_of(answer, key) == STRICT
@@ -517,7 +518,7 @@ def test_the_exact_key_is_forgiven_in_every_common_notation(value: float) -> Non
 
 @settings(max_examples=200)
 @given(value=SIGNED, off=st.floats(min_value=0.0501, max_value=10), side=st.sampled_from([1, -1]))
-def test_nothing_outside_the_tolerance_is_right(value: float, off: float, side: int) -> None:
+def test_an_answer_outside_the_tolerance_is_wrong(value: float, off: float, side: int) -> None:
     answer = value * (1 + side * off)
     assert verdict_of(answer, number(value)) == WRONG
     assert verdict_of(f"x = {answer!r} m", number(value, "m")) == WRONG
@@ -533,18 +534,18 @@ def test_a_flipped_sign_is_wrong(value: float) -> None:
 
 @settings(max_examples=100)
 @given(values=st.lists(st.sampled_from(APART), min_size=2, max_size=5, unique=True), data=st.data())
-def test_a_list_is_right_in_its_own_order_only(values: list[float], data: st.DataObject) -> None:
+def test_a_list_is_right_only_in_the_order_of_the_key(values: list[float], data: st.DataObject) -> None:
     key = numbers(*values)
     moved = data.draw(st.permutations(values))
     for form in (list[JsonValue](moved), json.dumps(moved), ", ".join(map(str, moved))):
         assert verdict_of(form, key) == (STRICT if moved == values else WRONG)
-        share = sum(one == other for one, other in zip(moved, values, strict=True)) / len(values)
+        share = sum(got == wanted for got, wanted in zip(moved, values, strict=True)) / len(values)
         assert grade(form, key).graded == pytest.approx(share)
 
 
 @settings(max_examples=100)
 @given(values=st.lists(SIGNED, min_size=2, max_size=5), extra=SIGNED)
-def test_a_list_of_another_length_is_wrong(values: list[float], extra: float) -> None:
+def test_a_list_of_the_wrong_length_is_wrong(values: list[float], extra: float) -> None:
     for answer in ([*values, extra], values[:-1], values[0]):
         result = grade(list[JsonValue](answer) if isinstance(answer, list) else answer, numbers(*values))
         assert (result.strict, result.normalised, result.graded) == (Verdict.INCORRECT, Verdict.INCORRECT, 0)
@@ -583,7 +584,7 @@ def test_the_longest_answers_are_read_in_no_time(piece: str) -> None:
     assert time.process_time() - began < 2
 
 
-# Missing answers.
+# Episodes without an answer.
 @pytest.mark.parametrize("outcome", [Outcome.BUDGET_EXHAUSTED, Outcome.AGENT_ERROR])
 def test_an_episode_without_an_answer_is_incorrect(outcome: Outcome) -> None:
     result = grade_missing(outcome)
@@ -596,7 +597,7 @@ def test_an_infrastructure_error_is_not_scored() -> None:
     assert (result.strict, result.graded, result.normalised) == (Verdict.UNSCORED, None, Verdict.UNSCORED)
 
 
-def test_an_answered_episode_is_not_missing() -> None:
+def test_an_answered_episode_cannot_be_graded_as_unanswered() -> None:
     with pytest.raises(ValueError, match="graded by its answer"):
         grade_missing(Outcome.ANSWERED)
 
@@ -610,7 +611,7 @@ def test_an_answered_episode_is_not_missing() -> None:
         (Outcome.INFRASTRUCTURE_ERROR, None, Verdict.UNSCORED),
     ],
 )
-def test_an_episode_is_graded_by_what_it_left(outcome: Outcome, answer: JsonValue, expected: Verdict) -> None:
+def test_an_episode_is_graded_by_its_answer_or_outcome(outcome: Outcome, answer: JsonValue, expected: Verdict) -> None:
     episode = Episode(
         key=EpisodeKey(scene=10, seed=0, agent="scripted", budget=5),
         outcome=outcome,
@@ -624,7 +625,7 @@ def test_an_episode_is_graded_by_what_it_left(outcome: Outcome, answer: JsonValu
     assert grade_episode(episode, number(3.27)).strict is expected
 
 
-# Keys.
+# Answer keys.
 @pytest.mark.parametrize(
     ("answer", "problem_type", "kind", "abs_tol"),
     [
@@ -646,7 +647,7 @@ def test_an_episode_is_graded_by_what_it_left(outcome: Outcome, answer: JsonValu
         ("it tips over", "observation", AnswerKind.TEXT, 0),
     ],
 )
-def test_the_type_of_a_published_key_is_inferred(
+def test_the_answer_type_of_a_published_key_is_inferred(
     answer: Scalar | tuple[Scalar, ...], problem_type: str, kind: AnswerKind, abs_tol: float
 ) -> None:
     spec = infer_spec(answer, problem_type)
@@ -667,6 +668,6 @@ def test_the_type_of_a_published_key_is_inferred(
         (1, AnswerSpec(kind=AnswerKind.CHOICE, accept=("(",))),
     ],
 )
-def test_a_key_that_nothing_could_match_is_refused(value: Scalar | tuple[Scalar, ...], spec: AnswerSpec) -> None:
+def test_a_key_that_no_answer_can_match_is_refused(value: Scalar | tuple[Scalar, ...], spec: AnswerSpec) -> None:
     with pytest.raises(ValueError, match=r"."):
         AnswerKey(value, spec)
