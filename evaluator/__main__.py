@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
 from evaluator.commands.base import make_room, own_version
-from evaluator.commands.run_options import options_of
+from evaluator.commands.run_options import long_options
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from evaluator.study.config import with_config
 
@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         words.insert(0, "run")
     try:
         if words[0] == "run":
-            words = ["run", *with_config(words[1:], options_of(commands.choices["run"]))]
+            words = ["run", *with_config(words[1:], long_options(commands.choices["run"]))]
         args = parser.parse_args(words)
         return args.run(args)
     except (UsageError, StoreError) as error:

@@ -1,25 +1,26 @@
-"""What the commands share: whole numbers, our own errors out of exception groups, the installed version."""
+"""What several commands use: declaring a command, running its async part, tables, the installed version."""
 
 import argparse
 import contextlib
 import gc
-import math
 from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import anyio
 from rich.console import Console
 
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 
+T = TypeVar("T")
+
 _OPEN_FILES = 65_536
-"""Connections and files that may be open at a time, where the system lets us choose."""
+"""Connections and files that may be open at a time, if the system allows it."""
 
 
 class Commands(Protocol):
-    """Where a command is declared: what `add_subparsers` returns, a type argparse keeps to itself."""
+    """Where a command is declared. `add_subparsers` returns it, with a type that argparse does not export."""
 
     def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
         """The parser of a new command."""
@@ -32,32 +33,15 @@ def own_version() -> str:
 
 
 def wide_console() -> Console:
-    """A console for tables: as wide as the terminal, and wide enough for whole words where there is none."""
+    """A console for tables: as wide as the terminal, or wide enough for whole words if there is no terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=140)
 
 
-def whole(text: str) -> int:
-    """A whole number above 0, as an argument type."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
-    return int(text)
-
-
-def seconds(text: str) -> float:
-    """A time above 0 [s], as an argument type."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a time above 0, in seconds")
-    return value
-
-
 def make_room() -> None:
-    """Prepare this process for hundreds of open episodes, each with a connection and many objects that live long."""
-    # Looking at those objects again and again for cycles took a third of the processor time of 500 episodes.
+    """Prepare this process for hundreds of open episodes, each with a connection and many long-lived objects."""
+    # With the default thresholds, searching these objects for cycles took a third of the processor time of 500
+    # episodes.
     gc.set_threshold(10_000, 20, 20)
     if find_spec("resource") is None:
         return  # Windows has no such limit
@@ -66,14 +50,19 @@ def make_room() -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
     if soft != resource.RLIM_INFINITY and soft < most:
-        with contextlib.suppress(OSError, ValueError):  # macOS may allow less than it says
+        with contextlib.suppress(OSError, ValueError):  # macOS may allow less than it reports
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
-def unwrapped(play: Callable[[], Awaitable[object]]) -> None:
-    """Run the async part; of an exception group raise the first of our own errors."""
+def run_async(play: Callable[[], Awaitable[T]]) -> T:
+    """Run the async part of a command and return its result.
+
+    Raises:
+        KeyboardInterrupt: The operator pressed Ctrl-C.
+        EvaluatorError: The first of our own errors in an exception group.
+    """
     try:
-        anyio.run(play)
+        return anyio.run(play)
     except BaseExceptionGroup as group:
         for kind in (KeyboardInterrupt, UsageError, StoreError, InfrastructureError):
             found, _ = group.split(kind)

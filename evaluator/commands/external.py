@@ -3,7 +3,7 @@
 import argparse
 
 from evaluator.agents.external.agent import CALLS_PER_ITERATION
-from evaluator.commands.base import seconds, whole
+from evaluator.commands.argument_types import count_of, seconds
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     group.add_argument("command_words", nargs="*", metavar="-- COMMAND", help="the program and its arguments")
     group.add_argument(
         "--max-calls",
-        type=whole,
+        type=count_of("calls"),
         metavar="N",
         help=f"most tool calls in an episode (default {CALLS_PER_ITERATION} × its budget of iterations)",
     )

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import functools
 import signal
 import sys
 from collections.abc import Sequence
@@ -15,7 +16,8 @@ from rich.markdown import Markdown
 
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, unwrapped, whole
+from evaluator.commands.argument_types import count_of, scene_id, seed
+from evaluator.commands.base import Commands, run_async
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
@@ -48,18 +50,12 @@ def add(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     play.set_defaults(run=_play)
-    play.add_argument("scene", type=whole, metavar="N", help="which scene")
-    play.add_argument("--seed", type=_seed, default=0, metavar="S", help="variant of the scene (default 0: as written)")
-    play.add_argument("--budget", type=whole, default=20, metavar="N", help="iterations (default 20)")
+    play.add_argument("scene", type=scene_id, metavar="N", help="which scene")
+    play.add_argument("--seed", type=seed, default=0, metavar="S", help="variant of the scene (default 0: as written)")
+    play.add_argument("--budget", type=count_of("iterations"), default=20, metavar="N", help="iterations (default 20)")
     play.add_argument("--server", default="stdio", metavar="S", help="as in run (default stdio)")
     play.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
     play.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-human)")
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number, 0 or more")
-    return int(text)
 
 
 def _play(args: argparse.Namespace) -> int:
@@ -69,17 +65,12 @@ def _play(args: argparse.Namespace) -> int:
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = RunFolder(args.out or Path("runs") / f"{stamp}-human")
     folder.create(resume=False)
-    console, played = Console(), list[Episode]()
-
-    async def play() -> None:
-        played.append(await _episode(args, files, folder, console))
-
+    console = Console()
     try:
-        unwrapped(play)
+        episode = run_async(functools.partial(_episode, args, files, folder, console))
     except BaseException:
         _remove_if_empty(folder)
         raise
-    (episode,) = played
     if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:
         _remove_if_empty(folder)
         console.print("\nNothing was done, and nothing is saved.")

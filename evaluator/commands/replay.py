@@ -10,7 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.agents.recorded import load_recorded
-from evaluator.commands.base import Commands, unwrapped, whole, wide_console
+from evaluator.commands.argument_types import count_of
+from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import connect
 from evaluator.study.replay import REL_TOL, Replayed, replay
 
@@ -42,7 +43,7 @@ def add(commands: Commands) -> None:
     command.add_argument("--exact", action="store_true", help="numbers must be the same to the last bit")
     command.add_argument(
         "--concurrency",
-        type=whole,
+        type=count_of("episodes"),
         default=min(4, os.cpu_count() or 1),
         metavar="N",
         help="episodes played at a time (default %(default)s)",
@@ -52,14 +53,13 @@ def add(commands: Commands) -> None:
 
 def _replay(args: argparse.Namespace) -> int:
     agent = load_recorded(args.folder)
-    results: list[Replayed] = []
 
-    async def play() -> None:
+    async def play() -> list[Replayed]:
         async with connect(args.server, args.scenes_dir) as laboratory:
             rel_tol = 0.0 if args.exact else REL_TOL
-            results.extend(await replay(agent, laboratory, rel_tol=rel_tol, concurrency=args.concurrency))
+            return await replay(agent, laboratory, rel_tol=rel_tol, concurrency=args.concurrency)
 
-    unwrapped(play)
+    results = run_async(play)
     if args.json:
         print(_as_json(results))
     else:

@@ -10,7 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, unwrapped, whole
+from evaluator.commands.argument_types import count_of
+from evaluator.commands.base import Commands, run_async
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
@@ -49,9 +50,13 @@ def add(commands: Commands) -> None:
         "logs", type=Path, metavar="LOGS", help="folder with MODEL/scene_NNN/summary_TIME.txt below it"
     )
     command.add_argument("--scenes-dir", type=Path, required=True, metavar="SCENES", help="the authors' packs")
-    command.add_argument("--limit", type=whole, metavar="N", help="play only the first N logs")
+    command.add_argument("--limit", type=count_of("logs"), metavar="N", help="play only the first N logs")
     command.add_argument(
-        "--jobs", type=whole, default=min(4, os.cpu_count() or 1), metavar="N", help="played at a time (%(default)s)"
+        "--jobs",
+        type=count_of("logs"),
+        default=min(4, os.cpu_count() or 1),
+        metavar="N",
+        help="played at a time (%(default)s)",
     )
     command.add_argument("--server", default="host", metavar="S", help="as for run (default host)")
     command.add_argument("--json", action="store_true", help="print figures and every disagreement as JSON")
@@ -76,9 +81,8 @@ def _replay(args: argparse.Namespace) -> int:
     folder = RunFolder(args.keep) if args.keep else None
     if folder is not None:
         folder.create(resume=False)
-    played: list[PlayedLog] = []
 
-    async def play() -> None:
+    async def play() -> list[PlayedLog]:
         async with connect(args.server, args.scenes_dir) as laboratory:
             async with laboratory.open(packs[0].scene_id, 0) as client:
                 server = await server_record(client, args.server)
@@ -97,13 +101,11 @@ def _replay(args: argparse.Namespace) -> int:
                     if one.episode is not None and sys.stderr.isatty():
                         display.ended(one.episode)
 
-                played.extend(
-                    await play_logs(
-                        logs, laboratory, keys, names, versions=record.versions_of, jobs=args.jobs, on_end=ended
-                    )
+                return await play_logs(
+                    logs, laboratory, keys, names, versions=record.versions_of, jobs=args.jobs, on_end=ended
                 )
 
-    unwrapped(play)
+    played = run_async(play)
     if not played:
         raise UsageError(f"{args.logs}: none of its logs holds a reply in a scene of {args.scenes_dir}")
     return _report(args, logs, played)

@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-import os
+import functools
 import sys
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
@@ -12,26 +12,23 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, unwrapped
+from evaluator.commands.base import Commands, run_async
 from evaluator.commands.results import finish
-from evaluator.commands.run_options import add_options, limits_of, plan_of, shard_of, team_of
+from evaluator.commands.run_options import RunOptions, add_options, read_options
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import EpisodeKey, Plan, RunRecord, ServerRecord
+from evaluator.records import EpisodeKey, Plan, RunRecord
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Play, play_key
-from evaluator.study.contenders import Team
+from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
-from evaluator.study.selection import parse_scenes
-from evaluator.study.shards import WHOLE, Shard
+from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
-from scenes import PackFiles
 
 
 def add(commands: Commands, description: str) -> None:
@@ -39,7 +36,7 @@ def add(commands: Commands, description: str) -> None:
 
     Args:
         commands: Where.
-        description: Help of `run`, the default command: that of the whole program.
+        description: Help text of `run`, which is the default command, and of the whole program.
     """
     run = commands.add_parser(
         "run",
@@ -52,130 +49,134 @@ def add(commands: Commands, description: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Study:
-    """A run, ready to be played."""
+class _Run:
+    """A run that is ready to be played."""
 
-    args: argparse.Namespace
-    team: Team
+    options: RunOptions
     contenders: Mapping[str, Contender]
-    packs: list[PackFiles]
     plan: Plan
-    shard: Shard
-
-    def keys(self) -> list[EpisodeKey]:
-        return [key for key in self.plan.matrix() if self.shard.takes(key)]
+    keys: list[EpisodeKey]
+    """The episodes of this shard."""
+    folder: RunFolder
+    answers: KeyRing
+    meter: Meter
+    console: Console
 
 
 def _run(args: argparse.Namespace) -> int:
-    packs, team = parse_scenes(args.scenes, args.scenes_dir), team_of(args)
-    contenders = team.build()
-    plan, shard = plan_of(args, packs, tuple(contenders)), shard_of(args, os.environ)
-    study = _Study(args, team, contenders, packs, plan, shard)
-    if args.dry_run:
-        for line in estimate_lines(plan, study.keys(), shard, args.concurrency):
-            print(line)
+    options = read_options(args)
+    contenders = options.team.build()
+    plan = options.plan(tuple(contenders))
+    keys = [key for key in plan.matrix() if options.shard.takes(key)]
+    if options.dry_run:
+        print(*estimate_lines(plan, keys, options.shard, options.concurrency), sep="\n")
         return 0
-    if args.executor == "ray":
+    if options.executor == "ray":
         require_ray()
-    folder = _folder(args, contenders, shard)
-    folder.create(resume=args.resume)
-    keys, console = KeyRing(args.scenes_dir), Console(stderr=args.json)
-    meter = Meter(limits_of(args))
-    stopped, again = "", f"go on with the same options, --out {args.out or folder.path} --resume"
-
-    async def play() -> None:
-        nonlocal stopped
-        with folder.held():
-            stopped = await _play(study, folder, meter, keys, console)
-
+    folder = _create_folder(options, contenders)
+    answers, console = KeyRing(options.team.scenes_dir), Console(stderr=options.as_json)
+    run = _Run(options, contenders, plan, keys, folder, answers, Meter(options.limits), console)
+    continuation = f"go on with the same options, --out {options.out or folder.path} --resume"
     try:
-        # A malformed pack or a missing key should show before hours of play, not after.
-        for scene in plan.scenes:
-            for seed in plan.seeds:
-                keys.key(scene, seed)
-        unwrapped(play)
-    except UsageError:
-        # Only an empty folder can be removed so: nothing is left of a run that never began.
-        with contextlib.suppress(OSError):
-            folder.path.rmdir()
-        raise
+        stopped = _play(run)
     except KeyboardInterrupt:
-        print(f"physment-eval: interrupted; {again}", file=sys.stderr)
+        print(f"physment-eval: interrupted; {continuation}", file=sys.stderr)
         return 130
     if stopped:
-        print(f"physment-eval: {stopped}; {again}", file=sys.stderr)
-    return finish(folder, keys, console, as_json=args.json, wanted=len(study.keys()))
+        print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
+    return finish(folder, answers, console, as_json=options.as_json, wanted=len(keys))
 
 
-def _folder(args: argparse.Namespace, contenders: Mapping[str, Contender], shard: Shard) -> RunFolder:
-    if args.resume and args.out is None:
+def _create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> RunFolder:
+    shard = options.shard
+    if options.resume and options.out is None:
         raise UsageError("--resume needs the folder of the run: --out DIR")
-    if shard != WHOLE and args.out is None:
+    if shard != WHOLE and options.out is None:
         raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     label = "study" if len(contenders) > 1 else next(iter(contenders)).split(":")[0]
-    whole = args.out or Path("runs") / f"{stamp}-{label}"
-    return RunFolder(whole if shard == WHOLE else whole / shard.name)
+    whole = options.out or Path("runs") / f"{time}-{label}"
+    folder = RunFolder(whole if shard == WHOLE else whole / shard.name)
+    folder.create(resume=options.resume)
+    return folder
 
 
-async def _play(study: _Study, folder: RunFolder, meter: Meter, keys: KeyRing, console: Console) -> str:
-    """Play what is missing; returns why some of it was not."""
-    args = study.args
+def _play(run: _Run) -> str:
+    """Play what is missing.
+
+    Returns:
+        Why some episodes were left out, as a clause; empty if none were.
+    """
+    try:
+        # A malformed pack or a missing key must show now, and not after hours of play.
+        for scene in run.plan.scenes:
+            for seed in run.plan.seeds:
+                run.answers.key(scene, seed)
+        return run_async(functools.partial(_play_missing, run))
+    except UsageError:
+        # rmdir removes only an empty folder, so only a run that never started is deleted.
+        with contextlib.suppress(OSError):
+            run.folder.path.rmdir()
+        raise
+
+
+async def _play_missing(run: _Run) -> str:
+    options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
-        laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir))
-        for contender in study.contenders.values():
+        stack.enter_context(folder.held())
+        laboratory = await stack.enter_async_context(connect(options.team.server, options.team.scenes_dir))
+        for contender in run.contenders.values():
             await stack.enter_async_context(contender.running())
-        server = await _server(laboratory, study.plan, args.server)
-        agents = {name: contender.facts() for name, contender in study.contenders.items()}
-        shard = None if study.shard == WHOLE else f"{study.shard.index}/{study.shard.count}"
-        record = run_record(study.plan, study.packs, server, agents, shard)
-        play = await stack.enter_async_context(_executor(study, record.packs))
+        record = await _record(run, laboratory)
+        play = await stack.enter_async_context(_executor(run, laboratory, record))
         folder.write_run(_continued(folder, record))
         done = folder.episodes()
-        meter.add_all(one.usage for one in done.values())
-        todo = missing(study.keys(), done)
-        with ProgressDisplay(console, len(todo), Tally(keys, meter)) as display:
-            runner = Runner(
-                laboratory,
-                study.contenders,
-                folder,
-                record.versions_of,
-                args.concurrency,
-                meter,
-                args.episode_timeout,
-                display.started,
-                display.ended,
-                play,
-            )
-            return await runner.run(todo)
+        run.meter.add_all(episode.usage for episode in done.values())
+        todo = missing(run.keys, done)
+        display = stack.enter_context(ProgressDisplay(run.console, len(todo), Tally(run.answers, run.meter)))
+        runner = Runner(
+            play=play,
+            folder=folder,
+            concurrency=options.concurrency,
+            meter=run.meter,
+            on_start=display.started,
+            on_end=display.ended,
+        )
+        return await runner.run(todo)
+
+
+async def _record(run: _Run, laboratory: Laboratory) -> RunRecord:
+    """The record of this start. Asking the server for its part shows early whether there is one."""
+    plan, shard = run.plan, run.options.shard
+    try:
+        async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
+            server = await server_record(client, run.options.team.server)
+    except InfrastructureError as error:
+        raise UsageError(str(error)) from error
+    agents = {name: contender.facts() for name, contender in run.contenders.items()}
+    part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
+    return run_record(plan, run.options.packs, server, agents, part)
 
 
 @contextlib.asynccontextmanager
-async def _executor(study: _Study, packs: Mapping[str, str]) -> AsyncGenerator[Play]:
-    """What plays the episodes, as `--executor` says.
-
-    Args:
-        study: The run.
-        packs: Scene → hash of its pack.
-    """
-    if study.args.executor == "local":
-        yield play_key
+async def _executor(run: _Run, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
+    """What plays the episodes, as `--executor` says."""
+    options = run.options
+    if options.executor == "local":
+        yield LocalPlay(laboratory, run.contenders, record.versions_of, options.episode_timeout_s)
         return
-    async with ray_workers(study.team, study.contenders, packs, study.args.concurrency) as play:
+    async with ray_workers(
+        options.team,
+        run.contenders,
+        record,
+        concurrency=options.concurrency,
+        timeout_s=options.episode_timeout_s,
+    ) as play:
         yield play
 
 
-async def _server(laboratory: Laboratory, plan: Plan, option: str) -> ServerRecord:
-    """What the server says about itself; asking shows early whether there is one."""
-    try:
-        async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
-            return await server_record(client, option)
-    except InfrastructureError as error:
-        raise UsageError(str(error)) from error
-
-
 def _continued(folder: RunFolder, record: RunRecord) -> RunRecord:
-    """The record to write: that of a new run, or the stored one with another start.
+    """The record to write: that of a new run, or the stored one with this start added.
 
     Raises:
         UsageError: The stored run has another plan, agents, packs or shard, so the results would not belong together.

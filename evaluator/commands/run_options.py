@@ -1,21 +1,22 @@
-"""The options of `run`, and what they mean together: a plan, a team, limits, a shard."""
+"""The options of `run`: how they are declared, and what they ask for together (`RunOptions`)."""
 
 import argparse
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
-from evaluator.commands.base import seconds, whole
+from evaluator.commands.argument_types import count_of, seconds, temperature, us_dollars
 from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
 from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.records import Plan
 from evaluator.study.contenders import AGENTS, Team
 from evaluator.study.limits import Limits
-from evaluator.study.selection import parse_numbers
+from evaluator.study.selection import parse_numbers, parse_scenes
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles
 
@@ -26,16 +27,102 @@ PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
 PROTOCOLS = ("native", "text")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What a run is asked to be, from the command line or a study file."""
+
+    team: Team
+    """Who plays, and on which server."""
+    packs: tuple[PackFiles, ...]
+    budgets: tuple[int, ...]
+    seeds: tuple[int, ...]
+    epochs: int
+    promptings: tuple[str, ...]
+    protocols: tuple[str, ...]
+    shard: Shard
+    """Which part of the matrix is played here."""
+    limits: Limits
+    concurrency: int
+    """Episodes played at a time."""
+    executor: str
+    """`local` or `ray`."""
+    episode_timeout_s: float
+    """Wall time of one attempt at an episode [s]."""
+    out: Path | None
+    """Run folder, or folder of the shards; None for a new one below `runs`."""
+    resume: bool
+    dry_run: bool
+    as_json: bool
+    """Print the summary as JSON on stdout, and everything else on stderr."""
+
+    def plan(self, agents: tuple[str, ...]) -> Plan:
+        """The matrix with these agents."""
+        return Plan(
+            scenes=tuple(files.scene_id for files in self.packs),
+            agents=agents,
+            budgets=self.budgets,
+            seeds=self.seeds,
+            epochs=self.epochs,
+            promptings=self.promptings,
+            protocols=self.protocols,
+        )
+
+
+def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.environ) -> RunOptions:
+    """The options that were parsed.
+
+    Args:
+        args: Result of the parser that `add_options` was given.
+        environ: Environment variables, in which a scheduler may have left the shard.
+
+    Raises:
+        UsageError: An option is malformed or selects nothing.
+    """
+    packs = tuple(parse_scenes(args.scenes, args.scenes_dir))
+    team = Team(
+        agents=tuple(args.agent or ["reference"]),
+        scenes_dir=args.scenes_dir,
+        server=args.server,
+        options=checked(Options(args.effort, args.temperature, args.reply_tokens)),
+        base_url=args.base_url,
+        lanes=_lanes(args.provider_concurrency),
+        patience=Patience(timeout_s=args.request_timeout),
+        stopping=args.stopping,
+        command=tuple(args.command_words),
+        max_calls=args.max_calls,
+        max_wall_s=args.max_wall_time,
+        sealed=args.sealed,
+    )
+    return RunOptions(
+        team=team,
+        packs=packs,
+        budgets=parse_numbers(args.budgets, "--budgets", 1),
+        seeds=parse_numbers(args.seeds, "--seeds", 0),
+        epochs=args.epochs,
+        promptings=_among(args.prompting, "--prompting", PROMPTINGS),
+        protocols=_among(args.protocol, "--protocol", PROTOCOLS),
+        shard=parse_shard(args.shard) if args.shard else shard_of_environment(environ),
+        limits=Limits(args.max_cost, args.max_tokens, args.max_time),
+        concurrency=args.concurrency,
+        executor=args.executor,
+        episode_timeout_s=args.episode_timeout,
+        out=args.out,
+        resume=args.resume,
+        dry_run=args.dry_run,
+        as_json=args.json,
+    )
+
+
 def add_options(run: argparse.ArgumentParser) -> None:
     """Declare all options of `run`."""
     run.add_argument(
         "--server",
         default="stdio",
         metavar="S",
-        help="stdio: a server process for each episode (default) · host: one warm local host · the URL of a host ·"
-        " a command that serves one episode on stdio, with {scene} and {seed} in it",
+        help="stdio: a server process for each episode (default) · host: one local host for all episodes · the URL of a"
+        " host · a command that serves one episode on stdio, with {scene} and {seed} in it",
     )
-    run.add_argument("--config", metavar="FILE", help="options kept in a TOML file; those of the command line win")
+    run.add_argument("--config", metavar="FILE", help="TOML file with options; options of the command line win")
     _matrix(run.add_argument_group("the matrix"))
     _models(run.add_argument_group("models"))
     _course(run.add_argument_group("how it is played"))
@@ -51,7 +138,9 @@ def _matrix(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--seeds", default="0", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0)"
     )
-    group.add_argument("--epochs", type=whole, default=1, metavar="N", help="repetitions of each episode (default 1)")
+    group.add_argument(
+        "--epochs", type=count_of("epochs"), default=1, metavar="N", help="repetitions of each episode (default 1)"
+    )
     group.add_argument(
         "--prompting", default="zero-shot", metavar="P,…", help=f"{' · '.join(PROMPTINGS)} (default zero-shot)"
     )
@@ -59,25 +148,34 @@ def _matrix(group: "ArgumentGroup") -> None:
         "--protocol",
         default="native",
         metavar="P,…",
-        help="native tool calls · text: JSON lists in prose (default native)",
+        help="native: tool calls of the provider · text: JSON lists in prose (default native)",
     )
     group.add_argument(
-        "--stopping", default="always", metavar="P", help=f"{' · '.join(POLICIES)}: when agents are told to answer"
+        "--stopping",
+        default="always",
+        metavar="P",
+        help=f"{' · '.join(POLICIES)}: when agents are told to answer (default always: by the budget alone)",
     )
     group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 
 
 def _models(group: "ArgumentGroup") -> None:
-    group.description = "Of all models of the run; `physment-eval models` lists models and what is missing to ask them."
+    group.description = (
+        "For all models of the run. `physment-eval models` lists models and what is missing to ask them."
+    )
     group.add_argument("--effort", metavar="E", help=f"{' · '.join(EFFORTS)}, as far as the provider has them")
-    group.add_argument("--temperature", type=float, metavar="T", help="0 to 2 (default: the provider's)")
-    group.add_argument("--reply-tokens", type=whole, metavar="N", help="most tokens of one reply, thoughts included")
-    group.add_argument("--base-url", metavar="URL", help="where models are asked instead of the provider's own place")
+    group.add_argument("--temperature", type=temperature, metavar="T", help="0 to 2 (default: the provider's)")
+    group.add_argument(
+        "--reply-tokens", type=count_of("tokens"), metavar="N", help="most tokens of one reply, thoughts included"
+    )
+    group.add_argument(
+        "--base-url", metavar="URL", help="where models are asked, instead of the provider's own address"
+    )
     group.add_argument(
         "--provider-concurrency",
         metavar="P=N,…",
         default="",
-        help=f"requests under way at a provider, such as openai=20,anthropic=5 (default {DEFAULT_LIMIT} each)",
+        help=f"requests to a provider at a time, such as openai=20,anthropic=5 (default {DEFAULT_LIMIT} each)",
     )
     group.add_argument(
         "--request-timeout", type=seconds, default=Patience().timeout_s, metavar="S", help="of one request [s] (600)"
@@ -87,7 +185,7 @@ def _models(group: "ArgumentGroup") -> None:
 def _course(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--concurrency",
-        type=whole,
+        type=count_of("episodes"),
         default=min(4, os.cpu_count() or 1),
         metavar="N",
         help="episodes played at a time (default %(default)s)",
@@ -99,85 +197,45 @@ def _course(group: "ArgumentGroup") -> None:
         help="local: in this process (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
     )
     group.add_argument(
-        "--episode-timeout", type=seconds, default=7200.0, metavar="S", help="wall time of an attempt [s] (7200)"
+        "--episode-timeout",
+        type=seconds,
+        default=7200.0,
+        metavar="S",
+        help="wall time of one attempt at an episode [s] (7200)",
     )
-    group.add_argument("--max-cost", type=seconds, metavar="USD", help="start no more episodes once this is spent")
-    group.add_argument("--max-tokens", type=whole, metavar="N", help="… once so many tokens are used")
-    group.add_argument("--max-time", type=seconds, metavar="S", help="… once this wall time has passed [s]")
+    group.add_argument("--max-cost", type=us_dollars, metavar="USD", help="start no more episodes once this is spent")
+    group.add_argument(
+        "--max-tokens",
+        type=count_of("tokens"),
+        metavar="N",
+        help="start no more episodes once so many input and output tokens are used",
+    )
+    group.add_argument(
+        "--max-time", type=seconds, metavar="S", help="start no more episodes once this wall time has passed [s]"
+    )
     group.add_argument(
         "--shard",
         metavar="i/n",
-        help="play the i-th of n parts, into a folder of its own (default: what Slurm's or Kubernetes' index says)",
+        help="play the i-th of n parts, into a folder of its own (default: the index that Slurm or Kubernetes gives)",
     )
     group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
-    group.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    group.add_argument("--resume", action="store_true", help="continue the run in --out")
     group.add_argument("--dry-run", action="store_true", help="print the matrix and an estimate, and play nothing")
-    group.add_argument("--json", action="store_true", help="print the summary as JSON on stdout, all else on stderr")
-
-
-def options_of(run: argparse.ArgumentParser) -> set[str]:
-    """The long options there are, as a study file may name them."""
-    return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse tells it nowhere else
-
-
-def team_of(args: argparse.Namespace) -> Team:
-    """Who plays.
-
-    Raises:
-        UsageError: An option is malformed.
-    """
-    return Team(
-        agents=tuple(args.agent or ["reference"]),
-        scenes_dir=args.scenes_dir,
-        server=args.server,
-        options=checked(Options(args.effort, args.temperature, args.reply_tokens)),
-        base_url=args.base_url,
-        lanes=_lanes(args.provider_concurrency),
-        patience=Patience(timeout_s=args.request_timeout),
-        stopping=args.stopping,
-        command=tuple(args.command_words),
-        max_calls=args.max_calls,
-        max_wall_s=args.max_wall_time,
-        sealed=args.sealed,
+    group.add_argument(
+        "--json", action="store_true", help="print the summary as JSON on stdout, everything else on stderr"
     )
 
 
-def plan_of(args: argparse.Namespace, packs: list[PackFiles], agents: tuple[str, ...]) -> Plan:
-    """What is played.
-
-    Raises:
-        UsageError: An option is malformed.
-    """
-    return Plan(
-        scenes=tuple(files.scene_id for files in packs),
-        agents=agents,
-        budgets=parse_numbers(args.budgets, "--budgets", 1),
-        seeds=parse_numbers(args.seeds, "--seeds", 0),
-        epochs=args.epochs,
-        promptings=_among(args.prompting, "--prompting", PROMPTINGS),
-        protocols=_among(args.protocol, "--protocol", PROTOCOLS),
-    )
-
-
-def limits_of(args: argparse.Namespace) -> Limits:
-    """What may be used."""
-    return Limits(args.max_cost, args.max_tokens, args.max_time)
-
-
-def shard_of(args: argparse.Namespace, environ: Mapping[str, str]) -> Shard:
-    """Which part is played here.
-
-    Raises:
-        UsageError: It cannot be told.
-    """
-    return parse_shard(args.shard) if args.shard else shard_of_environment(environ)
+def long_options(run: argparse.ArgumentParser) -> set[str]:
+    """The long options of a parser, which a study file may set."""
+    return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse has no public list
 
 
 def _among(text: str, option: str, known: tuple[str, ...]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    for one in chosen:
-        if one not in known:
-            raise UsageError(f"{option} {one}: must be one of {', '.join(known)}")
+    for name in chosen:
+        if name not in known:
+            raise UsageError(f"{option} {name}: must be one of {', '.join(known)}")
     return chosen
 
 

@@ -9,7 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.certify.records import SceneCertificate, read_certificates
-from evaluator.commands.base import Commands, whole, wide_console
+from evaluator.commands.argument_types import count_of, scene_id
+from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
 from evaluator.study.selection import parse_scenes
 from scenes import (
@@ -50,7 +51,7 @@ def add(commands: Commands) -> None:
         "show", help="what an agent is told of a scene", description="Print the opening prompt of a scene."
     )
     show.set_defaults(run=_show)
-    show.add_argument("scene", type=whole, metavar="N", help="id of the scene")
+    show.add_argument("scene", type=scene_id, metavar="N", help="id of the scene")
     show.add_argument("--seed", type=int, default=0, metavar="S", help="variant (default 0)")
     show.add_argument(
         "--private", action="store_true", help="also what no agent may know: hidden values, key, why, how"
@@ -61,7 +62,7 @@ def add(commands: Commands) -> None:
         description="Write a small working scene, which lints and verifies, to start from: Scene{N} in --scenes-dir.",
     )
     new.set_defaults(run=_new)
-    new.add_argument("scene", type=whole, metavar="N", help="id of the new scene, such as 112")
+    new.add_argument("scene", type=scene_id, metavar="N", help="id of the new scene, such as 112")
     new.add_argument("--category", required=True, choices=[one.value for one in Category], help="one of the 13")
     pages = actions.add_parser(
         "pages",
@@ -73,7 +74,11 @@ def add(commands: Commands) -> None:
     pages.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR", help="where to (default docs)")
     pages.add_argument("--no-pictures", action="store_true", help="draw nothing; the page says so")
     pages.add_argument(
-        "--jobs", type=whole, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+        "--jobs",
+        type=count_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: one per core)",
     )
     for command in (listing, show, pages):
         command.add_argument(

@@ -11,7 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from evaluator.certify.records import CERTIFICATES, SceneCertificate
-from evaluator.commands.base import Commands, unwrapped, whole, wide_console
+from evaluator.commands.argument_types import count_of
+from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles, default_folder
@@ -52,9 +53,13 @@ def add(commands: Commands) -> None:
         command.add_argument(
             "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
         )
-    verify.add_argument("--seeds", type=whole, default=20, metavar="N", help="seeds 0 to N-1 (default 20)")
+    verify.add_argument("--seeds", type=count_of("seeds"), default=20, metavar="N", help="seeds 0 to N-1 (default 20)")
     verify.add_argument(
-        "--jobs", type=whole, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
+        "--jobs",
+        type=count_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: one per core)",
     )
 
 
@@ -89,7 +94,7 @@ def _verify(args: argparse.Namespace) -> int:
     try:
         with bar:
             task = bar.add_task("proving", total=len(packs))
-            unwrapped(play)
+            run_async(play)
     except KeyboardInterrupt:
         file = write_certificates(folder, proven)
         print(

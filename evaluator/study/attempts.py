@@ -1,6 +1,7 @@
-"""One episode, from the opening of its session to its record; played anew if the infrastructure fails."""
+"""One episode, from the opening of its session to its record. If the infrastructure fails, it is played again."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import anyio
@@ -11,28 +12,46 @@ from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 
 MAX_ATTEMPTS = 3
-"""How often an episode is opened before its infrastructure error is recorded."""
+"""How often an episode is opened before an infrastructure error is recorded."""
 _PAUSE_S = 0.5
-"""Pause before the second attempt [s]; doubled for each further one."""
+"""Pause before the second attempt [s]; it doubles for each further attempt."""
 
-Play = Callable[[Contender, Laboratory, EpisodeKey, Versions, float | None], Awaitable[Episode]]
-"""What plays an episode: `play_key` in this process, or something that has it called in another."""
+Play = Callable[[EpisodeKey], Awaitable[Episode]]
+"""Plays an episode and returns its record: in this process (`LocalPlay`), or in another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPlay:
+    """Plays episodes in this process."""
+
+    laboratory: Laboratory
+    contenders: Mapping[str, Contender]
+    """By name, as in the keys."""
+    versions: Callable[[int], Versions]
+    """Scene → versions to record."""
+    timeout_s: float | None = None
+    """Wall time of one attempt [s]; None for no limit."""
+
+    async def __call__(self, key: EpisodeKey) -> Episode:
+        """Play an episode; raises as `play_key` does."""
+        contender, versions = self.contenders[key.agent], self.versions(key.scene)
+        return await play_key(contender, self.laboratory, key, versions, self.timeout_s)
 
 
 async def play_key(
     contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None = None
 ) -> Episode:
-    """Play an episode until it has an outcome, or the attempts are used up.
+    """Play an episode until it has an outcome, or until all attempts have failed.
 
     Args:
         contender: Who plays.
         laboratory: Where.
         key: Which episode.
         versions: Recorded with it.
-        timeout_s: Wall time of one attempt [s]; None for no limit. Running out of it is an infrastructure error.
+        timeout_s: Wall time of one attempt [s]; None for no limit. An attempt that takes longer has failed.
 
     Raises:
-        UsageError: The laboratory does not fit the contender.
+        UsageError: The contender cannot play in this laboratory.
         PermanentFailure: No episode of this contender can be played.
     """
     failure, used = "", list[Usage]()
@@ -52,13 +71,13 @@ async def play_key(
 
 
 def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | None = None) -> Episode:
-    """The record of an episode that only infrastructure errors ended.
+    """The record of an episode of which every attempt ended in an infrastructure error.
 
     Args:
         key: Which episode.
-        failure: What went wrong last, as a sentence.
+        failure: The last error, as a sentence.
         versions: Recorded with it.
-        usage: What the attempts used, where that is known.
+        usage: What the attempts used, if known.
     """
     return Episode(
         key=key,

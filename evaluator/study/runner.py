@@ -1,46 +1,44 @@
-"""Plays episodes a few at a time, here or elsewhere; each is on disk before the next counts."""
+"""Plays episodes, a few at a time. Each is on disk before it counts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import anyio
 
-from evaluator.episode.connect import Laboratory
-from evaluator.episode.contender import Contender
 from evaluator.errors import PermanentFailure
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome
 from evaluator.store import RunFolder
-from evaluator.study.attempts import Play, play_key
+from evaluator.study.attempts import Play
 from evaluator.study.limits import Meter
 
 
-@dataclass(frozen=True, slots=True)
-class Runner:
-    """Plays episodes that a folder does not hold yet."""
+def missing(keys: Iterable[EpisodeKey], done: Mapping[EpisodeKey, Episode]) -> list[EpisodeKey]:
+    """Episodes still to be played: those without a record, and those that ended in an infrastructure error."""
+    return [key for key in keys if key not in done or done[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
 
-    laboratory: Laboratory
-    contenders: Mapping[str, Contender]
-    """By name, as the keys have it."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Runner:
+    """Plays episodes into a run folder."""
+
+    play: Play
     folder: RunFolder
-    versions: Callable[[int], Versions]
-    """Scene → versions to record."""
     concurrency: int = 1
+    """Most episodes at a time."""
     meter: Meter = field(default_factory=Meter)
-    timeout_s: float | None = None
-    """Wall time of one attempt at an episode [s]."""
+    """Adds up what the episodes use, and knows the limits."""
     on_start: Callable[[EpisodeKey], None] = field(default=lambda _key: None)
     on_end: Callable[[Episode], None] = field(default=lambda _episode: None)
-    play: Play = play_key
-    """Plays one episode; in this process if nothing else is said."""
+    """Called when an episode is on disk."""
 
     async def run(self, keys: Sequence[EpisodeKey]) -> str:
-        """Play `keys`, at most `concurrency` at a time; each is on disk when `on_end` is told.
+        """Play these episodes in their order.
 
         Returns:
-            Why episodes were left out: the limit that was reached, the agents that cannot be asked; empty if none were.
+            Why some were left out, as a clause: agents that cannot be asked, a limit; empty if none were.
 
         Raises:
-            StoreError: A record could not be written; what was written before stays.
+            StoreError: A record could not be written; what was written before is kept.
         """
         waiting, given_up = list(reversed(keys)), dict[str, str]()
 
@@ -51,9 +49,7 @@ class Runner:
                     continue
                 self.on_start(key)
                 try:
-                    episode = await self.play(
-                        self.contenders[key.agent], self.laboratory, key, self.versions(key.scene), self.timeout_s
-                    )
+                    episode = await self.play(key)
                 except PermanentFailure as failure:
                     given_up[key.agent] = str(failure)
                     continue
@@ -65,8 +61,3 @@ class Runner:
             for _ in range(min(self.concurrency, len(keys))):
                 tasks.start_soon(worker)
         return "; ".join([*dict.fromkeys(given_up.values()), *([self.meter.reached()] if waiting else [])])
-
-
-def missing(keys: Iterable[EpisodeKey], done: Mapping[EpisodeKey, Episode]) -> list[EpisodeKey]:
-    """Episodes still to be played: those without a record, and those that ended in an infrastructure error."""
-    return [key for key in keys if key not in done or done[key].outcome is Outcome.INFRASTRUCTURE_ERROR]

@@ -19,6 +19,7 @@ from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records import EpisodeKey, Outcome, Plan, ToolCall, Versions
 from evaluator.store import RunFolder
+from evaluator.study.attempts import LocalPlay
 from evaluator.study.runner import Runner
 
 
@@ -61,9 +62,8 @@ async def run(episodes: int, turns: int, latency_s: float) -> None:
         folder = RunFolder(Path(scratch))
         async with LocalHost() as laboratory:
             clock, busy = time.perf_counter(), time.process_time()
-            await Runner(
-                laboratory, {agent.name: AgentContender(agent)}, folder, lambda _scene: versions, episodes
-            ).run(plan.matrix())
+            play = LocalPlay(laboratory, {agent.name: AgentContender(agent)}, lambda _scene: versions)
+            await Runner(play=play, folder=folder, concurrency=episodes).run(plan.matrix())
             wall, busy = time.perf_counter() - clock, time.process_time() - busy
         hosted = resource.getrusage(resource.RUSAGE_CHILDREN)
         answered = sum(one.outcome is Outcome.ANSWERED for one in folder.episodes().values())

@@ -12,13 +12,13 @@ from mcp import Client
 
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
-from evaluator.episode.connect import LocalHost
+from evaluator.episode.connect import Laboratory, LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
 from evaluator.records import Episode, EpisodeKey, Outcome, Plan, ToolCall, Usage, Verdict, Versions
 from evaluator.store import RunFolder
-from evaluator.study.attempts import MAX_ATTEMPTS
+from evaluator.study.attempts import MAX_ATTEMPTS, LocalPlay
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.runner import Runner, missing
 from physment_mcp import open_episode
@@ -69,10 +69,16 @@ def keys(seeds: int) -> list[EpisodeKey]:
     return Plan(scenes=(7,), agents=("x",), budgets=(3,), seeds=tuple(range(seeds))).matrix()
 
 
+def playing(laboratory: Laboratory, *agents: Agent) -> LocalPlay:
+    """Plays episodes of these agents."""
+    contenders = {agent.name: AgentContender(agent) for agent in agents}
+    return LocalPlay(laboratory, contenders, lambda _scene: VERSIONS)
+
+
 async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:
     todo = missing(keys(seeds), folder.episodes())
     with anyio.fail_after(30):
-        await Runner(laboratory, {"x": AgentContender(agent)}, folder, lambda _scene: VERSIONS, concurrency).run(todo)
+        await Runner(play=playing(laboratory, agent), folder=folder, concurrency=concurrency).run(todo)
 
 
 def lines(folder: RunFolder) -> int:
@@ -137,9 +143,7 @@ async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, f
 
     meter = Meter(Limits(tokens=1_000_000))
     with anyio.fail_after(30):
-        await Runner(InMemory(), {"x": AgentContender(Failing())}, folder, lambda _scene: VERSIONS, meter=meter).run(
-            keys(1)
-        )
+        await Runner(play=playing(InMemory(), Failing()), folder=folder, meter=meter).run(keys(1))
     (episode,) = folder.episodes().values()
     expected = Outcome.INFRASTRUCTURE_ERROR if failing == MAX_ATTEMPTS else Outcome.ANSWERED
     assert episode.outcome is expected
@@ -176,12 +180,7 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(fol
     plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
     with anyio.fail_after(60):
         async with LocalHost() as laboratory:
-            runner = Runner(
-                laboratory,
-                {"keyless": AgentContender(agent), "x": AgentContender(SCRIPT)},
-                folder,
-                lambda _scene: VERSIONS,
-            )
+            runner = Runner(play=playing(laboratory, agent, SCRIPT), folder=folder)
             assert await runner.run(plan.matrix()) == "the provider refused the key"
     assert agent.asked == 1
     assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
@@ -290,9 +289,7 @@ async def test_an_episode_is_on_disk_when_its_end_is_told(folder: RunFolder) -> 
         assert folder.episodes()[episode.key] == episode
         told.append(("end", episode.key.seed))
 
-    runner = Runner(
-        InMemory(), {"x": AgentContender(SCRIPT)}, folder, lambda _scene: VERSIONS, on_start=on_start, on_end=on_end
-    )
+    runner = Runner(play=playing(InMemory(), SCRIPT), folder=folder, on_start=on_start, on_end=on_end)
     await runner.run(keys(2))
     assert told == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
 
@@ -304,9 +301,7 @@ async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_
             folder.episodes_file.mkdir()
 
     with pytest.raises(ExceptionGroup) as stopped:
-        await Runner(InMemory(), {"x": AgentContender(SCRIPT)}, folder, lambda _scene: VERSIONS, on_end=on_end).run(
-            keys(5)
-        )
+        await Runner(play=playing(InMemory(), SCRIPT), folder=folder, on_end=on_end).run(keys(5))
     assert stopped.value.subgroup(StoreError) is not None
     assert (folder.path / "moved").read_bytes().count(b"\n") == 2
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from evaluator.agents.external.agent import ExternalAgent
-from evaluator.commands.run_options import add_options, team_of
+from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
 
 
@@ -18,7 +18,7 @@ def parsed(*words: str) -> argparse.Namespace:
 
 
 def external_agent(args: argparse.Namespace) -> ExternalAgent:
-    (agent,) = team_of(args).build().values()
+    (agent,) = read_options(args, {}).team.build().values()
     assert isinstance(agent, ExternalAgent)
     return agent
 
@@ -46,7 +46,7 @@ def test_a_wall_time_that_is_none_is_misuse(value: str, capsys: pytest.CaptureFi
 
 def test_a_command_belongs_to_an_external_agent_and_takes_no_advice() -> None:
     with pytest.raises(UsageError, match="belongs to --agent external"):
-        team_of(parsed("--agent", "random", "--", sys.executable)).build()
+        read_options(parsed("--agent", "random", "--", sys.executable), {}).team.build()
     words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
     with pytest.raises(UsageError, match="cannot be told when to answer"):
-        team_of(parsed(*words)).build()
+        read_options(parsed(*words), {}).team.build()

@@ -121,14 +121,16 @@ def test_what_a_node_lacks_is_told_in_one_sentence(cluster: Any, tmp_path: Path)
 NOBODY = """
 import anyio
 from evaluator.study.contenders import Team
+from evaluator.study.provenance import run_record
 from evaluator.study.ray_executor import ray_workers
-from evaluator.records import EpisodeKey, Versions
+from evaluator.records import Plan, ServerRecord
+from scenes import find_pack
 
 async def run():
-    team = Team(("random",))
-    async with ray_workers(team, team.build(), {}, 2, patience_s=3) as play:
-        key = EpisodeKey(scene=7, seed=0, agent="random", budget=5)
-        await play(team.build()["random"], None, key, Versions(physment="0", protocol="0", pack="0"), None)
+    team, plan = Team(("random",)), Plan(scenes=(7,), agents=("random",))
+    record = run_record(plan, [find_pack(7)], ServerRecord(option="stdio"))
+    async with ray_workers(team, team.build(), record, concurrency=2, patience_s=3) as play:
+        await play(plan.matrix()[0])
 
 anyio.run(run)
 """

@@ -1,0 +1,66 @@
+"""Types of command-line arguments. Each reads one quantity, and its error names that quantity with its unit."""
+
+import argparse
+import math
+from collections.abc import Callable
+
+
+def count_of(things: str) -> Callable[[str], int]:
+    """The type of a whole number above 0.
+
+    Args:
+        things: What is counted, in the plural.
+    """
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < 1:
+            raise argparse.ArgumentTypeError(f"{text} is not a whole number of {things} above 0")
+        return int(text)
+
+    return read
+
+
+def seconds(text: str) -> float:
+    """A time above 0 [s]."""
+    value = _number(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a time above 0, in seconds")
+    return value
+
+
+def us_dollars(text: str) -> float:
+    """An amount of money above 0 [USD]."""
+    value = _number(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not an amount of money above 0, in US dollars")
+    return value
+
+
+def temperature(text: str) -> float:
+    """A sampling temperature."""
+    value = _number(text)
+    if not 0 <= value <= 2:
+        raise argparse.ArgumentTypeError(f"{text} is not a temperature from 0 to 2")
+    return value
+
+
+def scene_id(text: str) -> int:
+    """The number of a scene."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is not the number of a scene")
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """The number of a variant of a scene."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is not a seed, which is a whole number from 0")
+    return int(text)
+
+
+def _number(text: str) -> float:
+    """The number that a text is; NaN, which is in no range, if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
