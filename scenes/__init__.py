@@ -13,12 +13,9 @@ from scenes.pack import (
     AnswerKind,
     AnswerSpec,
     Category,
-    Knob,
-    Metadata,
     Pack,
     Permissions,
     Scalar,
-    SceneObject,
 )
 from scenes.public import AnswerForm, PublicObject, PublicPack, read_hosted, read_public
 
@@ -28,9 +25,7 @@ __all__ = [
     "AnswerKind",
     "AnswerSpec",
     "Category",
-    "Knob",
     "KnobValue",
-    "Metadata",
     "Pack",
     "PackError",
     "PackFiles",
@@ -38,7 +33,6 @@ __all__ = [
     "PublicObject",
     "PublicPack",
     "Scalar",
-    "SceneObject",
     "default_folder",
     "draw_knobs",
     "drawn_mjcf",

@@ -20,6 +20,7 @@ from scenes.folder import PackFiles
 from scenes.pack import Expression, Knob, Pack, Scalar
 
 KnobValue = Scalar | tuple[Scalar, ...]
+"""A value of a knob; a permutation has several."""
 
 _ATTEMPTS = 1000
 _TARGET = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?\.(?P<attribute>\w+)")

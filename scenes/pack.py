@@ -13,6 +13,7 @@ CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 """Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
 
 Scalar = float | int | str
+"""One value in a pack."""
 
 
 class Category(StrEnum):

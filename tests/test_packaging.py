@@ -48,6 +48,14 @@ def test_the_wheel_brings_every_pack_whole(installed: Path, tmp_path: Path) -> N
     assert ids.split() == [str(files.scene_id) for files in scenes.list_packs()]
 
 
+def test_the_wheel_says_that_its_packages_are_typed(installed: Path, tmp_path: Path) -> None:
+    code = (
+        "from importlib.resources import files;"
+        "print(*(name for name in ('physment_mcp', 'evaluator', 'scenes') if (files(name) / 'py.typed').is_file()))"
+    )
+    assert run(str(installed / "python"), "-c", code, cwd=tmp_path).split() == ["physment_mcp", "evaluator", "scenes"]
+
+
 def test_the_wheel_plays_a_scene_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
     assert "--scene" in run(str(installed / "physment-mcp"), "--help", cwd=tmp_path)
     said = run(str(installed / "physment-eval"), "--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)

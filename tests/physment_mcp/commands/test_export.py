@@ -1,6 +1,7 @@
 """Packs for a host on another machine: all that a laboratory needs, and nothing that tells an answer."""
 
 import json
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -61,6 +62,14 @@ def test_an_exported_suite_is_hosted_as_the_whole_one(exported: Path) -> None:
         for seed in (0, 3):
             hosted = public_fields(load_scene(files.scene_id, seed, exported))
             assert hosted == public_fields(load_scene(files.scene_id, seed))
+
+
+def test_an_older_export_that_writes_soft_objects_as_numbers_is_read_the_same(exported: Path, tmp_path: Path) -> None:
+    older = shutil.copytree(exported / "Scene18", tmp_path / "packs" / "Scene18") / "scene18.public.json"
+    written = json.loads(older.read_text(encoding="utf-8"))
+    assert written["soft_objects"] == ["object_1"]
+    older.write_text(json.dumps(written | {"soft_objects": ["1"]}), encoding="utf-8")
+    assert load_scene(18, 3, tmp_path / "packs") == load_scene(18, 3, exported)
 
 
 def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
