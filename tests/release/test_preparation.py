@@ -1,12 +1,13 @@
 """A release: what it refuses, what it leaves behind, and that it changes nothing before everything has passed."""
 
 import subprocess
+import zipfile
 from datetime import date
 from pathlib import Path
 
 import pytest
 
-from release.distributions import build, check
+from release.distributions import Distributions, build, check
 from release.preparation import Release, prepare, refuse_unless_ready
 from release.process import ReleaseError
 from release.versions import PLACES, written
@@ -188,25 +189,24 @@ def test_a_release_is_tried_and_then_made(clone: Path) -> None:
         refuse_unless_ready(clone, Release(version, DAY))
 
 
-def test_a_file_that_git_does_not_track_may_not_be_packed(clone: Path, tmp_path: Path) -> None:
-    (clone / "scenes" / "notes.txt").write_text("private", encoding="utf-8")
+def test_each_file_of_sdist_and_wheel_is_compared_with_those_that_git_tracks(clone: Path, tmp_path: Path) -> None:
+    built = build(clone, tmp_path / "dist")
+    check(built, clone)
+    wheel = tmp_path / "other.whl"
+    with zipfile.ZipFile(built.wheel) as whole, zipfile.ZipFile(wheel, "w") as other:
+        for name in set(whole.namelist()) - {"scenes/Scene7/scene7.xml"}:
+            other.writestr(name, "")
+        other.writestr("tests/conftest.py", "")
+    with pytest.raises(
+        ReleaseError,
+        match=r"other\.whl .*\n  missing: scenes/Scene7/scene7\.xml\n  not tracked: tests/conftest\.py$",
+    ):
+        check(Distributions(built.sdist, wheel), clone)
+    (clone / "added.txt").touch()
+    git("add", "added.txt", cwd=clone)
+    git("rm", "--cached", "--quiet", "Makefile", cwd=clone)
     try:
-        with pytest.raises(ReleaseError, match=r"not tracked: scenes/notes\.txt"):
-            check(build(clone, tmp_path / "dist"), clone)
+        with pytest.raises(ReleaseError, match=r"tar\.gz .*\n  missing: added\.txt\n  not tracked: Makefile$"):
+            check(built, clone)
     finally:
-        (clone / "scenes" / "notes.txt").unlink()
-
-
-def test_a_tracked_file_that_is_not_packed_is_named(clone: Path, tmp_path: Path) -> None:
-    pyproject = clone / "pyproject.toml"
-    original = pyproject.read_text(encoding="utf-8")
-    short = original.replace(
-        'packages = ["physment_mcp", "evaluator", "scenes"]', 'packages = ["physment_mcp", "scenes"]'
-    )
-    assert short != original
-    pyproject.write_text(short, encoding="utf-8")
-    try:
-        with pytest.raises(ReleaseError, match=r"missing: evaluator/__main__\.py"):
-            check(build(clone, tmp_path / "dist"), clone)
-    finally:
-        pyproject.write_text(original, encoding="utf-8")
+        git("reset", "--hard", "--quiet", cwd=clone)
