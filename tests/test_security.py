@@ -1,0 +1,36 @@
+"""Promises of SECURITY.md that no other test holds."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from evaluator.__main__ import main as evaluate
+from physment_mcp.__main__ import main as laboratory
+from physment_mcp.scene import load_scene
+from scenes import find_pack
+
+
+@pytest.fixture
+def packs(tmp_path: Path) -> Path:
+    """A folder with one pack whose `solution.py` creates a file named `ran` there when it is run."""
+    folder = tmp_path / "packs"
+    shutil.copytree(find_pack(7).folder, folder / "Scene7")
+    with (folder / "Scene7" / "solution.py").open("a", encoding="utf-8") as solution:
+        solution.write(f"\nopen({str(folder / 'ran')!r}, 'w').close()\n")
+    return folder
+
+
+def test_code_of_a_pack_does_not_run_where_only_its_data_is_needed(packs: Path, tmp_path: Path) -> None:
+    load_scene(7, seed=3, folder=packs)
+    assert laboratory(["export", str(tmp_path / "exported"), "--scenes-dir", str(packs)]) == 0
+    assert laboratory(["bundle", str(tmp_path / "lab.mcpb"), "--scenes-dir", str(packs)]) == 0
+    for command in (["list"], ["show", "7"]):
+        assert evaluate(["scenes", *command, "--scenes-dir", str(packs)]) == 0
+    assert not (packs / "ran").exists()
+
+
+def test_lint_runs_the_code_of_a_pack(packs: Path) -> None:
+    """SECURITY.md warns of it; this also shows that the pack of the test above would be caught."""
+    evaluate(["lint", "--scenes-dir", str(packs)])
+    assert (packs / "ran").exists()
