@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from scenes import content_hash_of
+
 FORMAT = 1
 """Version of the on-disk schema; readers refuse a higher one."""
 DECIDING = ("plan", "packs", "agents")
@@ -284,9 +286,14 @@ class RunRecord(OpenRecord):
             created_at=self.created_at, server=self.server, versions=self.versions, git_revision=self.git_revision
         )
 
+    def content_hashes(self) -> dict[str, str]:
+        """Scene → hash of its pack's content, also if the run was recorded with hashes of bytes."""
+        return {scene: content_hash_of(stored) for scene, stored in self.packs.items()}
+
     def difference(self, other: "RunRecord") -> str:
         """The first of the `DECIDING` fields in which another run differs; empty if the two belong together."""
-        return next((name for name in DECIDING if getattr(self, name) != getattr(other, name)), "")
+        mine, theirs = (run.model_copy(update={"packs": run.content_hashes()}) for run in (self, other))
+        return next((name for name in DECIDING if getattr(mine, name) != getattr(theirs, name)), "")
 
     def versions_of(self, scene: int) -> Versions:
         """What is recorded with an episode of a scene."""

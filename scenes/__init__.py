@@ -3,10 +3,11 @@
 Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
 """
 
+from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
 from scenes.draw import KnobValue, draw_knobs, drawn_mjcf, write_values
 from scenes.errors import PackError
 from scenes.export import export_packs
-from scenes.folder import PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
+from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
 from scenes.new import write_new_scene
 from scenes.pack import (
     CANARY,
@@ -33,6 +34,7 @@ __all__ = [
     "PublicObject",
     "PublicPack",
     "Scalar",
+    "content_hash_of",
     "default_folder",
     "draw_knobs",
     "drawn_mjcf",
@@ -43,6 +45,8 @@ __all__ = [
     "read_hosted",
     "read_pack",
     "read_public",
+    "same_pack",
+    "same_packs",
     "write_new_scene",
     "write_values",
 ]

@@ -1,6 +1,5 @@
 """Where packs are: `{folder}/Scene{N}/scene{N}.json`, `scene{N}.xml` and, optionally, `solution.py`."""
 
-import hashlib
 import json
 import re
 from dataclasses import dataclass
@@ -110,12 +109,3 @@ def read_pack(files: PackFiles) -> Pack:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"]) or "(the whole file)"
         raise PackError(files.json, f"field {field}: {first['msg']}") from error
-
-
-def pack_hash(files: PackFiles) -> str:
-    """Short hash of a pack's files, so that a record says which pack it was played on."""
-    digest = hashlib.sha256()
-    for file in (files.json, files.mjcf, files.solution):
-        digest.update(file.name.encode())
-        digest.update(file.read_bytes() if file.is_file() else b"")
-    return digest.hexdigest()[:12]

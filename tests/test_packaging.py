@@ -41,6 +41,7 @@ def test_the_wheel_brings_every_pack_whole(installed: Path, tmp_path: Path) -> N
     code = (
         "import scenes; packs = scenes.list_packs();"
         "assert all(f.json.is_file() and f.mjcf.is_file() and f.solution.is_file() for f in packs);"
+        "assert scenes.content_hash_of('125dc8c43267').startswith('c1:');"
         "print(scenes.__file__); print(*(f.scene_id for f in packs))"
     )
     where, ids = run(str(installed / "python"), "-c", code, cwd=tmp_path).splitlines()

@@ -34,7 +34,7 @@ class SceneCertificate(Record):
     name: str
     category: str
     pack: str
-    """Hash of the files it was proven for."""
+    """Hash of the pack it was proven for."""
     seeds: int
     """It was proven on seeds 0 to this number less one."""
     checks: tuple[Check, ...]

@@ -15,7 +15,7 @@ from evaluator.report.tables import tables
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store import RunFolder
-from scenes import PackError, list_packs, pack_hash
+from scenes import PackError, PackFiles, list_packs, same_pack
 
 _DESCRIPTION = """\
 Write report.html of stored runs, several side by side: accuracies with intervals, budgets, categories, dimensions,
@@ -78,9 +78,9 @@ def _report(args: argparse.Namespace) -> int:
     rings = [KeyRing(path) for path in args.scenes_dir] or [KeyRing()]
     if args.scenes_dir:
         rings.append(KeyRing())
-    hashes = [_hashes(ring) for ring in rings]
+    packs = [_packs(ring) for ring in rings]
     runs = [
-        _read(RunFolder(path), name, rings, hashes)
+        _read(RunFolder(path), name, rings, packs)
         for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
     target = RunFolder(args.out or args.folders[0])
@@ -106,23 +106,25 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(path) for path in folders]
 
 
-def _hashes(ring: KeyRing) -> Mapping[str, str]:
-    """Scene → hash of its pack, for the packs of a folder."""
+def _packs(ring: KeyRing) -> Sequence[PackFiles]:
     try:
-        return {str(files.scene_id): pack_hash(files) for files in list_packs(ring.folder)}
+        return list_packs(ring.folder)
     except PackError as error:
         raise UsageError(str(error)) from error
 
 
-def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> KeyRing:
+def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]]) -> KeyRing:
     """The keys for a run: those of the folder with most of the packs that the run played, the first of equals."""
-    alike = [sum(found.get(scene) == pack for scene, pack in played.items()) for found in hashes]
+    alike = [
+        sum(same_pack(played[scene], files) for files in folder if (scene := str(files.scene_id)) in played)
+        for folder in packs
+    ]
     return rings[alike.index(max(alike))]
 
 
-def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], hashes: Sequence[Mapping[str, str]]) -> Run:
+def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]]) -> Run:
     record = folder.read_run()
-    keys = _ring_of(record.packs, rings, hashes)
+    keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
     return Run(name, record, rows, pictures(record.packs, keys.folder))
 

@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import functools
 import sys
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,6 +29,7 @@ from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
+from scenes import PackFiles, same_packs
 
 
 def add(commands: Commands, description: str) -> None:
@@ -129,7 +130,7 @@ async def _play_missing(run: _Run) -> str:
             await stack.enter_async_context(contender.running())
         record = await _record(run, laboratory)
         play = await stack.enter_async_context(_executor(run, laboratory, record))
-        folder.write_run(_continued(folder, record))
+        folder.write_run(_continued(folder, record, options.packs))
         done = folder.episodes()
         run.meter.add_all(episode.usage for episode in done.values())
         todo = missing(run.keys, done)
@@ -175,7 +176,7 @@ async def _executor(run: _Run, laboratory: Laboratory, record: RunRecord) -> Asy
         yield play
 
 
-def _continued(folder: RunFolder, record: RunRecord) -> RunRecord:
+def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
     """The record to write: that of a new run, or the stored one with this start added.
 
     Raises:
@@ -184,6 +185,8 @@ def _continued(folder: RunFolder, record: RunRecord) -> RunRecord:
     if not folder.run_file.exists():
         return record
     stored = folder.read_run()
+    if same_packs(stored.packs, packs):
+        record = record.model_copy(update={"packs": stored.packs})
     name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
     if name:
         raise UsageError(

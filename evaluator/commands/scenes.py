@@ -22,8 +22,8 @@ from scenes import (
     draw_knobs,
     drawn_mjcf,
     find_pack,
-    pack_hash,
     read_pack,
+    same_pack,
     write_new_scene,
 )
 
@@ -120,7 +120,7 @@ def _answer_type(pack: Pack) -> str:
 def _state(files: PackFiles, certificate: SceneCertificate | None) -> str:
     if certificate is None:
         return "none"
-    if certificate.pack != pack_hash(files):
+    if not same_pack(certificate.pack, files):
         return "changed since"
     return f"sound on {certificate.seeds} seeds" if certificate.passed else "not sound"
 

@@ -138,7 +138,7 @@ def _differing(runs: Sequence[Run]) -> str:
     """The names of the runs, grouped by the packs they played; empty if every scene was played on a single pack."""
     played: list[tuple[dict[str, str], list[str]]] = []
     for run in runs:
-        packs = run.record.packs
+        packs = run.record.content_hashes()
         for known, names in played:
             if all(known.get(scene, pack) == pack for scene, pack in packs.items()):
                 known.update(packs)

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from scenes import default_folder, list_packs, pack_hash
+from scenes import default_folder, list_packs, same_pack
 
 
 def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[int, bytes]:
-    """Scene → PNG, for the scenes of a run whose packs have the hashes of the packs in the folder.
+    """Scene → PNG, for the scenes of a run whose packs have the same content as the packs in the folder.
 
     The pictures are in `docs/reference/scenes`, beside the folder of packs. An installed package has no pictures; a
     report is complete without them.
@@ -21,7 +21,7 @@ def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[
         return {}
     found: dict[int, bytes] = {}
     for files in list_packs(scenes_dir):
-        picture = kept / f"scene{files.scene_id}.png"
-        if played.get(str(files.scene_id)) == pack_hash(files) and picture.is_file():
+        scene, picture = str(files.scene_id), kept / f"scene{files.scene_id}.png"
+        if scene in played and picture.is_file() and same_pack(played[scene], files):
             found[files.scene_id] = picture.read_bytes()
     return found

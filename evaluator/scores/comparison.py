@@ -10,6 +10,7 @@ from evaluator.scores.grouping import modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.budget_curve import LEVEL
 from evaluator.statistics.paired import PairedDifference, PairedTest, holm, paired_difference
+from scenes import content_hash_of
 
 CONDITIONS = ("agent", "budget", "prompting", "protocol")
 """In what two runs may differ as a whole. The two episodes of a pair always share scene, seed and epoch."""
@@ -155,7 +156,7 @@ def _refuse_unsealed(side: Side) -> None:
 
 def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
     """Refuse pairs that were played on different packs, or graded by different rules or against different keys."""
-    packs = [pair for pair in pairs if pair[0].episode.versions.pack != pair[1].episode.versions.pack]
+    packs = [pair for pair in pairs if len({content_hash_of(row.episode.versions.pack) for row in pair}) > 1]
     if packs:
         scenes = _scenes(packs)
         raise UsageError(

@@ -20,6 +20,7 @@ from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.store import RunFolder
+from scenes import content_hash_of
 
 
 class GradedRun(NamedTuple):
@@ -113,7 +114,7 @@ def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[Grade
             f"{name} {before} → {after}"
             for name, before, after in (
                 ("grader", old.grader_version, new.grader_version),
-                ("pack", old.pack_version, new.pack_version),
+                ("pack", content_hash_of(old.pack_version), content_hash_of(new.pack_version)),
                 ("key", old.answer_key, new.answer_key),
             )
             if before != after

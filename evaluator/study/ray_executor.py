@@ -26,7 +26,7 @@ from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, RunRecord, Versions
 from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
 from evaluator.study.contenders import Team
-from scenes import find_pack, pack_hash
+from scenes import find_pack, same_pack
 
 EXTRA = "physment-mcp[ray]"
 ADDRESS_VARIABLE = "RAY_ADDRESS"
@@ -76,7 +76,7 @@ class EpisodeWorker:
             if (here := metadata.version("physment-mcp")) != self.version:
                 return UsageError(f"a Ray worker on {platform.node()} has version {here}, not {self.version}")
             for scene, known in self.packs.items():
-                if pack_hash(find_pack(int(scene), self.team.scenes_dir)) != known:
+                if not same_pack(known, find_pack(int(scene), self.team.scenes_dir)):
                     return UsageError(f"a Ray worker on {platform.node()} has another pack of scene {scene}")
             self._contenders = self.team.build()
             for contender in self._contenders.values():

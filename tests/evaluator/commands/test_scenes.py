@@ -84,7 +84,9 @@ def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> Non
     assert "none" in run("scenes", "list", "--scenes-dir", packs).stdout
     run("verify", "--scenes-dir", packs, "--seeds", "2", "--jobs", "1")
     assert run("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 2 seeds") == 2
-    edit(packs / "Scene7" / "solution.py", '"""', '""" ')
+    edit(packs / "Scene7" / "solution.py", "FALL_S = 0.8\n", "FALL_S = 0.8  # as the task says\n")
+    assert run("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 2 seeds") == 2
+    edit(packs / "Scene7" / "solution.py", "FALL_S = 0.8", "FALL_S = 0.7")
     lines = run("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
     assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
 

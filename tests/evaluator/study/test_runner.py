@@ -1,6 +1,5 @@
 """The matrix of a run: a few episodes at a time, each on disk once, whatever fails and whenever it is stopped."""
 
-import shutil
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -22,9 +21,7 @@ from evaluator.study.attempts import MAX_ATTEMPTS, LocalPlay
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.runner import Runner, missing
 from physment_mcp import open_episode
-from scenes import PackFiles, find_pack, pack_hash
 
-PACK = ("scene7.json", "scene7.xml", "solution.py")
 VERSIONS = Versions(physment="0", protocol="0", pack="0")
 SCRIPT = ScriptedAgent("x", {None: ((ToolCall(tool="answer", arguments={"answer": 1}),),)})
 
@@ -309,19 +306,3 @@ async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_
 async def test_a_run_with_nothing_to_play_is_done(folder: RunFolder) -> None:
     await run(InMemory(), folder, 0)
     assert folder.episodes() == {}
-
-
-def test_the_hash_of_a_pack_changes_with_each_of_its_files_and_not_with_its_place(tmp_path: Path) -> None:
-    original = find_pack(7)
-
-    def copied(name: str, spoiled: str = "") -> str:
-        folder = tmp_path / name
-        shutil.copytree(original.folder, folder)
-        if spoiled:
-            with (folder / spoiled).open("a", encoding="utf-8") as stream:
-                stream.write(" ")
-        return pack_hash(PackFiles(7, folder))
-
-    hashes = [copied("same"), *(copied(f"with another {name}", name) for name in PACK)]
-    assert hashes[0] == pack_hash(original)
-    assert len(set(hashes)) == 4

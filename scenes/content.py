@@ -1,0 +1,136 @@
+"""What a pack says, apart from how its files are laid out: a hash of that, and what older hashes stand for.
+
+Knows JSON, XML and Python as syntax. Reads the files of a pack and runs nothing.
+"""
+
+import ast
+import functools
+import hashlib
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from scenes.folder import PackFiles
+
+_PREFIX = "c1:"
+"""Says that a hash is of content, by the first version of these rules. A hash of bytes has no prefix."""
+_DIGITS = 12
+_TABLE = Path(__file__).with_name("byte_hashes.json")
+"""Hash of the bytes of a pack of the suite → hash of its content, from before packs were laid out."""
+_IN_ORDER = frozenset({"objects", "knobs", "derive", "apply"})
+"""Fields of `scene{N}.json` whose names the reader goes through in the order in which they are written."""
+_NUMBER_LISTS = frozenset(
+    {"act", "axis", "axisangle", "ctrl", "ctrlrange", "diaginertia", "dir", "euler", "forcerange", "friction", "fromto"}
+    | {"fullinertia", "gear", "gravity", "magnetic", "polycoef", "pos", "qpos", "quat", "qvel", "range", "rgba", "size"}
+    | {"solimp", "solimpfriction", "solimplimit", "solref", "solreffriction", "solreflimit", "springdamper"}
+    | {"springlength", "wind", "xyaxes", "zaxis"}
+)
+"""Attributes that MuJoCo reads as numbers between any white space. In all others, white space is content."""
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+def pack_hash(files: PackFiles) -> str:
+    """Short hash of a pack's content, so that a record says which pack it was played on.
+
+    White space, comments, docstrings, and the order of fields and attributes do not change it. Every other change
+    does, also one of a number's type, since `1` and `1.0` are different values for `solution.py`. A file that cannot
+    be parsed counts with its bytes.
+    """
+    parts = [
+        (file.name, _content(file, read))
+        for file, read in ((files.json, _json), (files.mjcf, _mjcf), (files.solution, _code))
+    ]
+    return _PREFIX + hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:_DIGITS]
+
+
+def content_hash_of(stored: str) -> str:
+    """The content hash for a hash that a record holds: itself, or what the table says of an older hash of bytes.
+
+    A hash that is not in the table is returned as it is.
+    """
+    return _table().get(stored, stored)
+
+
+def same_pack(stored: str, files: PackFiles) -> bool:
+    """Whether a hash that a record holds, of content or of bytes, is that of this pack."""
+    # The table knows the packs of the suite only; any other pack is recognised by its bytes while these are the same.
+    return content_hash_of(stored) == pack_hash(files) or stored == byte_hash(files)
+
+
+def same_packs(stored: Mapping[str, str], packs: Iterable[PackFiles]) -> bool:
+    """Whether the packs of a stored run (scene → hash) are these, and no others."""
+    found = {str(files.scene_id): files for files in packs}
+    return stored.keys() == found.keys() and all(same_pack(stored[scene], files) for scene, files in found.items())
+
+
+def byte_hash(files: PackFiles) -> str:
+    """The hash of a pack's bytes: what records held before the hash was of content."""
+    digest = hashlib.sha256()
+    for file in (files.json, files.mjcf, files.solution):
+        digest.update(file.name.encode())
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    return digest.hexdigest()[:_DIGITS]
+
+
+@functools.cache
+def _table() -> Mapping[str, str]:
+    return json.loads(_TABLE.read_text(encoding="utf-8"))
+
+
+def _content(file: Path, read: Callable[[bytes], str]) -> str | list[str] | None:
+    """What a file says, as text in one canonical form; None if there is no file."""
+    if not file.is_file():
+        return None
+    content = file.read_bytes()
+    try:
+        return read(content)
+    except (ValueError, SyntaxError):  # the errors of all three parsers derive from these two
+        return ["bytes", content.hex()]
+
+
+def _json(content: bytes) -> str:
+    pack = json.loads(content.decode("utf-8"))
+    if isinstance(pack, dict):
+        fields = cast("dict[str, Any]", pack)
+        pack = {name: _pairs(value) if name in _IN_ORDER else value for name, value in fields.items()}
+    return json.dumps(pack, sort_keys=True)
+
+
+def _pairs(value: Any) -> Any:
+    return list(cast("dict[str, Any]", value).items()) if isinstance(value, dict) else value
+
+
+def _mjcf(content: bytes) -> str:
+    text = content.decode("utf-8")
+    if "<!DOCTYPE" in text:
+        raise ValueError("MuJoCo does not expand what a document type defines, and this parser would")
+    root = ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
+    for element in root.iter():
+        for name, value in element.items():
+            if name in _NUMBER_LISTS:
+                element.set(name, " ".join(part for part in value.split(" ") if part))
+    return ET.canonicalize(ET.tostring(root, encoding="unicode"), strip_text=True)
+
+
+def _code(content: bytes) -> str:
+    return json.dumps(_tree(ast.parse(content)))
+
+
+def _tree(node: Any) -> Any:
+    """A syntax tree as plain lists, the same in every version of Python: `ast.dump` changes from version to version."""
+    if isinstance(node, list):
+        return [_tree(item) for item in cast("list[Any]", node)]
+    if isinstance(node, ast.Constant):
+        return ["Constant", ascii(node.value)]
+    if not isinstance(node, ast.AST):
+        return node
+    # Newer versions add fields, which are empty where the source uses nothing new.
+    fields = {name: _tree(value) for name, value in ast.iter_fields(node) if value is not None and value != []}
+    if isinstance(node, ast.JoinedStr):
+        # Python 3.12 adds empty texts to the formats in f-strings.
+        fields["values"] = [value for value in fields.get("values", []) if value != ["Constant", "''"]]
+    if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+        del fields["body"][0]
+    return [type(node).__name__, fields]
