@@ -15,7 +15,8 @@ from evaluator.commands.argument_types import count_of
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles, default_folder
+from scenes import PackError, PackFiles, default_folder
+from scenes.layout import lay_out, not_laid_out
 
 _VERIFY = """\
 Prove scenes sound by running them: six certificates each, on many seeds.
@@ -32,6 +33,11 @@ folder of the scenes. Exit code: 0 all sound, 1 some are not.
 """
 _LINT = """\
 Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
+
+It also names the JSON and XML files that are not laid out (width 110, short lists on one line). That is no fault;
+--fix lays them out. The layout changes no content, so certificates and stored runs stay valid.
+
+Exit code: 0 no fault; 1 a scene has a fault, or --fix cannot lay out a file.
 """
 
 
@@ -44,8 +50,14 @@ def add(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verify.set_defaults(run=_verify)
-    lint = commands.add_parser("lint", help="say what is wrong with scenes, unrun", description=_LINT)
+    lint = commands.add_parser(
+        "lint",
+        help="say what is wrong with scenes, unrun",
+        description=_LINT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     lint.set_defaults(run=_lint)
+    lint.add_argument("--fix", action="store_true", help="lay out the JSON and XML files first")
     for command in (verify, lint):
         command.add_argument(
             "--scene", "--scenes", dest="scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single"
@@ -145,15 +157,27 @@ def _percent(share: object) -> str:
 def _lint(args: argparse.Namespace) -> int:
     from evaluator.certify.lint import lint  # noqa: PLC0415 - only this command needs the engine
 
-    console = Console()
-    faults = {files.scene_id: lint(files) for files in _named(args)}
-    for scene, sentences in faults.items():
-        for sentence in sentences:
-            console.print(Text(f"scene {scene}: {sentence}"), soft_wrap=True)
-    faulty = sum(map(bool, faults.values()))
-    console.print(f"{len(faults) - faulty} of {len(faults)} scenes without fault", highlight=False)
+    console, packs, faulty, messy = Console(), parse_scenes(args.scenes, args.scenes_dir), 0, 0
+    for files in packs:
+        refused, layout = _layout(files, fix=args.fix)
+        faults = [*refused, *lint(files)]
+        for sentence in (*layout, *faults):
+            console.print(Text(f"scene {files.scene_id}: {sentence}"), soft_wrap=True)
+        faulty += bool(faults)
+        messy += bool(layout) and not args.fix
+    console.print(f"{len(packs) - faulty} of {len(packs)} scenes without fault", highlight=False)
+    if messy:
+        again = "" if args.scenes_dir is None else f" --scenes-dir {args.scenes_dir}"
+        console.print(
+            f"{messy} not laid out; run: physment-eval lint --fix{again}", markup=False, highlight=False, soft_wrap=True
+        )
     return 1 if faulty else 0
 
 
-def _named(args: argparse.Namespace) -> list[PackFiles]:
-    return parse_scenes(args.scenes, args.scenes_dir)
+def _layout(files: PackFiles, *, fix: bool) -> tuple[list[str], list[str]]:
+    """Why a pack cannot be laid out, where that was asked for; and what is, or now was, not laid out."""
+    try:
+        found = lay_out(files) if fix else not_laid_out(files)
+    except PackError as error:
+        return [str(error)] if fix else [], []
+    return [], [f"{file.name} {'is laid out now' if fix else 'is not laid out'}" for file in found]
