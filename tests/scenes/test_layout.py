@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenes import PackError, PackFiles
+from scenes import Category, PackError, PackFiles, find_pack, list_packs, pack_hash, write_new_scene
 from scenes.layout import WIDTH, lay_out, lay_out_json, lay_out_xml, not_laid_out
 
 Write = Callable[[str, str], PackFiles]
@@ -89,6 +89,26 @@ def test_any_json_keeps_its_values_and_is_laid_out_once(value: object, ascii_onl
     # Through text, because 1, 1.0 and true are equal to Python.
     assert json.dumps(json.loads(laid)) == json.dumps(value)
     assert lay_out_json(laid) == laid
+
+
+def test_every_pack_of_the_suite_and_every_new_scene_is_laid_out(tmp_path: Path) -> None:
+    for number, category in enumerate(Category):
+        write_new_scene(tmp_path, number, category)
+    assert [file for files in (*list_packs(), *list_packs(tmp_path)) for file in not_laid_out(files)] == []
+
+
+def test_laying_out_keeps_the_hash_and_a_second_time_changes_nothing(write: Write) -> None:
+    suite = find_pack(7)
+    pack = json.loads(suite.json.read_text(encoding="utf-8"))
+    files = write(json.dumps(pack, ensure_ascii=False), suite.mjcf.read_text(encoding="utf-8").replace("\n", " "))
+    before = pack_hash(files)
+    assert not_laid_out(files) == [files.json, files.mjcf]
+    assert lay_out(files) == [files.json, files.mjcf]
+    assert pack_hash(files) == before
+    assert files.json.read_bytes() == suite.json.read_bytes()
+    assert files.mjcf.read_bytes() == suite.mjcf.read_bytes()
+    assert lay_out(files) == []
+    assert sorted(path.name for path in files.folder.iterdir()) == ["scene7.json", "scene7.xml"]
 
 
 @pytest.mark.parametrize(

@@ -107,3 +107,27 @@ def test_a_new_scene_never_overwrites_one(tmp_path: Path) -> None:
     assert "physment-eval verify --scenes-dir" in made.stdout
     again = run("scenes", "new", "112", "--category", "easy-single", "--scenes-dir", tmp_path)
     assert (again.returncode, "exists already; choose another id" in again.stderr) == (2, True)
+
+
+def test_lint_says_what_is_not_laid_out_and_fix_lays_it_out(packs: Path) -> None:
+    file = packs / "Scene7" / "scene7.json"
+    laid_out = file.read_bytes()
+    file.write_text(json.dumps(json.loads(laid_out)), encoding="utf-8")
+    said = run("lint", "--scenes-dir", packs)
+    assert said.returncode == 0, "a layout is no fault"
+    assert "scene 7: scene7.json is not laid out" in said.stdout
+    assert f"1 not laid out; run: physment-eval lint --fix --scenes-dir {packs}" in said.stdout
+    fixed = run("lint", "--fix", "--scenes-dir", packs)
+    assert fixed.returncode == 0
+    assert "scene 7: scene7.json is laid out now" in fixed.stdout
+    assert file.read_bytes() == laid_out
+    assert "laid out" not in run("lint", "--fix", "--scenes-dir", packs).stdout
+
+
+def test_fix_refuses_what_it_cannot_parse(packs: Path) -> None:
+    edit(packs / "Scene7" / "scene7.xml", "<worldbody>", "<worldbody>words")
+    assert run("lint", "--scenes-dir", packs).returncode == 0
+    done = run("lint", "--fix", "--scenes-dir", packs)
+    assert done.returncode == 1
+    assert "cannot be laid out: only elements and comments can be laid out, not 'words'" in done.stdout
+    assert "1 of 2 scenes without fault" in done.stdout
