@@ -1,0 +1,111 @@
+"""A run folder from before packs were hashed by content and laid out: it loads, grades, replays, resumes as ever.
+
+`stored_run` was played, graded and summarised by that code, and is never written anew. It names packs by hashes
+of their bytes.
+"""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluator.__main__ import main
+from evaluator.report.pictures import pictures
+from evaluator.store import RunFolder
+from scenes import find_pack, pack_hash, same_packs
+
+STORED = Path(__file__).parent / "stored_run"
+SCENES = (7, 21, 27, 101)
+OPTIONS = ["--agent", "reference", "--agent", "random", "--scenes", "7,21,27,101", "--budgets", "5", "--seeds", "3"]
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> RunFolder:
+    """A copy of the stored run."""
+    return RunFolder(shutil.copytree(STORED, tmp_path / "stored"))
+
+
+def play(out: Path, *words: str) -> int:
+    return main(["run", *OPTIONS, "--server", "host", "--out", str(out), *words])
+
+
+def part_of(known: Any, value: Any) -> bool:
+    """Whether a JSON value holds all that an older one says."""
+    if isinstance(known, dict) and isinstance(value, dict):
+        return all(name in value and part_of(inner, value[name]) for name, inner in known.items())
+    return known == value
+
+
+def test_the_stored_run_names_its_packs_by_bytes_and_they_are_those_of_today(stored: RunFolder) -> None:
+    packs = stored.read_run().packs
+    assert list(packs.values()) == ["125dc8c43267", "ae6134d1790e", "266a932bba03", "63c3793d85ce"]
+    assert {one.versions.pack for one in stored.episodes().values()} == set(packs.values())
+    assert same_packs(packs, [find_pack(scene) for scene in SCENES])
+
+
+def test_grading_it_gives_the_same_grades_and_the_same_numbers(
+    stored: RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["grade", str(stored.path)]) == 0
+    said = capsys.readouterr().out
+    assert "strict accuracy 37.5 % (3/8)" in said
+    assert "→" not in said
+    assert stored.grades() == RunFolder(STORED).grades()
+    assert not list(stored.path.glob("grades.*.jsonl"))
+    before, now = (json.loads(one.summary_file.read_text(encoding="utf-8")) for one in (RunFolder(STORED), stored))
+    assert part_of(before, now)
+
+
+def test_its_report_finds_the_pictures_of_its_packs(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(stored.path)]) == 0
+    assert capsys.readouterr().out.strip() == str(stored.report_file)
+    assert "Make one body of two" in stored.report_file.read_text(encoding="utf-8")
+    assert tuple(pictures(stored.read_run().packs)) == SCENES
+
+
+def test_replaying_it_finds_no_difference(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(stored.path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["episodes"], said["calls"], said["differences"], said["not_played"]) == (8, 81, [], [])
+
+
+def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: RunFolder) -> None:
+    lines = stored.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
+    stored.episodes_file.write_text("".join(lines[:-1]), encoding="utf-8")
+    assert play(stored.path, "--resume") == 0
+    *older, last = stored.episodes().values()
+    assert last.versions.pack == pack_hash(find_pack(last.key.scene))
+    assert len(older) == 7
+    assert not [one for one in older if one.versions.pack.startswith("c1:")]
+    assert stored.read_run().packs == RunFolder(STORED).read_run().packs
+    assert main(["grade", str(stored.path)]) == 0
+
+
+def test_a_run_of_another_pack_is_not_resumed(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    record = stored.read_run()
+    stored.write_run(record.model_copy(update={"packs": record.packs | {"7": "ffffffffffff"}}))
+    assert play(stored.path, "--resume") == 2
+    assert "holds a run with other packs; --resume needs the same" in capsys.readouterr().err
+
+
+def test_it_is_compared_reported_and_merged_with_a_run_of_today(
+    stored: RunFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    today = RunFolder(tmp_path / "today")
+    assert play(today.path) == 0
+    assert all(one.startswith("c1:") for one in today.read_run().packs.values())
+    capsys.readouterr()
+    chosen = ["--a", "agent=reference", "--b", "agent=reference"]
+    assert main(["compare", str(stored.path), str(today.path), *chosen, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["strict"]["n"] == 4
+    assert main(["report", str(stored.path), str(today.path), "--out", str(tmp_path / "both")]) == 0
+    page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
+    assert "Not all of these were played on the same packs" not in page
+    # Episodes that both hold are different records of one cell, which merge refuses; so each part keeps one half.
+    for folder, half in ((stored, slice(0, 4)), (today, slice(4, 8))):
+        lines = folder.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
+        folder.episodes_file.write_text("".join(sorted(lines)[half]), encoding="utf-8")
+    assert main(["merge", str(stored.path), str(today.path), "--out", str(tmp_path / "merged")]) == 0
+    assert len(RunFolder(tmp_path / "merged").episodes()) == 8
