@@ -286,6 +286,12 @@ class RunRecord(OpenRecord):
             created_at=self.created_at, server=self.server, versions=self.versions, git_revision=self.git_revision
         )
 
+    def tool_contracts(self) -> frozenset[str]:
+        """Hashes of the tool schemas at each start, of this run and of those that it was made of."""
+        starts = [self.start(), *self.resumed, *self.merged]
+        starts += [start for part in self.merged for start in part.resumed]
+        return frozenset(start.server.tool_schema_hash for start in starts) - {""}
+
     def content_hashes(self) -> dict[str, str]:
         """Scene → hash of its pack's content, also if the run was recorded with hashes of bytes."""
         return {scene: content_hash_of(stored) for scene, stored in self.packs.items()}

@@ -3,7 +3,8 @@
 import argparse
 import json
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.markup import escape
@@ -13,11 +14,13 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.commands.argument_types import count_of
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import connect
+from evaluator.store import RunFolder
 from evaluator.study.replay import REL_TOL, Replayed, replay
 
 _DESCRIPTION = """\
 Play the transcripts of a run folder again: the same calls in the same turns. Each return is compared with the stored
-one; numbers count as the same to one part in 10⁹, or only exactly with --exact.
+one; numbers count as the same to one part in 10⁹, or only exactly with --exact. Where the tools have changed since the
+record, fields that they did not return then are counted, and not compared.
 
 Exit code: 0 all returns are the same; 1 some are not, or an episode could not be played.
 """
@@ -52,12 +55,13 @@ def add(commands: Commands) -> None:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    agent = load_recorded(args.folder)
+    agent, folder = load_recorded(args.folder), RunFolder(args.folder)
+    contracts = folder.read_run().tool_contracts() if folder.run_file.exists() else frozenset[str]()
 
     async def play() -> list[Replayed]:
         async with connect(args.server, args.scenes_dir) as laboratory:
             rel_tol = 0.0 if args.exact else REL_TOL
-            return await replay(agent, laboratory, rel_tol=rel_tol, concurrency=args.concurrency)
+            return await replay(agent, laboratory, contracts=contracts, rel_tol=rel_tol, concurrency=args.concurrency)
 
     results = run_async(play)
     if args.json:
@@ -73,12 +77,17 @@ def _as_json(results: Sequence[Replayed]) -> str:
             "episodes": len(results),
             "calls": sum(one.calls for one in results),
             "differences": [found.model_dump(mode="json") for one in results for found in one.differences],
+            "added_since": _added(results),
             "not_played": [
                 {"key": one.key.model_dump(mode="json"), "error": one.failure} for one in results if one.failure
             ],
         },
         ensure_ascii=False,
     )
+
+
+def _added(results: Sequence[Replayed]) -> Mapping[str, int]:
+    return sum((Counter(one.added) for one in results), Counter[str]())
 
 
 def _print(results: Sequence[Replayed]) -> None:
@@ -98,6 +107,9 @@ def _print(results: Sequence[Replayed]) -> None:
             console.print(f"scene {one.key.scene}, seed {one.key.seed}: not played: {escape(one.failure)}")
     same = sum(not one.differences and not one.failure for one in results)
     calls = sum(one.calls for one in results)
+    if added := _added(results):
+        fields = ", ".join(f"{name} (× {count})" for name, count in added.items())
+        console.print(f"added since the record, and not compared: {fields}", markup=False, highlight=False)
     console.print(
         f"{len(results)} episodes, {calls} calls compared: {same} episodes the same, {len(found)} differences",
         highlight=False,

@@ -1,8 +1,13 @@
-"""Replay: recorded episodes are played again, and what the laboratory returns is compared with the record."""
+"""Replay: recorded episodes are played again, and what the laboratory returns is compared with the record.
+
+Where the tool contract is that of the record, every field must be equal. Where it is another one, every field of the
+record must be equal, and fields that were added since are only counted.
+"""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import anyio
 from pydantic import JsonValue
@@ -12,6 +17,7 @@ from evaluator.episode.connect import Laboratory
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Record
+from evaluator.study.provenance import server_record
 
 REL_TOL = 1e-9
 """Two numbers count as the same up to this difference, relative to the larger one."""
@@ -40,6 +46,8 @@ class Replayed:
     calls: int = 0
     """Calls compared."""
     differences: tuple[Difference, ...] = ()
+    added: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Tool and field, such as `get_velocity: speed` → in how many places it was added since the record."""
     failure: str = ""
     """Why the episode could not be played; empty if it was."""
 
@@ -48,6 +56,7 @@ async def replay(
     agent: RecordedAgent,
     laboratory: Laboratory,
     *,
+    contracts: frozenset[str] = frozenset(),
     rel_tol: float = REL_TOL,
     concurrency: int = 1,
     on_end: Callable[[Replayed], None] = lambda _: None,
@@ -57,6 +66,8 @@ async def replay(
     Args:
         agent: The recorded episodes.
         laboratory: Where to play.
+        contracts: Hashes of the tool contracts that the episodes were recorded under. If there are none, or only the
+            present one, every field must be equal.
         rel_tol: Largest difference between numbers that count as the same, relative to the larger one; 0 for none.
         concurrency: Episodes played at a time.
         on_end: Called after each episode.
@@ -69,7 +80,7 @@ async def replay(
 
     async def worker() -> None:
         for stored in waiting:
-            results[stored.key] = await _replay_episode(agent, laboratory, stored, rel_tol)
+            results[stored.key] = await _replay_episode(agent, laboratory, stored, contracts, rel_tol)
             on_end(results[stored.key])
 
     async with anyio.create_task_group() as tasks:
@@ -78,14 +89,49 @@ async def replay(
     return [results[episode.key] for episode in agent.episodes]
 
 
-async def _replay_episode(agent: RecordedAgent, laboratory: Laboratory, stored: Episode, rel_tol: float) -> Replayed:
+async def _replay_episode(
+    agent: RecordedAgent, laboratory: Laboratory, stored: Episode, contracts: frozenset[str], rel_tol: float
+) -> Replayed:
     try:
         async with laboratory.open(stored.key.scene, stored.key.seed) as client:
+            present = (await server_record(client, option="")).tool_schema_hash
             now = await play_episode(agent, client, stored.key, stored.versions, laboratory.toolboxes)
     except InfrastructureError as error:
         return Replayed(stored.key, failure=str(error))
     calls = sum(exchange.returned for turn in stored.turns for exchange in turn.exchanges)
-    return Replayed(stored.key, calls, tuple(differences(stored, now, rel_tol)))
+    added = Counter[str]()
+    if not contracts <= {present}:
+        now, added = without_added(stored, now)
+    return Replayed(stored.key, calls, tuple(differences(stored, now, rel_tol)), added)
+
+
+def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]:
+    """A replay without the fields that its record does not have, and in how many places each of them was."""
+    added = Counter[str]()
+
+    def recorded(before: Exchange, after: Exchange) -> Exchange:
+        content = _recorded_part(before.content, after.content, f"{before.call.tool}: ", added)
+        return after.model_copy(update={"content": content})
+
+    turns = [
+        after.model_copy(update={"exchanges": tuple(map(recorded, before.exchanges, after.exchanges))})
+        for before, after in zip(stored.turns, now.turns, strict=False)
+    ]
+    return now.model_copy(update={"turns": tuple(turns)}), added
+
+
+def _recorded_part(old: JsonValue, new: JsonValue, path: str, added: Counter[str]) -> JsonValue:
+    """The part of a new value that an old one has too; counts the fields that are left out."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        added.update(f"{path}{name}" for name in new if name not in old)
+        return {
+            name: _recorded_part(old[name], value, f"{path}{name}.", added)
+            for name, value in new.items()
+            if name in old
+        }
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return [_recorded_part(before, after, path, added) for before, after in zip(old, new, strict=True)]
+    return new
 
 
 def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iterator[Difference]:

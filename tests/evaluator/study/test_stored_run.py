@@ -6,14 +6,21 @@ of their bytes.
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 
 from evaluator.__main__ import main
+from evaluator.agents.recorded import RecordedAgent
+from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.records import Episode, Exchange, RunRecord, ToolCall, Turn
 from evaluator.report.pictures import pictures
 from evaluator.store import RunFolder
+from evaluator.study.provenance import server_record
+from evaluator.study.replay import differences, replay, without_added
 from scenes import find_pack, pack_hash, same_packs
 
 STORED = Path(__file__).parent / "stored_run"
@@ -109,3 +116,119 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
         folder.episodes_file.write_text("".join(sorted(lines)[half]), encoding="utf-8")
     assert main(["merge", str(stored.path), str(today.path), "--out", str(tmp_path / "merged")]) == 0
     assert len(RunFolder(tmp_path / "merged").episodes()) == 8
+
+
+# Replay under another tool contract
+
+
+def first_velocity(episode: Episode, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Episode:
+    """The stored episode of the reference agent in scene 7, with the return of its `get_velocity` changed."""
+    plain = episode.model_dump(mode="json")
+    exchange = plain["turns"][0]["exchanges"][1]
+    assert exchange["call"]["tool"] == "get_velocity"
+    exchange["content"] = change(exchange["content"])
+    return Episode.model_validate(plain)
+
+
+def with_less(content: dict[str, Any]) -> dict[str, Any]:
+    """As if a later version of the tools had added `velocity`."""
+    return {name: value for name, value in content.items() if name != "velocity"}
+
+
+def with_more(content: dict[str, Any]) -> dict[str, Any]:
+    """As if a later version of the tools had removed `speed`."""
+    return content | {"speed": 1.0}
+
+
+def with_another_value(content: dict[str, Any]) -> dict[str, Any]:
+    return content | {"velocity": [0.0, 0.0, -1.0]}
+
+
+OTHER = "0" * 16
+"""The tool contract of no server."""
+
+
+@pytest.fixture(scope="module")
+def present() -> str:
+    """The tool contract of today."""
+
+    async def asked() -> str:
+        async with MemoryLaboratory().open(7, 0) as client:
+            return (await server_record(client, option="")).tool_schema_hash
+
+    return anyio.run(asked)
+
+
+def recorded_under(folder: RunFolder, contract: str) -> None:
+    record = folder.read_run()
+    server = record.server.model_copy(update={"tool_schema_hash": contract})
+    folder.write_run(record.model_copy(update={"server": server}))
+
+
+@pytest.mark.parametrize("contracts", [(), ("present",), (OTHER,), ("present", OTHER)])
+@pytest.mark.parametrize(
+    ("change", "different"),
+    [
+        (with_less, "get_velocity: velocity"),
+        (with_more, "get_velocity: speed"),
+        (with_another_value, "get_velocity: velocity[2]"),
+    ],
+)
+async def test_only_under_another_tool_contract_may_a_return_have_more_fields_than_its_record(
+    contracts: tuple[str, ...], change: Callable[[dict[str, Any]], dict[str, Any]], different: str, present: str
+) -> None:
+    (episode,) = [
+        one for key, one in RunFolder(STORED).episodes().items() if (key.scene, key.agent) == (7, "reference")
+    ]
+    agent = RecordedAgent("replay:stored", (first_velocity(episode, change),))
+    known = frozenset(present if one == "present" else one for one in contracts)
+    (found,) = await replay(agent, MemoryLaboratory(), contracts=known)
+    added = OTHER in contracts and change is with_less
+    assert [one.what for one in found.differences] == ([] if added else [different])
+    assert found.added == ({different: 1} if added else {})
+
+
+def test_the_command_reads_the_contract_from_the_run_and_names_what_was_added_since(
+    stored: RunFolder, present: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded_under(stored, present)
+    episodes = [
+        first_velocity(one, with_less) if (key.scene, key.agent) == (7, "reference") else one
+        for key, one in stored.episodes().items()
+    ]
+    stored.episodes_file.unlink()
+    for one in episodes:
+        stored.append_episode(one)
+    assert main(["replay", str(stored.path)]) == 1
+    assert "7 episodes the same, 1 differences" in capsys.readouterr().out
+    recorded_under(stored, OTHER)
+    assert main(["replay", str(stored.path)]) == 0
+    said = capsys.readouterr().out
+    assert "added since the record, and not compared: get_velocity: velocity (× 1)" in said
+    assert "8 episodes the same, 0 differences" in said
+    assert main(["replay", str(stored.path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["added_since"] == {"get_velocity: velocity": 1}
+
+
+def test_added_fields_are_found_inside_objects_and_lists() -> None:
+    def episode(content: dict[str, Any]) -> Episode:
+        exchange = Exchange(call=ToolCall(tool="look", arguments={}), returned=True, content=content)
+        turn = Turn(reasoning="", exchanges=(exchange, exchange))
+        return next(iter(RunFolder(STORED).episodes().values())).model_copy(update={"turns": (turn,)})
+
+    before = episode({"a": {"b": 1}, "c": [{"d": 1}, {"d": 2}], "e": [1]})
+    after = episode({"a": {"b": 1, "new": 2}, "c": [{"d": 1, "new": 3}, {"d": 2, "new": 4}], "e": [1, 2]})
+    now, added = without_added(before, after)
+    assert added == {"look: a.new": 2, "look: c.new": 4}
+    assert [one.what for one in differences(before, now)] == ["look: e", "look: e"]
+
+
+def test_a_run_was_recorded_with_the_contracts_of_its_server_its_resumptions_and_its_parts() -> None:
+    def start(contract: str) -> dict[str, Any]:
+        return {"created_at": "", "server": {"option": "", "tool_schema_hash": contract}}
+
+    plan = {"scenes": [], "agents": []}
+    merged = [start("b") | {"folder": ""}, start("c") | {"folder": "", "resumed": [start("d")]}]
+    record = start("a") | {"plan": plan, "resumed": [start("e")], "merged": merged}
+    assert RunRecord.model_validate(record).tool_contracts() == set("abcde")
+    assert RunRecord.model_validate(start("") | {"plan": plan}).tool_contracts() == set()
