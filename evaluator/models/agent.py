@@ -21,6 +21,7 @@ from pydantic_ai.messages import (
     UserPromptPart,
 )
 
+from evaluator.episode.loop import as_text
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.models.choice import ModelChoice
@@ -218,15 +219,11 @@ def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
 def _sendable(part: ModelResponsePart) -> ModelResponsePart:
     match part:
         case TextPart() | ThinkingPart():
-            return replace(part, content=_as_utf8(part.content))
+            return replace(part, content=as_text(part.content))
         case ToolCallPart(args=str(args)):
-            return replace(part, args=_as_utf8(args))
+            return replace(part, args=as_text(args))
         case _:
             return part
-
-
-def _as_utf8(text: str) -> str:
-    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _cut_off(response: ModelResponse) -> str:
