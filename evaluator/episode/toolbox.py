@@ -2,17 +2,16 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import anyio
 import mcp_types as types
-from jsonschema import Draft202012Validator, ValidationError
+from jsonschema import Draft202012Validator
 from mcp import Client
-from pydantic import JsonValue
-from referencing import Registry
 
 from evaluator.episode.player import ToolDescription
+from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.records import ToolCall
 
 _Schemas = Mapping[str, Draft202012Validator]
@@ -35,7 +34,7 @@ class Toolbox:
             json.dumps(call.arguments, allow_nan=False)
         except ValueError:
             return f"{call.tool}: the arguments must be JSON, without NaN or infinities"
-        problem = _first_problem(validator, call.arguments)
+        problem = first_problem(validator, call.arguments)
         return f"{call.tool}: {problem}" if problem else ""
 
     async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
@@ -49,7 +48,7 @@ class Toolbox:
         result = await client.session.send_request(asked, types.CallToolResult)
         validator = None if result.is_error else self._results.get(call.tool)
         if validator is not None:
-            problem = _first_problem(validator, result.structured_content)
+            problem = first_problem(validator, result.structured_content)
             if problem:
                 raise ValueError(f"the result is not what the server publishes: {problem}")
         return result
@@ -92,23 +91,8 @@ class Toolboxes:
 
 def _toolbox(tools: Sequence[types.Tool]) -> Toolbox:
     described = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools)
-    # An empty registry: a schema may point into itself, but nowhere else.
     return Toolbox(
         described,
-        {tool.name: Draft202012Validator(tool.input_schema, registry=Registry()) for tool in tools},
-        {
-            tool.name: Draft202012Validator(tool.output_schema, registry=Registry())
-            for tool in tools
-            if tool.output_schema is not None
-        },
+        {tool.name: schema_validator(tool.input_schema) for tool in tools},
+        {tool.name: schema_validator(tool.output_schema) for tool in tools if tool.output_schema is not None},
     )
-
-
-def _first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
-    """What is wrong with a value, and where; empty if nothing is."""
-    problems: Iterator[ValidationError] = validator.iter_errors(value)  # pyright: ignore[reportUnknownMemberType] - partly typed
-    problem = next(problems, None)
-    if problem is None:
-        return ""
-    where = ".".join(str(part) for part in problem.absolute_path)
-    return f"{where + ': ' if where else ''}{problem.message[:300]}"

@@ -6,12 +6,11 @@ Pure: text and published tools in, calls out. What is mistyped is refused here w
 import difflib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jsonschema import Draft202012Validator, ValidationError
-
 from evaluator.episode.player import ToolDescription
+from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.records import ToolCall
 
 _WORDS = {"true": True, "yes": True, "false": False, "no": False}
@@ -52,13 +51,9 @@ def _call(text: str, tools: Mapping[str, ToolDescription]) -> ToolCall:
         close = difflib.get_close_matches(name, tools, n=1)
         raise TypingError(f"there is no tool {name!r}{f'; do you mean {close[0]}?' if close else ''}")
     call = ToolCall(tool=name, arguments=_arguments(rest[0] if rest else "", tool))
-    problems: Iterator[ValidationError] = Draft202012Validator(dict(tool.input_schema)).iter_errors(  # pyright: ignore[reportUnknownMemberType] - partly typed
-        call.arguments
-    )
-    problem = next(problems, None)
-    if problem is not None:
-        where = ".".join(str(part) for part in problem.absolute_path)
-        raise TypingError(f"{name}: {where + ': ' if where else ''}{problem.message[:200]}")
+    problem = first_problem(schema_validator(tool.input_schema), call.arguments)
+    if problem:
+        raise TypingError(f"{name}: {problem}")
     return call
 
 
