@@ -1,4 +1,4 @@
-"""Runs for the pages of the report: recorded by hand, small, and with all that a notebook shows."""
+"""Small runs for the tests of the report, with everything that a notebook shows."""
 
 from evaluator.failures.findings import Evidence, Failure, FailureMode
 from evaluator.records import (
@@ -31,7 +31,7 @@ PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01\x00\x00\x00\x01\x08\
 
 
 def fall(time: float, height: float) -> tuple[Exchange, ...]:
-    """Let time pass, and read where the ball is."""
+    """A step of the simulation and a reading of the ball's position."""
     step, look = (
         ToolCall(tool="step", arguments={"duration": 0.1}),
         ToolCall(tool="get_position", arguments={"object_id": 1}),

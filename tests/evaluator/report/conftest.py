@@ -1,4 +1,4 @@
-"""A study for the pages of the report, and a browser to open them in."""
+"""A study to report, and a browser to open the page in."""
 
 import shutil
 from collections.abc import Generator
@@ -12,7 +12,7 @@ from tests.builders.reports import played, run_of
 
 @pytest.fixture(scope="session")
 def study() -> Run:
-    """A model, right where scene and budget add up to an even number, and the reference; 64 episodes."""
+    """The reference, and a model that is right if scene plus budget is even; 64 episodes."""
     rows = [
         played(scene, agent, budget, right=agent == "reference" or (scene + budget) % 2 == 0)
         for scene in range(7, 23)

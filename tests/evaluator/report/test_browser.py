@@ -1,4 +1,4 @@
-"""The page as a reader has it: opened from disk in Chromium, by mouse and by keyboard alone."""
+"""The page opened from disk in Chromium, used with the mouse and with the keyboard alone."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def choose(browser: Page, field: str, value: str) -> None:
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
-def test_every_section_is_there_and_the_page_fits_its_window(
+def test_every_section_is_shown_and_the_page_fits_its_window(
     browser: Page, report: Path, width: int, scheme: str
 ) -> None:
     browser.look(width, scheme)
@@ -53,7 +53,7 @@ def test_every_section_is_there_and_the_page_fits_its_window(
     assert (paper < 60) == (scheme == "dark")
 
 
-def test_filters_narrow_the_list_and_say_how_far(browser: Page, report: Path) -> None:
+def test_filters_shorten_the_list_and_show_how_many_episodes_are_left(browser: Page, report: Path) -> None:
     browser.open(report)
     assert browser.run(SHOWN) == "64 of 64 episodes."
     assert browser.run(LISTED) == 50
@@ -76,7 +76,7 @@ def test_filters_narrow_the_list_and_say_how_far(browser: Page, report: Path) ->
     assert browser.run(SHOWN) == "64 of 64 episodes."
 
 
-def test_a_count_of_failures_leads_to_its_episodes(browser: Page, report: Path) -> None:
+def test_a_count_of_failures_links_to_its_episodes(browser: Page, report: Path) -> None:
     browser.open(report)
     assert browser.run("document.querySelector('a[data-filter*=answer_format]').textContent") == "16 of 32"
     browser.run("document.querySelector('a[data-filter*=answer_format]').click()")
@@ -84,7 +84,7 @@ def test_a_count_of_failures_leads_to_its_episodes(browser: Page, report: Path) 
     assert browser.run("location.hash") == "#episodes"
 
 
-def test_an_episode_opens_by_its_address_and_its_links_lead_to_the_return_behind_a_number(
+def test_an_episode_opens_by_its_address_and_links_a_number_to_the_return_that_supports_it(
     browser: Page, report: Path
 ) -> None:
     browser.open(report, "#episode-61")
@@ -115,7 +115,7 @@ def test_the_keyboard_alone_reaches_and_opens_an_episode(browser: Page, report: 
     browser.wait("document.querySelector('#episode-1[open] .notebook') !== null")
 
 
-def test_everything_that_takes_a_click_can_be_reached_by_keyboard(browser: Page, report: Path) -> None:
+def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(browser: Page, report: Path) -> None:
     browser.open(report)
     assert browser.run(
         "[...document.querySelectorAll('a, button, select, input, summary')].every(n => n.tabIndex >= 0)"
@@ -124,8 +124,8 @@ def test_everything_that_takes_a_click_can_be_reached_by_keyboard(browser: Page,
     assert browser.run(f"[...document.querySelectorAll('a, button, select, input')].filter({unnamed}).length") == 0
 
 
-def test_text_stands_out_from_its_ground_in_light_and_dark(browser: Page, report: Path) -> None:
-    """WCAG 2.2, 1.4.3: a contrast of 4.5, on every tint of the heat map too."""
+def test_text_has_enough_contrast_in_light_and_dark(browser: Page, report: Path) -> None:
+    """WCAG 2.2, 1.4.3: a contrast of at least 4.5, also on every tint of the heat map."""
     for scheme in ("light", "dark"):
         browser.look(1280, scheme)
         browser.open(report)
@@ -155,16 +155,16 @@ CONTRAST = """(() => {
 })()"""
 
 
-def test_a_missing_notebook_is_said_in_its_place(browser: Page, tmp_path: Path, study: Run) -> None:
+def test_a_missing_notebook_is_reported_where_it_would_be(browser: Page, tmp_path: Path, study: Run) -> None:
     file = write_report(RunFolder(tmp_path), [study], inline=10)
     (tmp_path / PAGES / "3.js").unlink()
     browser.open(file, "#episode-3")
     browser.wait("document.querySelector('#episode-3 .notebook') !== null")
     assert "report_episodes/3.js" in browser.run("document.querySelector('#episode-3').textContent")
-    browser.complaints.clear()  # the browser itself says that the file is not there
+    browser.complaints.clear()  # the browser itself reports the missing file
 
 
-def test_it_prints_whole_pages_without_controls(browser: Page, report: Path) -> None:
+def test_the_printed_page_lists_the_episodes_and_has_no_controls(browser: Page, report: Path) -> None:
     browser.open(report)
     browser.send("Emulation.setEmulatedMedia", media="print")
     visible = "n => n.checkVisibility()"
@@ -173,7 +173,7 @@ def test_it_prints_whole_pages_without_controls(browser: Page, report: Path) -> 
     browser.send("Emulation.setEmulatedMedia", media="")
 
 
-def test_without_scripts_all_episodes_are_there_to_read(browser: Page, tmp_path: Path, study: Run) -> None:
+def test_without_scripts_all_episodes_can_be_read(browser: Page, tmp_path: Path, study: Run) -> None:
     file = write_report(RunFolder(tmp_path), [study])
     browser.send("Emulation.setScriptExecutionDisabled", value=True)
     try:

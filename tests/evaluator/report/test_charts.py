@@ -1,4 +1,4 @@
-"""What is drawn of an episode: only what was read, when it was read, and where it belongs."""
+"""Charts of an episode show only what the agent read, at the time of reading and at the right place."""
 
 import math
 from typing import Any
@@ -24,20 +24,20 @@ def charts(*exchanges: Exchange) -> list[Any]:
     return motion_charts([Turn(reasoning="", exchanges=exchanges)])
 
 
-def test_what_moved_is_drawn_and_what_rested_is_not() -> None:
+def test_objects_that_moved_are_drawn_and_objects_at_rest_are_not() -> None:
     found = charts(at(0, [0, 0, 2]), at(0, [1, 1, 1], 2), at(0.5, [0, 0, 1]), at(0.5, [1, 1, 1], "object_2"))
     assert [one.title for one in found] == ["object_1: position [m] against time [s]"]
     z = found[0].lines[2]
     assert (z.name, len(z.marks)) == ("z", 2)
-    assert z.marks[0].y < z.marks[1].y  # up is up
+    assert z.marks[0].y < z.marks[1].y  # a higher value is drawn higher
 
 
-def test_the_ids_1_and_object_1_are_one_object_and_a_reset_breaks_the_line() -> None:
+def test_1_and_object_1_are_the_same_object_and_a_reset_breaks_the_line() -> None:
     (one,) = charts(at(0, [0, 0, 2], 1), at(1, [0, 0, 1]), at(0, [0, 0, 2]), at(2, [0, 0, 0]))
     assert [path.count(",") for path in one.lines[2].paths] == [2, 2]
 
 
-def test_without_a_clock_in_the_returns_the_steps_are_added_up() -> None:
+def test_if_returns_hold_no_time_the_durations_of_steps_are_added_up() -> None:
     step = read("step", {"result": "ok"}, duration=0.25)
     speeds = [read("get_kinetic_energy", {"kinetic_energy": value}, object_id=1) for value in (0.0, 1.0, 4.0)]
     (one,) = charts(speeds[0], step, speeds[1], step, speeds[2])
@@ -46,7 +46,7 @@ def test_without_a_clock_in_the_returns_the_steps_are_added_up() -> None:
     assert [mark.x for mark in one.lines[0].marks] == pytest.approx([46.0, 148.5, 251.0])  # 246 px for 0.6 s
 
 
-def test_errors_and_odd_returns_draw_nothing() -> None:
+def test_errors_and_malformed_returns_are_not_drawn() -> None:
     failed = Exchange(
         call=ToolCall(tool="get_position", arguments={"object_id": 1}), returned=True, is_error=True, text="no such"
     )
@@ -55,7 +55,7 @@ def test_errors_and_odd_returns_draw_nothing() -> None:
     assert charts(at(0, [0, 0, 1], ["object_1"]), at(1, [0, 0, 0], ["object_1"])) == []
 
 
-def test_an_episode_with_many_objects_shows_those_read_most() -> None:
+def test_of_many_objects_those_read_most_are_drawn() -> None:
     exchanges = [at(time, [0, 0, time], body) for body in range(1, 12) for time in range(2 + (body == 9))]
     found = charts(*exchanges)
     assert len(found) == 6
@@ -63,7 +63,7 @@ def test_an_episode_with_many_objects_shows_those_read_most() -> None:
 
 
 @given(st.floats(-1e6, 1e6), st.floats(0, 1e6))
-def test_ticks_are_round_ascending_and_hold_the_range(low: float, width: float) -> None:
+def test_ticks_are_round_ascend_and_cover_the_range(low: float, width: float) -> None:
     found = ticks(low, low + width)
     assert 2 <= len(found) <= 7
     assert found == sorted(set(found))
@@ -81,7 +81,7 @@ def test_every_mark_lies_inside_its_chart(values: list[tuple[float, float]]) -> 
         assert 0 <= mark.y <= drawn.height
 
 
-def test_shares_are_labelled_in_per_cent_and_series_stand_apart() -> None:
+def test_shares_are_labelled_in_per_cent_and_series_are_drawn_apart() -> None:
     point = Point(5, 0.5, 0.25, 0.75)
     drawn = chart(
         "t", [Series("a", [[point]]), Series("b", [[point]])], x_ticks=[5, 20], y_range=(0, 1), dodge=4, percent=True

@@ -1,4 +1,4 @@
-"""What `physment-eval report` leaves on disk: one file or a page with notebooks, of one run or several."""
+"""The files that `physment-eval report` writes: one page, or a page with notebooks, of one run or of several."""
 
 import json
 import re
@@ -23,7 +23,7 @@ EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\u2028 {{ 
 
 
 def store(folder: Path, agent: str, scenes: Sequence[int] = (7, 8), scenes_dir: Path | None = None) -> Path:
-    """A graded run folder of recorded episodes."""
+    """The folder of a graded run, made of recorded episodes."""
     run = RunFolder(folder)
     run.create(resume=False)
     packs = [find_pack(scene, scenes_dir) for scene in scenes]
@@ -35,7 +35,7 @@ def store(folder: Path, agent: str, scenes: Sequence[int] = (7, 8), scenes_dir: 
     return folder
 
 
-def test_many_episodes_stand_beside_the_page_and_hand_over_text_alone(tmp_path: Path) -> None:
+def test_many_notebooks_are_written_beside_the_page_and_hold_no_script_of_an_agent(tmp_path: Path) -> None:
     run = run_of([played(scene, f"a {EVIL}", 5, right=True) for scene in range(7, 10)])
     page = write_report(RunFolder(tmp_path), [run], inline=2).read_text(encoding="utf-8")
     scripts = sorted(file.name for file in (tmp_path / PAGES).iterdir())
@@ -54,7 +54,7 @@ def test_many_episodes_stand_beside_the_page_and_hand_over_text_alone(tmp_path: 
         assert set(re.findall(r"<img [^>]*src=\"([^\",]*)", html)) <= {"data:image/png;base64"}
 
 
-def test_a_smaller_report_takes_the_notebooks_of_a_larger_one_away_and_nothing_else(tmp_path: Path) -> None:
+def test_a_smaller_report_removes_the_notebooks_of_a_larger_one_and_nothing_else(tmp_path: Path) -> None:
     run = run_of([played(scene, "a", 5, right=True) for scene in range(7, 10)])
     write_report(RunFolder(tmp_path), [run], inline=2)
     (tmp_path / PAGES / "notes.txt").write_text("mine")
@@ -64,7 +64,7 @@ def test_a_smaller_report_takes_the_notebooks_of_a_larger_one_away_and_nothing_e
     assert "strict-dynamic" not in page
 
 
-def test_a_scene_has_its_picture_and_evidence_leads_to_its_place(study: Run) -> None:
+def test_a_scene_has_its_picture_and_evidence_links_to_its_place(study: Run) -> None:
     page = render([study]).page
     assert page.count('<img src="data:image/png;base64,') == sum(row.episode.key.scene == 7 for row in study.rows)
     anchors = set(re.findall(r'id="([^"]+)"', page))
@@ -73,7 +73,7 @@ def test_a_scene_has_its_picture_and_evidence_leads_to_its_place(study: Run) -> 
     assert set(leads) <= anchors
 
 
-def test_only_pictures_of_the_packs_that_were_played_are_taken(tmp_path: Path) -> None:
+def test_only_pictures_of_the_packs_that_were_played_are_used(tmp_path: Path) -> None:
     packs, kept = tmp_path / "scenes", tmp_path / "docs" / "reference" / "scenes"
     kept.mkdir(parents=True)
     for scene in (7, 8):
@@ -85,14 +85,14 @@ def test_only_pictures_of_the_packs_that_were_played_are_taken(tmp_path: Path) -
     assert pictures({}, packs) == {}
 
 
-def test_runs_of_different_scenes_are_not_said_to_differ_in_their_packs(tmp_path: Path) -> None:
+def test_runs_of_different_scenes_give_no_warning_about_different_packs(tmp_path: Path) -> None:
     runs = [store(tmp_path / str(len(scenes)), "x", scenes) for scenes in ([7], [7, 12])]
     assert main(["report", *map(str, runs), "--out", str(tmp_path / "out")]) == 0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Not all of these were played on the same packs" not in page
 
 
-def test_several_runs_stand_in_one_report_each_with_its_own_packs(
+def test_a_report_can_hold_several_runs_each_with_its_own_packs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     packs = tmp_path / "packs"
@@ -114,13 +114,15 @@ def test_several_runs_stand_in_one_report_each_with_its_own_packs(
         assert (tmp_path / "out" / name).stat().st_size > 500
 
 
-def test_several_runs_need_a_place_for_their_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_of_several_runs_needs_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = [str(store(tmp_path / name, name)) for name in ("a", "b")]
     assert main(["report", *folders]) == 2
     assert "--out DIR" in capsys.readouterr().err
 
 
-def test_an_ungraded_run_is_sent_to_the_grader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_for_an_ungraded_run_the_error_names_the_grade_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = store(tmp_path / "a", "a")
     RunFolder(folder).grades_file.write_text("")
     assert main(["report", str(folder)]) == 2

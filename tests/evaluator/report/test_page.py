@@ -1,4 +1,4 @@
-"""The page of a run: true to its records, self-contained, and safe whatever an agent wrote."""
+"""The page of a run shows what its records hold, loads nothing from elsewhere, and is safe whatever an agent wrote."""
 
 import base64
 import hashlib
@@ -88,7 +88,7 @@ def test_nothing_an_agent_wrote_becomes_markup() -> None:
     assert "{{ 7*7 }}" in text
 
 
-def test_the_page_needs_nothing_from_elsewhere() -> None:
+def test_the_page_loads_nothing_from_other_places() -> None:
     text = page(row(7, Verdict.CORRECT, "easy-single"))
     assert not re.search(r"https?://|//cdn|@import|url\(", text)
     assert not [tag for tag, attributes in tags(text).seen if tag == "link" or attributes.get("src")]
@@ -106,7 +106,7 @@ def test_the_numbers_are_those_of_the_records() -> None:
     assert "Infrastructure error" in text
 
 
-def test_tables_and_controls_have_names_for_those_who_cannot_see_them() -> None:
+def test_tables_and_headings_are_labelled_for_screen_readers() -> None:
     parsed = tags(page(row(7, Verdict.CORRECT, "easy-single")))
     names = [tag for tag, _ in parsed.seen]
     assert names.count("caption") == names.count("table")
@@ -116,7 +116,7 @@ def test_tables_and_controls_have_names_for_those_who_cannot_see_them() -> None:
     assert "h1" in names
 
 
-def test_the_page_lets_its_own_script_run_and_nothing_else() -> None:
+def test_the_page_allows_its_own_script_and_no_other() -> None:
     text = page(row(7, Verdict.CORRECT, "easy-single"))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     script = re.search(r"<script>(.*?)</script>", text, re.DOTALL)
@@ -128,7 +128,7 @@ def test_the_page_lets_its_own_script_run_and_nothing_else() -> None:
     assert not [name for _, attributes in tags(text).seen for name in attributes if name.startswith("on")]
 
 
-def test_every_link_of_the_page_leads_somewhere_in_it() -> None:
+def test_every_link_of_the_page_has_its_target_in_the_page() -> None:
     parsed = tags(page(row(7, Verdict.CORRECT, "easy-single"), row(21, Verdict.UNSCORED, "hard-single")))
     ids = [attributes["id"] for _, attributes in parsed.seen if "id" in attributes]
     links = [attributes["href"] for tag, attributes in parsed.seen if tag == "a"]
@@ -157,7 +157,7 @@ def look(text: str) -> Exchange:
     return Exchange(call=call, returned=True, content={"velocity": [0.0, 0.0, -7.848]}, text=text)
 
 
-def test_a_stated_number_leads_to_the_return_behind_it_and_one_without_is_marked() -> None:
+def test_a_stated_number_links_to_its_return_and_a_number_without_support_is_marked() -> None:
     first = Turn(reasoning="I look.", exchanges=(look('{"velocity": [0.0, 0.0, -7.848]}'),))
     second = Turn(reasoning="It is -7.85 m/s,\nand the mass is 55.3 kg.", exchanges=())
     text = page(played(0, 5, first, second))
@@ -166,21 +166,21 @@ def test_a_stated_number_leads_to_the_return_behind_it_and_one_without_is_marked
     assert 'id="episode-1-1-1"' in text
 
 
-def test_episodes_are_named_by_what_tells_them_apart_and_sorted_as_numbers() -> None:
+def test_episodes_are_labelled_by_what_differs_and_sorted_as_numbers() -> None:
     several = page(*(played(seed, budget) for seed in (10, 2) for budget in (10, 5)))
     names = re.findall(r"Scene 7, seed \d+, budget \d+", several)
     assert names == [f"Scene 7, seed {seed}, budget {budget}" for seed in (2, 10) for budget in (5, 10)]
     assert "budget" not in str(re.findall(r"<span>Scene.*?</span>", page(played(0, 5), played(1, 5))))
 
 
-def test_a_number_that_is_not_defined_is_a_dash() -> None:
+def test_an_undefined_number_is_shown_as_a_dash() -> None:
     text = page(row(7, Verdict.UNSCORED, "easy-single"))
     assert "None" not in text
     assert re.search(r"<dt>Strict accuracy</dt><dd>–", text)
     assert "C –, E –, G –, V –, R –" in text
 
 
-def test_a_return_that_is_no_json_or_no_text_is_shown_as_it_came() -> None:
+def test_a_return_that_is_no_json_or_not_encodable_is_shown_as_received() -> None:
     hostile = ['"\\ud800"', "[" * 5000, "9" * 5000, "not JSON", "NaN", ""]
     text = page(played(0, 5, Turn(reasoning="", exchanges=tuple(look(one) for one in hostile))))
     assert text.encode()
@@ -188,6 +188,6 @@ def test_a_return_that_is_no_json_or_no_text_is_shown_as_it_came() -> None:
     assert "→ not JSON" in text
 
 
-def test_long_returns_break_into_lines_and_vectors_do_not() -> None:
+def test_long_returns_are_broken_into_lines_and_vectors_are_not() -> None:
     text = page(played(0, 5, Turn(reasoning="", exchanges=(look('{"a": [1, 2, 3], "b": "%s"}' % ("x" * 90)),))))
     assert "→ {\n  &#34;a&#34;: [1, 2, 3],\n  &#34;b&#34;: &#34;xxx" in text

@@ -1,4 +1,4 @@
-"""What stands in tables, exports and figures, and what it may do to the programs that read them."""
+"""The content of tables, exports and figures, and their safety for the programs that read them."""
 
 import csv
 import io
@@ -50,12 +50,12 @@ def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run)
     assert (categories["hard-single"].value, categories["hard-single"].n) == (0.5, 8)
 
 
-def test_the_page_says_of_a_curve_what_the_terminal_says(study: Run) -> None:
+def test_the_page_describes_a_budget_curve_as_the_terminal_does(study: Run) -> None:
     (curve,) = agent_results([study])[0].summary.budget_curves
     assert f"<li><b>model:x</b>: {curve_sentence(curve.curve)}.</li>" in render([study]).page
 
 
-def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
+def test_a_group_of_categories_includes_its_modalities(study: Run) -> None:
     picks = dict(group_picks(agent_results([study])))
     assert list(picks) == ["all", "easy-single", "easy-multi", "hard-single", "hard-multi"]
     easy_multi = picks["easy-multi"]
@@ -63,7 +63,7 @@ def test_a_group_of_categories_holds_its_modalities_too(study: Run) -> None:
     assert {row.category for row in study.rows if easy_multi(row)} == {"easy-multi-hidden"}
 
 
-def test_failure_modes_are_counted_with_their_denominator(study: Run) -> None:
+def test_failure_modes_are_counted_among_the_scored_episodes(study: Run) -> None:
     table = next(one for one in tables(agent_results([study])) if one.name == "failure_modes")
     assert {str(row[0]): row[1:] for row in table.rows}["answer format mismatch"] == [Count(16, 32), Count(0, 32)]
 
@@ -74,14 +74,14 @@ def test_the_paper_is_quoted_with_seven_models_and_without_intervals() -> None:
     assert "GPT-5.5 | 51.4 | 49.5 | 48.6 | 50.5" in markdown(tables([]))
 
 
-def test_every_row_of_markdown_has_the_cells_of_its_head() -> None:
+def test_every_row_of_a_markdown_table_has_as_many_cells_as_the_titles() -> None:
     for part in re.split(r"^## .*$", markdown(tables(agent_results([hostile()]))), flags=re.MULTILINE)[1:]:
         rows = [re.split(r"(?<!\\)\|", line) for line in part.strip().splitlines()]
         assert len({len(row) for row in rows}) == 1
     assert "<b>" not in markdown(tables(agent_results([hostile()])))
 
 
-def test_latex_runs_nothing_that_an_agent_is_called(study: Run) -> None:
+def test_the_name_of_an_agent_is_no_latex_command(study: Run) -> None:
     text = latex(tables(agent_results([hostile()])))
     assert "\\input" not in text
     assert "=x|<b>\\&\\textbackslash{}input\\{/etc/passwd\\}\\$\\_\\textasciicircum{} \\%" in text
@@ -90,7 +90,7 @@ def test_latex_runs_nothing_that_an_agent_is_called(study: Run) -> None:
     assert all(line.startswith("    ") for line in rows)
 
 
-def test_csv_keeps_full_precision_and_gives_a_spreadsheet_no_formula(study: Run) -> None:
+def test_csv_keeps_full_precision_and_holds_no_formula(study: Run) -> None:
     table = by_budget(agent_results([study]))
     head, model, _ = csv.reader(io.StringIO(csv_text(table)))
     assert head == ["agent", *(f"{budget}{what}" for budget in (5, 20) for what in ("", " low", " high", " n"))]
@@ -102,7 +102,7 @@ def test_csv_keeps_full_precision_and_gives_a_spreadsheet_no_formula(study: Run)
     assert {len(row) for row in rows} == {9}
 
 
-def test_spending_says_what_it_speaks_of(study: Run) -> None:
+def test_spending_is_reported_with_its_numbers_of_episodes(study: Run) -> None:
     model = spending([row for row in study.rows if row.episode.key.agent == "model:x"])
     assert (model.n, model.n_metered, model.n_priced, model.input_tokens) == (32, 32, 32, 32_000)
     assert model.cost_usd == pytest.approx(0.32)
@@ -115,7 +115,7 @@ def test_spending_says_what_it_speaks_of(study: Run) -> None:
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf"])
-def test_figures_are_whole_files_and_the_same_each_time(tmp_path: Path, study: Run, form: str) -> None:
+def test_figures_are_complete_files_and_equal_each_time(tmp_path: Path, study: Run, form: str) -> None:
     who = agent_results([study, hostile()])
     files = write_figures(tmp_path / "a", who, form)
     assert [file.stem for file in files] == ["budget", "categories", "dimensions", "failure_modes"]
@@ -126,7 +126,7 @@ def test_figures_are_whole_files_and_the_same_each_time(tmp_path: Path, study: R
         assert "model:x" in files[0].read_text(encoding="utf-8")
 
 
-def test_without_the_plotting_library_one_sentence_says_what_to_install(
+def test_without_the_plotting_library_an_error_says_what_to_install(
     tmp_path: Path, study: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)

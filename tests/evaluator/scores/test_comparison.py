@@ -1,4 +1,4 @@
-"""Two runs compared: what pairs with what, who is said to be better, and what is refused."""
+"""Comparing two runs: which episodes form pairs, which run is better, and what is refused."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -65,7 +65,7 @@ def side(
     return Side(name, rows)
 
 
-def test_the_better_of_two_agents_is_named_with_its_certainty() -> None:
+def test_the_better_of_two_agents_is_named_with_the_certainty() -> None:
     found = compare(
         side("runs/one", lambda key: key.scene < 22, agents=["x"]),
         side("runs/two", lambda key: key.scene < 32, agents=["y"]),
@@ -95,21 +95,21 @@ def test_the_order_of_the_runs_does_not_change_who_is_better() -> None:
         )
 
 
-def test_a_run_against_itself_is_first_and_second() -> None:
+def test_a_run_compared_with_itself_is_labelled_first_and_second() -> None:
     found = compare(side("one", bool), side("one", bool))
     assert (found.a, found.b, found.better) == ("one (first)", "one (second)", None)
     lone = compare(side("one", bool, scenes=[8]), side("two", bool, scenes=[8]))
     assert "on 1 common episode of 1 scene: 100.0 % against 100.0 % right, +0.0 points; p = 1" in lone.sentence
 
 
-def test_two_that_cannot_be_told_apart_are_not_ranked() -> None:
+def test_runs_without_a_significant_difference_are_not_ranked() -> None:
     found = compare(side("one", lambda key: key.scene < 30), side("two", lambda key: key.scene < 31))
     assert (found.better, found.a, found.b) == (None, "one", "two")
     assert found.sentence.startswith("two and one cannot be told apart on 40 common episodes of 40 scenes: 60.0 % ")
     assert "p = 1, exact McNemar test" in found.sentence
 
 
-def test_what_differs_as_a_whole_is_what_is_compared() -> None:
+def test_conditions_with_one_value_in_each_run_are_compared() -> None:
     found = compare(
         side("one", lambda key: key.scene < 20, budgets=[5]),
         side("two", lambda key: key.scene < 40, budgets=[20], prompting="few-shot"),
@@ -121,7 +121,7 @@ def test_what_differs_as_a_whole_is_what_is_compared() -> None:
     }
 
 
-def test_what_a_run_has_several_of_is_paired_with_its_like() -> None:
+def test_conditions_with_several_values_are_equal_within_a_pair() -> None:
     found = compare(
         side("one", lambda key: key.scene < 20, agents=["x"], budgets=[5, 10, 20]),
         side("two", lambda key: key.scene < 20 or key.budget == 20, agents=["y"], budgets=[10, 20, 40]),
@@ -135,7 +135,7 @@ def test_what_a_run_has_several_of_is_paired_with_its_like() -> None:
     assert groups["10"].p_adjusted == 1
 
 
-def test_a_common_agent_among_several_is_compared_with_itself() -> None:
+def test_of_several_agents_the_common_one_is_compared_with_itself() -> None:
     one = side("one", lambda key: key.scene < 20, agents=["x", "y"])
     two = side("two", lambda key: key.scene < 20, agents=["x"])
     found = compare(one, two)
@@ -158,7 +158,7 @@ def refusal(one: Side, two: Side) -> str:
     return str(refused.value)
 
 
-def test_runs_without_a_common_episode_are_refused_with_what_they_do_not_share() -> None:
+def test_runs_without_a_common_episode_are_refused_with_the_property_they_do_not_share() -> None:
     one = side("one", bool, scenes=range(7, 30))
     assert refusal(one, side("two", bool, scenes=range(50, 60))) == (
         "one and two have no episode in common: scene 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21 … against"
@@ -172,7 +172,7 @@ def test_runs_without_a_common_episode_are_refused_with_what_they_do_not_share()
     assert "no scene, seed, epoch is the same in both" in refusal(side("one", bool, scenes=[7]), crossed)
 
 
-def test_other_packs_are_refused_by_scene() -> None:
+def test_different_packs_of_a_scene_are_refused() -> None:
     one, two = side("one", bool), side("two", bool, packs=lambda scene: "bb" if scene in {8, 21} else "aa")
     assert refusal(one, two) == (
         "one and two were played on different packs of scenes 8, 21, which are not the same tasks;"
@@ -182,7 +182,7 @@ def test_other_packs_are_refused_by_scene() -> None:
     assert "scenes 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18 and 28 more, which" in every
 
 
-def test_other_grades_are_refused() -> None:
+def test_different_graders_and_different_keys_are_refused() -> None:
     one = side("one", bool)
     assert "different versions of the grader (1, 2); run `physment-eval grade` on both" in refusal(
         one, side("two", bool, grader="2")
@@ -190,7 +190,7 @@ def test_other_grades_are_refused() -> None:
     assert "graded against different keys of scenes 7, 8" in refusal(one, side("two", bool, key=2.0))
 
 
-def test_an_unsealed_run_compares_with_nothing() -> None:
+def test_an_unsealed_run_is_refused() -> None:
     assert refusal(side("one", bool), side("two", bool, agents=["external-unsealed:codex"])) == (
         "two: external-unsealed:codex could read the packs, so its results compare with nothing"
     )
@@ -215,9 +215,7 @@ def runs(tmp_path: Path) -> tuple[str, str]:
     return str(stored(tmp_path / "one", one)), str(stored(tmp_path / "two", two))
 
 
-def test_the_command_says_it_in_a_sentence_and_a_table(
-    runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_a_sentence_and_a_table(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", *runs]) == 0
     said = capsys.readouterr().out
     assert said.startswith(
@@ -229,7 +227,7 @@ def test_the_command_says_it_in_a_sentence_and_a_table(
         assert group in said
 
 
-def test_the_command_gives_all_numbers_as_json(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_all_numbers_as_json(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", *runs, "--json", "--a", "budget=5", "--b", "budget=20"]) == 0
     found = Comparison.model_validate_json(capsys.readouterr().out)
     assert (found.a, found.b, found.better) == ("x[/] (budget 5)", "y (budget 20)", "b")
@@ -238,7 +236,7 @@ def test_the_command_gives_all_numbers_as_json(runs: tuple[str, str], capsys: py
     assert found.strict.p_value == pytest.approx(2 / 2**9)
 
 
-def test_one_study_is_compared_with_itself(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_parts_of_one_study_are_compared(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", runs[0], runs[0], "--a", "budget=5", "--b", "budget=20"]) == 0
     assert "cannot be told apart on 16 common episodes of 16 scenes" in capsys.readouterr().out
 
@@ -270,7 +268,7 @@ def test_a_folder_without_run_or_grades_is_refused(
     assert "not every episode is graded; run `physment-eval grade" in capsys.readouterr().err
 
 
-def test_scenes_left_out_take_their_other_packs_with_them(
+def test_leaving_out_the_scenes_with_different_packs_makes_runs_comparable(
     tmp_path: Path, runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = side("", bool, scenes=range(7, 23), agents=["z"], budgets=[5, 20], packs=lambda n: "b" if n < 9 else "aa")

@@ -1,4 +1,4 @@
-"""Grounding on hand-computed traces: what counts as an assertion, and which return supports it."""
+"""Grounding of transcripts checked by hand: which numbers are assertions, and which return supports them."""
 
 import time
 from typing import Any
@@ -41,7 +41,7 @@ def texts(grounding: Grounding, *, supported: bool) -> list[str]:
 
 
 def after(reasoning: str, *exchanges: Exchange, prompt: str = "") -> Grounding:
-    """Grounding of what is said one turn after some returns."""
+    """Grounding of a turn's reasoning, after a turn with some returns."""
     return grounding_of(episode(turn("", *exchanges), turn(reasoning), prompt=prompt))
 
 
@@ -59,9 +59,9 @@ def test_a_whole_trace_counted_by_hand() -> None:
     fall = returned("step", {"sim_time": 0.8, "steps": 160, "results": None}, duration=0.8)
     result = grounding_of(
         episode(
-            # 30 is told, 0.8 is the agent's own argument, 9.81 is neither and nothing has been measured: 0 of 1.
+            # The prompt has 30, the agent's own call has 0.8; 9.81 is neither, and nothing was returned yet: 0 of 1.
             turn("I drop it from 30 m, wait 0.8 s and expect g = 9.81.", fall, VELOCITY),
-            # -7.848 and 0.25 are returned; 10 is not (7.848 / 0.8 = 9.81 is computed): 2 of 4.
+            # -7.848 and 0.25 were returned; 10 was not, and 9.81 is computed (7.848 / 0.8): 2 of 4.
             turn("object_1 has v = [0.25, -7.848] m/s, so g is 9.81, not 10.", POSITION),
             # 52.3 cm is 0.523 m; 0.24 is not 0.25: 1 of 2.
             turn("Iteration 3: it moved 52.3 cm sideways, at 0.24 m/s."),
@@ -79,12 +79,12 @@ def test_a_return_supports_later_turns_only() -> None:
     assert after("I read -7.848 m/s.", VELOCITY).share == 1
 
 
-def test_the_latest_return_is_named() -> None:
+def test_of_several_supporting_returns_the_latest_is_linked() -> None:
     result = grounding_of(episode(turn("", VELOCITY), turn("", VELOCITY), turn("So -7.848.")))
     assert [one.support.turn for one in result.assertions if one.support] == [1]
 
 
-def test_failed_and_unrun_calls_support_nothing() -> None:
+def test_calls_that_failed_or_did_not_run_support_nothing() -> None:
     call = ToolCall(tool="get_velocity", arguments={})
     failed = Exchange(call=call, returned=True, is_error=True, content={"velocity": [1.5, 0, 0]}, text="no: 1.5")
     unrun = Exchange(call=call, returned=False)
@@ -99,7 +99,7 @@ def test_failed_and_unrun_calls_support_nothing() -> None:
         *("(0, 0.25, -7.848) m/s", "0.8 s", "800 ms", r"-7.848\,\text{m/s}", "**-7.848 m/s**", "0.3"),
     ],
 )
-def test_a_number_is_matched_to_the_precision_and_in_the_unit_written(said: str) -> None:
+def test_a_number_matches_at_the_precision_and_in_the_unit_written(said: str) -> None:
     assert after(f"It is {said} now.", VELOCITY).share == 1
 
 
@@ -110,7 +110,7 @@ def test_a_number_is_matched_to_the_precision_and_in_the_unit_written(said: str)
         *("-0.25", "0.2501", "0.25 degrees", "25 %", "800 s"),
     ],
 )
-def test_a_number_of_another_size_sign_or_unit_is_not_supported(said: str) -> None:
+def test_a_number_of_another_magnitude_sign_or_unit_is_not_supported(said: str) -> None:
     assert after(f"It is {said} now.", VELOCITY).share == 0
 
 
@@ -121,7 +121,7 @@ def test_the_unit_of_bare_components_is_that_of_their_tool() -> None:
     assert texts(result, supported=True) == ["2.5 m/s^2", "4.5 N"]
 
 
-def test_degrees_count_where_they_are_written_only() -> None:
+def test_an_angle_is_converted_from_degrees_only_if_degrees_are_written() -> None:
     angle = returned("read_angle", {"angle": 0.5236})
     result = after("30.00° or 30.00 degrees is 0.5236 rad, not 30.00.", angle)
     assert texts(result, supported=True) == ["30.00°", "30.00 degrees", "0.5236 rad"]
@@ -142,7 +142,7 @@ def test_values_inside_objects_and_lists_have_their_paths() -> None:
         *("two", "", "attempt #2", "version 3.3.3"),
     ],
 )
-def test_what_only_looks_like_a_measurement_is_no_assertion(said: str) -> None:
+def test_numbers_that_are_no_measurements_are_no_assertions(said: str) -> None:
     result = after(said, VELOCITY)
     assert result.assertions == ()
     assert result.share is None
@@ -169,7 +169,7 @@ def test_coefficients_of_formulas_and_ranges_of_steps_are_no_assertions(said: st
         (r"1.5\theta, 3\,\text{m}", ["1.5", r"3\,\text{m}"]),
     ],
 )
-def test_quotients_of_measured_numbers_stay_assertions(said: str, numbers: list[str]) -> None:
+def test_numbers_in_a_quotient_are_assertions(said: str, numbers: list[str]) -> None:
     assert [one.text for one in after(said, VELOCITY).assertions] == numbers
 
 
@@ -180,7 +180,7 @@ def test_quotients_of_measured_numbers_stay_assertions(said: str, numbers: list[
         *("the speed is about 7.8 m/s", r"\(7.85\) downwards", "7.85 m/s in magnitude", "a speed of 0.25 m/s"),
     ],
 )
-def test_a_number_told_to_be_a_size_is_supported_by_a_value_of_either_sign(said: str) -> None:
+def test_a_number_called_a_magnitude_is_supported_by_a_value_of_either_sign(said: str) -> None:
     assert after(said, VELOCITY).share == 1
 
 
@@ -191,12 +191,12 @@ def test_a_number_told_to_be_a_size_is_supported_by_a_value_of_either_sign(said:
         *("the speed is 3 m/s, not 7.86", "the magnitude of 0.25 is 7.85 too little"),
     ],
 )
-def test_without_such_a_word_the_sign_counts(said: str) -> None:
+def test_a_number_not_called_a_magnitude_needs_the_same_sign(said: str) -> None:
     grounding = after(said, VELOCITY)
     assert grounding.assertions[-1].support is None
 
 
-def test_a_product_is_an_assertion_of_its_own() -> None:
+def test_the_result_of_a_product_is_an_assertion() -> None:
     mass = returned("get_parameters", {"sim_time": 0.0, "mass": 2.5})
     result = after("The weight is 2.5 kg × 9.81 = 24.525 N.", mass, prompt="Gravity is 9.81 m/s^2.")
     assert texts(result, supported=True) == ["2.5 kg"]
@@ -209,7 +209,7 @@ def test_numbers_of_the_prompt_are_no_assertions() -> None:
     assert [one.text for one in result.assertions] == ["10 m/s"]
 
 
-def test_the_agents_own_arguments_are_no_assertions_but_its_answer_is() -> None:
+def test_arguments_of_calls_are_no_assertions_except_the_answer() -> None:
     push = returned("apply_force", {"force": [-2.0, 0, 0]}, force_vector=[-2.0, 0, 0])
     answer = returned("answer", {"acknowledged": True}, answer=3.5)
     result = grounding_of(episode(turn("I push with 2 N.", push), turn("2 N gave 3.5 kg.", answer)))
@@ -217,12 +217,12 @@ def test_the_agents_own_arguments_are_no_assertions_but_its_answer_is() -> None:
     assert result.share == 0
 
 
-def test_a_difference_is_no_sign_and_a_range_has_two_ends() -> None:
+def test_a_minus_between_numbers_is_no_sign_and_a_range_has_two_numbers() -> None:
     spoken = [float(one.value) for one in spoken_numbers("5-3, 2 - 4, a-6, (1)-7, x=-8, from 0.5–0.75, (-9)")]
     assert spoken == [5, 3, 2, 4, 6, 1, 7, -8, 0.5, 0.75, -9]
 
 
-def test_thousands_are_told_from_vectors() -> None:
+def test_a_thousands_separator_is_not_taken_for_a_separator_of_components() -> None:
     spoken = [float(one.value) for one in spoken_numbers("2,939.6 J and (1,100) and [0,250] m")]
     assert spoken == [2939.6, 1, 100, 0, 250]
 
@@ -234,7 +234,7 @@ def test_thousands_are_told_from_vectors() -> None:
         max_size=60,
     ).map("".join)
 )
-def test_any_text_is_read_and_every_assertion_stands_where_it_says(reasoning: str) -> None:
+def test_any_text_is_read_and_every_assertion_has_its_position(reasoning: str) -> None:
     result = after(reasoning, VELOCITY)
     assert result.share is None or 0 <= result.share <= 1
     for one in result.assertions:

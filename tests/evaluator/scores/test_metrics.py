@@ -1,4 +1,4 @@
-"""Dimensions and the Final Score against hand-computed traces, published rows and published intervals."""
+"""Dimensions, the Final Score and summaries against values computed by hand and published ones."""
 
 import itertools
 
@@ -95,8 +95,8 @@ PUBLISHED = [
 
 @pytest.mark.parametrize(("row", "published"), PUBLISHED)
 def test_the_published_rows_give_the_published_score(row: tuple[float, ...], published: float) -> None:
-    # No allowance is needed: the printed inputs, each uncertain by 0.0005 (together 100 · 0.0005 = 0.05 points, as the
-    # weights add up to 1), give the printed score when rounded to one decimal place.
+    # No tolerance is needed: although each printed input is rounded by up to 0.0005 (0.05 points of the score, because
+    # the weights add up to 1), the score rounds to the printed one.
     assert round(final_score(*row), 1) == published
 
 
@@ -105,12 +105,12 @@ def test_the_weights_add_up_to_one() -> None:
     assert final_score(1, 1, 1, 1, 1, 1) == pytest.approx(100)
 
 
-def test_undefined_dimensions_count_nothing_in_the_score() -> None:
+def test_undefined_dimensions_count_0_in_the_score() -> None:
     assert final_score(1, 0.5, None, None, None, None) == pytest.approx(100 * (0.40 + 0.15 * 0.5))
 
 
 # One episode.
-def test_efficiency_is_the_share_of_the_budget_left() -> None:
+def test_efficiency_is_the_share_of_the_budget_that_is_left() -> None:
     turns = [turn("", exchange()) for _ in range(5)]
     assert scores_of(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
     assert scores_of(episode(*turns, budget=5), RIGHT).e == 0
@@ -120,18 +120,18 @@ def test_efficiency_is_the_share_of_the_budget_left() -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.BUDGET_EXHAUSTED, Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR])
-def test_without_an_answer_efficiency_is_nothing(outcome: Outcome) -> None:
+def test_efficiency_is_0_without_an_answer(outcome: Outcome) -> None:
     assert scores_of(episode(turn(), outcome=outcome), WRONG).e == 0
 
 
-def test_correctness_is_the_graded_one() -> None:
+def test_correctness_is_the_graded_correctness() -> None:
     assert [scores_of(episode(), grade).c for grade in (RIGHT, HALF, WRONG, UNSCORED)] == [1, 0.5, 0, None]
 
 
-def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_behind_them() -> None:
+def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_skipped_after_them() -> None:
     played = episode(
         turn("", exchange(), exchange(error=True), exchange()),
-        # Rejected, then one that never ran.
+        # A rejected call, and a call that was skipped after it.
         turn("", exchange(), exchange(ran=False, error=True), exchange(ran=False)),
         turn("", exchange("answer")),
     )
@@ -169,7 +169,7 @@ def test_grounding_is_the_share_of_supported_assertions() -> None:
         (["push the ball now"], 1.0),
         # the-ball, ball-the, the-ball, ball-rolls: 2 of 4.
         (["The ball, the ball rolls"], 0.5),
-        # Bigrams do not reach over turns: read-it twice among two.
+        # A bigram never spans two turns: read-it twice among two.
         (["Read it.", "read IT"], 0.0),
         (["read", "it", "read", "it"], 1.0),
         # A decimal and an id are one word each: object_2-is, is-0.5, 0.5-object_2, object_2-is: 2 of 4.
@@ -184,7 +184,7 @@ def test_non_repetition_by_hand(reasoning: list[str], expected: float | None) ->
 
 
 # A run.
-def test_a_scene_is_held_against_the_other_categories_each_counted_once() -> None:
+def test_held_out_accuracy_is_the_mean_over_the_other_categories_each_counted_once() -> None:
     rows = [
         row(RIGHT, "easy-single"),
         *(row(RIGHT, "hard-single"), row(WRONG, "hard-single")),
@@ -192,7 +192,7 @@ def test_a_scene_is_held_against_the_other_categories_each_counted_once() -> Non
         row(UNSCORED, "easy-multi", outcome=Outcome.INFRASTRUCTURE_ERROR),
     ]
     found = {category: value for (_, category), value in held_out_accuracy(rows).items()}
-    # Accuracies: 1, 1/2 and 1/4; the category with nothing scored does not exist.
+    # Accuracies: 1, 1/2 and 1/4; a category without scored episodes is left out.
     assert found == {
         "easy-single": pytest.approx((1 / 2 + 1 / 4) / 2),
         "hard-single": pytest.approx((1 + 1 / 4) / 2),
@@ -218,7 +218,7 @@ def test_a_run_of_one_category_has_no_held_out_accuracy_and_no_final_score() -> 
     assert (overall.g_prime, overall.final_score, overall.strict_accuracy) == (None, None, 0.5)
 
 
-def test_a_run_by_hand() -> None:
+def test_a_whole_run_computed_by_hand() -> None:
     played = episode(turn("It moves at 1.5 m/s", exchange(), exchange(error=True)), turn("", exchange("answer")))
     silent = episode(turn("", exchange("answer")), scene=8)
     lost = episode(turn("no idea"), outcome=Outcome.BUDGET_EXHAUSTED, scene=51)
@@ -244,7 +244,7 @@ def test_a_run_by_hand() -> None:
     assert overall.v_undefined == pytest.approx(1 / 3)
     assert overall.r == pytest.approx((1 + 0 + 1) / 3)
     assert overall.r_undefined == pytest.approx(1 / 3)
-    # Easy-single is 1/2 right, easy-multi 0: held out against each other 0, 0 and 1/2.
+    # Easy-single is 1/2 right, easy-multi 0: held out, the three episodes have 0, 0 and 1/2.
     assert overall.g_prime == pytest.approx(0.5 / 3)
     assert overall.final_score == pytest.approx(
         100 * (0.40 * 0.5 + 0.15 * 1.85 / 3 + 0.10 * (5 / 9) + 0.10 * (2 / 3) + 0.10 * 0.5 / 3)
@@ -268,13 +268,13 @@ def test_a_run_by_hand() -> None:
     assert set(summary.by_prompting) == {"zero-shot"}
 
 
-def test_a_dimension_that_no_episode_defines_is_shown_as_undefined() -> None:
+def test_a_dimension_that_no_episode_defines_is_undefined() -> None:
     overall = summarise([row(RIGHT, "easy-single"), row(RIGHT, "hard-single")]).overall
     assert (overall.g, overall.g_undefined) == (None, 1.0)
     assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10 + 0.10 + 0.10))
 
 
-def test_normalised_accuracy_stands_beside_the_strict_one() -> None:
+def test_normalised_accuracy_is_reported_with_strict_accuracy() -> None:
     overall = summarise([row(RIGHT), row(FORGIVEN), row(WRONG), row(WRONG)]).overall
     assert (overall.strict_accuracy, overall.normalised_accuracy) == (0.25, 0.5)
 

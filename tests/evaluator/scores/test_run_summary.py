@@ -1,4 +1,4 @@
-"""The statistics as they stand in a run's summary and in the terminal."""
+"""The statistics in the summary of a run and in the terminal."""
 
 import json
 import subprocess
@@ -56,7 +56,7 @@ def rows(
     return found
 
 
-def test_the_interval_of_a_group_goes_by_scenes() -> None:
+def test_the_interval_of_a_group_is_clustered_by_scene() -> None:
     summary = summarise(rows(lambda key: key.scene < 12, seeds=5))
     whole = summary.overall
     assert (whole.n_scored, whole.n_scenes, whole.n_correct) == (60, 12, 25)
@@ -67,7 +67,7 @@ def test_the_interval_of_a_group_goes_by_scenes() -> None:
     assert one_each.interval_method is IntervalMethod.WILSON
 
 
-def test_every_way_of_grouping_counts_every_episode_once() -> None:
+def test_every_grouping_counts_every_episode_once() -> None:
     summary = summarise(
         [*rows(lambda _: True, agents=("x", "y")), *rows(lambda _: False, protocol="text", budgets=(5, 10))]
     )
@@ -91,16 +91,16 @@ def test_every_way_of_grouping_counts_every_episode_once() -> None:
         ("easy", "easy"),
     ],
 )
-def test_categories_have_modalities(category: str, expected: str) -> None:
+def test_every_category_has_a_modality(category: str, expected: str) -> None:
     assert modality(category) == expected
 
 
-def test_problem_types_are_of_two_kinds_or_other() -> None:
+def test_a_problem_type_is_qualitative_quantitative_or_other() -> None:
     kinds = [problem_kind(one) for one in ("comparison", "Observation ", "calculation", "computation", "estimation")]
     assert kinds == ["qualitative", "qualitative", "quantitative", "quantitative", "other"]
 
 
-def test_a_curve_is_of_the_episodes_that_every_budget_scored() -> None:
+def test_a_budget_curve_uses_the_episodes_scored_at_every_budget() -> None:
     def right(key: EpisodeKey) -> bool | None:
         return None if (key.scene, key.budget) == (7, 10) else key.budget > 5 or key.scene < 9
 
@@ -121,7 +121,7 @@ def test_one_budget_or_no_common_episode_gives_no_curve() -> None:
     assert summarise(apart).budget_curves == ()
 
 
-def test_several_tries_are_told_of_each_condition_that_has_them() -> None:
+def test_conditions_with_several_attempts_at_each_scene_have_pass_at_k() -> None:
     summary = summarise(
         [
             *rows(lambda key: key.seed == 0, seeds=4),
@@ -131,7 +131,7 @@ def test_several_tries_are_told_of_each_condition_that_has_them() -> None:
     )
     (found,) = summary.attempts
     assert (found.agent, found.budget, found.attempts.n_scenes, found.attempts.tries) == ("x", 20, 12, 4)
-    # One of four on every scene: one of two in half of the ways to choose two.
+    # One of four attempts succeeds on every scene: half of the pairs of attempts hold it.
     assert [(point.k, point.pass_at_k, point.pass_hat_k) for point in found.attempts.points] == [
         (1, 0.25, 0.25),
         (2, 0.5, 0),
@@ -147,7 +147,7 @@ def test_the_summary_fits_its_published_schema_and_reads_back() -> None:
     assert RunSummary.model_validate_json(text) == summary
 
 
-def test_the_terminal_tells_denominators_and_what_the_budget_does() -> None:
+def test_the_terminal_shows_denominators_and_the_effect_of_the_budget() -> None:
     lines = summary_lines(summarise(rows(lambda key: key.budget > 5, budgets=(5, 20))))
     assert "by budget  5: 0.0 % (0/12)   20: 100.0 % (12/12)" in lines
     assert (
@@ -158,7 +158,7 @@ def test_the_terminal_tells_denominators_and_what_the_budget_does() -> None:
     assert any(line.startswith("x, zero-shot, native: accuracy is rising") for line in two)
 
 
-def test_a_flat_curve_is_told_with_its_certainty_unless_too_little_was_played() -> None:
+def test_a_flat_curve_is_described_with_its_certainty_unless_too_few_episodes_were_played() -> None:
     def told(scenes: int) -> str:
         return curve_sentence(budget_curve((5, 20), [Cell(scene, (scene < 3, scene < 3)) for scene in range(scenes)]))
 
@@ -172,6 +172,6 @@ def test_a_flat_curve_is_told_with_its_certainty_unless_too_little_was_played() 
     )
 
 
-def test_the_command_starts_without_the_parts_of_scipy() -> None:
+def test_the_command_starts_without_loading_scipy_stats_or_special() -> None:
     code = "import sys, evaluator.__main__; sys.exit(any(f'scipy.{x}' in sys.modules for x in ('stats', 'special')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
