@@ -274,7 +274,7 @@ def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
     file = folder / "episodes.jsonl"
     file.write_bytes(b'{"format": 1}\n' + file.read_bytes())
     for words in (["grade", folder], ["report", folder], ["run", "--scenes", "7", "--out", folder, "--resume"]):
-        assert "episodes.jsonl, line 1 is damaged: Field required" in refused(capsys, *words)
+        assert "episodes.jsonl, line 1 is damaged: key: Field required" in refused(capsys, *words)
     (folder / "run.json").write_text("{", encoding="utf-8")
     assert "run.json cannot be read" in refused(capsys, "report", folder)
 

@@ -87,8 +87,8 @@ def test_leaving_later_is_recorded_as_an_episode_without_an_answer(tmp_path: Pat
     ("words", "said"),
     [
         (("999",), "there is no such scene"),
-        (("x",), "x is not a whole number"),
-        (("7", "--seed", "-1"), "-1 is not a whole number"),
+        (("x",), "x is not the number of a scene"),
+        (("7", "--seed", "-1"), "-1 is not a seed"),
         (("7", "--server", "no-such-program --scene {scene}"), "the server command"),
     ],
 )
