@@ -1,1 +1,1 @@
-"""Why an episode may have gone wrong: six rules over a recorded episode, each with its evidence."""
+"""Detects six failure modes in a recorded episode, each with evidence."""

@@ -1,4 +1,4 @@
-"""Detectors that look at the answer: given too early, in the wrong form, after too little simulated time."""
+"""Detectors that examine the answer: given too early, in the wrong form, or after too little simulated time."""
 
 import re
 
@@ -16,14 +16,14 @@ from evaluator.failures.course import (
     step_duration,
     succeeded,
 )
-from evaluator.failures.findings import AnswerForm, Evidence, Failure, FailureMode, answering_turn, quote_at
+from evaluator.failures.findings import Evidence, ExpectedForm, Failure, FailureMode, answering_turn, quote_at
 from evaluator.quantities.spoken import spoken_numbers
 from evaluator.quantities.units import parse_unit
 from evaluator.records import Episode, Grade, Verdict
 from scenes.pack import AnswerKind
 
 LEAST_TIME_S = 0.1
-"""Simulated time below which a judgement of motion is held to be rash [s]: 20 of the suite's time steps of 5 ms."""
+"""Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""
 
 _PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
 _SECOND = parse_unit("s")
@@ -31,9 +31,9 @@ _OBJECT_ID = re.compile(r"object_\d+|\d+")
 
 
 def premature_answer(episode: Episode) -> Failure | None:
-    """Answered, with iterations left, before the return of any successful reading had been read.
+    """Answered before it had seen the result of any successful reading, with iterations left.
 
-    Readings in the same batch as the answer do not count: the agent had not seen them.
+    Readings in the same batch as the answer do not count, because the agent had not seen them.
     """
     if not has_answered(episode) or len(episode.turns) >= episode.allowance or read_before_answer(episode):
         return None
@@ -54,27 +54,27 @@ def premature_answer(episode: Episode) -> Failure | None:
 
 
 def too_little_time(episode: Episode) -> Failure | None:
-    """Judged motion before there was any, or a period before it was over.
+    """Answered about motion before anything moved, or stated a period longer than the simulated time.
 
-    The first: less than `LEAST_TIME_S` was simulated in all, and either everything read of motion was 0, or something
-    was pushed or given a speed and nothing read of it. The second: the reasoning of the answer tells a period that is
-    longer than all simulated time.
+    The first case: less than `LEAST_TIME_S` was simulated in total, and either every reading of motion was 0, or
+    something was pushed or given a velocity and no motion was read. The second case: the reasoning of the answering
+    turn states a period that is longer than the total simulated time.
     """
     if not has_answered(episode):
         return None
-    simulated = sum(step_duration(one) or 0.0 for one in exchanges(episode))
+    simulated = sum(step_duration(place) or 0.0 for place in exchanges(episode))
     about_motion = [
-        one
-        for one in exchanges(episode)
-        # What stands beside the answer was not read before it.
-        if one.turn < answering_turn(episode) and succeeded(one) and one.tool in PUSHES | MOTION_READINGS
+        place
+        for place in exchanges(episode)
+        # Results in the answering turn were not seen before the answer.
+        if place.turn < answering_turn(episode) and succeeded(place) and place.tool in PUSHES | MOTION_READINGS
     ]
     if simulated < LEAST_TIME_S and about_motion and not any(map(shows_motion, about_motion)):
-        return _rash(simulated, about_motion[-1])
-    return _less_than_a_period(episode, simulated) if simulated > 0 else None
+        return _before_motion(simulated, about_motion[-1])
+    return _before_a_period(episode, simulated) if simulated > 0 else None
 
 
-def _rash(simulated: float, last: Place) -> Failure:
+def _before_motion(simulated: float, last: Place) -> Failure:
     how_long = (
         f"after {simulated:.3g} s of simulated time, in which nothing moved" if simulated else "before time passed"
     )
@@ -92,7 +92,7 @@ def _rash(simulated: float, last: Place) -> Failure:
     )
 
 
-def _less_than_a_period(episode: Episode, simulated: float) -> Failure | None:
+def _before_a_period(episode: Episode, simulated: float) -> Failure | None:
     turn = answering_turn(episode)
     text = episode.turns[turn].reasoning
     for number in spoken_numbers(text):
@@ -100,7 +100,7 @@ def _less_than_a_period(episode: Episode, simulated: float) -> Failure | None:
         if number.unit == _SECOND and period > simulated and _PERIOD.search(text[: number.start]):
             return Failure(
                 mode=FailureMode.TOO_LITTLE_TIME,
-                explanation=f"It told a period of {period:.3g} s after {simulated:.3g} s of simulated time.",
+                explanation=f"It stated a period of {period:.3g} s after {simulated:.3g} s of simulated time.",
                 evidence=(
                     Evidence(
                         turn=turn,
@@ -112,19 +112,19 @@ def _less_than_a_period(episode: Episode, simulated: float) -> Failure | None:
     return None
 
 
-def answer_format(episode: Episode, grade: Grade, form: AnswerForm) -> Failure | None:
-    """Answered, strictly wrong, in a form that the question does not ask for.
+def answer_format(episode: Episode, grade: Grade, expected: ExpectedForm) -> Failure | None:
+    """Answered in a form that the question does not ask for, and was strictly wrong.
 
-    A right value in another form (normalised grading forgives it), a wrong count of values, words for numbers, or a
-    choice that is none of the options.
+    The forms: a right value that only normalised grading accepts, a wrong number of values, words where numbers were
+    requested, or a choice that is not among the options.
     """
     if not has_answered(episode) or grade.strict is not Verdict.INCORRECT:
         return None
-    why = _misfit(episode, grade, form)
+    why = _difference(episode, grade, expected)
     if not why:
         return None
     turn = answering_turn(episode)
-    calls = [one.position for one in exchanges(episode) if one.turn == turn and one.tool == "answer"]
+    calls = [place.position for place in exchanges(episode) if place.turn == turn and place.tool == "answer"]
     return Failure(
         mode=FailureMode.ANSWER_FORMAT,
         explanation=f"It answered in another form than was asked for: {why}.",
@@ -132,28 +132,28 @@ def answer_format(episode: Episode, grade: Grade, form: AnswerForm) -> Failure |
     )
 
 
-def _misfit(episode: Episode, grade: Grade, form: AnswerForm) -> str:
-    """How the form of an answer differs from the one asked for; empty if it does not."""
+def _difference(episode: Episode, grade: Grade, expected: ExpectedForm) -> str:
+    """How the form of an answer differs from the expected one; empty if it does not."""
     if grade.normalisation is not None:
         return f"right, but for its form ({grade.normalisation.value.replace('_', ' ')})"
-    items = _items(episode.answer, form)
+    items = _items(episode.answer, expected)
     if items is None:
-        return "one value was asked for" if form.parts is None else f"{form.parts} values were asked for"
-    said = [str(one).strip().lower() for one in items]
-    if form.options:
-        options = {one.strip().lower() for one in form.options}
+        return "one value was asked for" if expected.parts is None else f"{expected.parts} values were asked for"
+    said = [str(item).strip().lower() for item in items]
+    if expected.options:
+        options = {option.strip().lower() for option in expected.options}
         return "" if options.issuperset(said) else "none of the options"
-    if form.kind is AnswerKind.OBJECTS:
-        return "" if all(_OBJECT_ID.fullmatch(one) for one in said) else "no id of an object"
-    if form.is_numeric and any(plain_number(one) is None for one in items):
+    if expected.kind is AnswerKind.OBJECTS:
+        return "" if all(map(_OBJECT_ID.fullmatch, said)) else "no id of an object"
+    if expected.is_numeric and any(plain_number(item) is None for item in items):
         return "words, where a number was asked for"
     return ""
 
 
-def _items(answer: JsonValue, form: AnswerForm) -> list[Item] | None:
-    """The parts of an answer; None where it has not as many as were asked for."""
-    if form.parts is None:
+def _items(answer: JsonValue, expected: ExpectedForm) -> list[Item] | None:
+    """The parts of an answer; None if their number is not the expected one."""
+    if expected.parts is None:
         item = as_item(answer)
         return None if item is None else [item]
     items = strict_items(answer)
-    return items if items is not None and len(items) == form.parts else None
+    return items if items is not None and len(items) == expected.parts else None

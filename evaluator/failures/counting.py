@@ -1,4 +1,4 @@
-"""How often each failure mode shows, over many episodes. Pure."""
+"""Counts the episodes that show each failure mode. Pure functions."""
 
 from collections.abc import Iterable
 
@@ -7,19 +7,19 @@ from evaluator.records import Grade, Record, Verdict
 
 
 class FailureCount(Record):
-    """How many episodes show a failure mode. An episode may show several, so counts do not add up to a whole."""
+    """How many episodes show a failure mode. An episode may show several, so the counts may overlap."""
 
     n: int
-    """Of the scored episodes."""
+    """Among the scored episodes."""
     n_incorrect: int
-    """Of the strictly incorrect ones."""
+    """Among the strictly incorrect episodes."""
 
 
 def failure_counts(episodes: Iterable[tuple[Grade, tuple[Failure, ...]]]) -> dict[FailureMode, FailureCount]:
-    """Counts over episodes, unscored ones left out; every mode is there, be it with 0.
+    """Count each mode over the scored episodes. Every mode has an entry, also with a count of 0.
 
     Args:
-        episodes: The grade and the failures of each.
+        episodes: The grade and the failures of each episode.
     """
     shown = [
         (failure.mode, grade.strict is Verdict.INCORRECT)
@@ -29,8 +29,8 @@ def failure_counts(episodes: Iterable[tuple[Grade, tuple[Failure, ...]]]) -> dic
     ]
     return {
         mode: FailureCount(
-            n=sum(one is mode for one, _ in shown),
-            n_incorrect=sum(one is mode and incorrect for one, incorrect in shown),
+            n=sum(found is mode for found, _ in shown),
+            n_incorrect=sum(found is mode and incorrect for found, incorrect in shown),
         )
         for mode in FailureMode
     }

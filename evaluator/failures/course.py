@@ -1,4 +1,4 @@
-"""The course of an episode as the detectors ask for it: readings, deeds, simulated time. Knows no failure modes."""
+"""Queries on an episode for the detectors: its readings, actions and simulated time. Knows no failure modes."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -8,16 +8,16 @@ from evaluator.records import Episode, Exchange, Outcome
 ANSWER = "answer"
 STEP = "step"
 
-DEEDS = frozenset(
+ACTIONS = frozenset(
     {
         *("apply_force", "apply_torque", "set_velocity", "move_object", "change_position"),
         *("create_objects", "delete_objects", "attach_objects"),
     }
 )
-"""Tools that change the laboratory; what they return is what was asked for, not a reading."""
+"""Tools that change the laboratory; their result repeats the request, so it is not a reading."""
 
 PUSHES = frozenset({"apply_force", "apply_torque", "set_velocity"})
-"""The deeds that set something in motion, once time passes."""
+"""The actions that set something in motion when time passes."""
 
 MOTION_READINGS = frozenset(
     {
@@ -25,16 +25,16 @@ MOTION_READINGS = frozenset(
         *("get_kinetic_energy", "get_rotational_energy", "compute_force", "detect_collision", "get_torque"),
     }
 )
-"""Tools that tell of motion or contact, which say little before time passes."""
+"""Tools that read motion or contact, which mean little before time has passed."""
 
 _STILL = 1e-9
-"""Size of a reading that is 0 but for rounding."""
-_NO_READINGS = DEEDS | {ANSWER, STEP, "quat_to_rot_matrix"}
+"""Largest absolute value that is 0 except for rounding."""
+_NO_READINGS = ACTIONS | {ANSWER, STEP, "quat_to_rot_matrix"}
 _ID_ARGUMENTS = ("object_id", "obj1_id", "obj2_id", "object1_id", "object2_id")
 
 
 class Place(NamedTuple):
-    """An exchange and where it stands."""
+    """An exchange and its position in the episode."""
 
     turn: int
     position: int
@@ -48,57 +48,57 @@ class Place(NamedTuple):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What it was called with."""
+        """The arguments of the call."""
         return self.exchange.call.arguments
 
 
 def exchanges(episode: Episode) -> Iterator[Place]:
     """All exchanges, in order."""
     for number, turn in enumerate(episode.turns):
-        for index, one in enumerate(turn.exchanges):
-            yield Place(number, index, one)
+        for index, exchange in enumerate(turn.exchanges):
+            yield Place(number, index, exchange)
 
 
 def succeeded(place: Place) -> bool:
-    """Tell whether a call ran and returned no error."""
+    """Whether a call ran and returned no error."""
     return place.exchange.returned and not place.exchange.is_error
 
 
 def is_reading(place: Place) -> bool:
-    """Tell whether a call told something of the laboratory that was not asked into it."""
+    """Whether a call succeeded and its result says something about the laboratory that the arguments do not."""
     return succeeded(place) and place.tool not in _NO_READINGS
 
 
 def shows_motion(place: Place) -> bool:
-    """Tell whether a reading of motion is of something that moves or touches: not all of it is 0."""
+    """Whether a reading of motion or contact has a non-zero value."""
     content = place.exchange.content or {}
-    told = {name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}}
-    return place.tool in MOTION_READINGS and any(abs(value) > _STILL for value in _numbers(told))
+    measured = {name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}}
+    return place.tool in MOTION_READINGS and any(abs(value) > _STILL for value in _numbers(measured))
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """All numbers inside JSON; true counts as 1."""
+    """All numbers in a JSON value; true counts as 1."""
     if isinstance(value, dict):
         value = list(value.values())  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
     if isinstance(value, list):
-        for one in value:  # pyright: ignore[reportUnknownVariableType] - JSON
-            yield from _numbers(one)
+        for part in value:  # pyright: ignore[reportUnknownVariableType] - JSON
+            yield from _numbers(part)
     elif isinstance(value, int | float):
         yield float(value)
 
 
 def has_answered(episode: Episode) -> bool:
-    """Tell whether the episode ended with an answer."""
+    """Whether the episode ended with an answer."""
     return episode.outcome is Outcome.ANSWERED and bool(episode.turns)
 
 
 def read_before_answer(episode: Episode) -> list[Place]:
-    """The readings whose returns the agent had seen when it wrote its answer: those of earlier turns."""
-    return [one for one in exchanges(episode) if one.turn < len(episode.turns) - 1 and is_reading(one)]
+    """The readings that the agent had seen when it wrote its answer: those of earlier turns."""
+    return [place for place in exchanges(episode) if place.turn < len(episode.turns) - 1 and is_reading(place)]
 
 
 def step_duration(place: Place) -> float | None:
-    """Simulated time of a call of `step` that ran [s]; None for any other call."""
+    """Duration of a successful `step` call [s]; None for any other call."""
     duration = place.arguments.get("duration")
     if place.tool != STEP or not succeeded(place) or isinstance(duration, bool):
         return None
@@ -106,5 +106,5 @@ def step_duration(place: Place) -> float | None:
 
 
 def objects_named(place: Place) -> list[str]:
-    """The objects that a call names, as written."""
+    """The object ids in a call's arguments, as written."""
     return [str(place.arguments[name]) for name in _ID_ARGUMENTS if name in place.arguments]

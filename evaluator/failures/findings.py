@@ -1,4 +1,4 @@
-"""What detectors are given and say: the form of an answer; a mode, a sentence and its evidence. Knows no rules."""
+"""Input and output of the detectors: the expected answer form; a failure mode with evidence. Knows no rules."""
 
 import re
 from collections.abc import Mapping
@@ -17,42 +17,42 @@ _SENTENCE_END = re.compile(r"(?<=[.!?])\s|\n")
 
 
 class FailureMode(StrEnum):
-    """The six ways in which episodes fail, after the paper's error analysis.
+    """The six ways in which episodes fail, from the paper's error analysis.
 
-    They are no verdict: a right answer may be premature, and an episode may show several.
+    A failure mode is not a verdict: a right answer may be premature, and an episode may show several modes.
     """
 
     PREMATURE_ANSWER = "premature_answer"
-    """Answered before a single reading was read, with iterations left."""
+    """Answered before it had seen any reading, with iterations left."""
     TOO_LITTLE_TIME = "too_little_simulated_time"
-    """Judged motion after less simulated time than it shows itself in."""
+    """Answered about motion after too little simulated time to see it."""
     ANSWER_FORMAT = "answer_format_mismatch"
-    """Answered in another form than was asked for."""
+    """Answered in a form that the question does not ask for."""
     OBJECT_ID = "object_id_confusion"
-    """Named an object of which it had not been told, or one object by the number of another."""
+    """Used an object id that it had not been given, or gave an object the id of another one."""
     WRONG_PARAMETER = "wrong_parameter"
-    """Called a tool with arguments that do not fit, or with another mass than was measured."""
+    """Called a tool with arguments that do not fit, or with a mass that differs from the measured one."""
     THEORY_OR_SIMULATION = "theory_over_simulation_or_reverse"
-    """Took the answer from theory without or against the readings, or from readings held to be wrong."""
+    """Answered from theory without or against the readings, or from readings that it believed wrong."""
 
 
 @dataclass(frozen=True, slots=True)
-class AnswerForm:
-    """What a question asks for, without what is right: all that the detectors know of a pack."""
+class ExpectedForm:
+    """The form of answer that a question asks for, without the key. The detectors know nothing else about a pack."""
 
     kind: AnswerKind
     parts: int | None
-    """How many values a list holds; None where a single answer is asked for."""
+    """Number of values in a list; None for a single answer."""
     is_numeric: bool
-    """Whether every part of the key is a number, be it a quantity or the number of an object or of a case."""
+    """Whether every part of the key is a number: a quantity, or the number of an object or option."""
     options: tuple[str, ...] = ()
     objects: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Ids of the scene's objects, such as `object_2`, and their public names."""
+    """Object id, such as `object_2` → public name."""
 
 
-def form_of(key: AnswerKey) -> AnswerForm:
-    """The form of an answer; the same for the keys of all seeds of a scene."""
-    return AnswerForm(
+def expected_form(key: AnswerKey) -> ExpectedForm:
+    """The expected form of an answer; it is the same for all seeds of a scene."""
+    return ExpectedForm(
         kind=key.spec.kind,
         parts=len(key.value) if isinstance(key.value, tuple) else None,
         is_numeric=all(plain_number(part) is not None for part in key.parts),
@@ -62,16 +62,16 @@ def form_of(key: AnswerKey) -> AnswerForm:
 
 
 class Evidence(Record):
-    """One place of a transcript."""
+    """One place in a transcript that shows a failure."""
 
     turn: int
     """Index of the turn, from 0."""
     exchange: int | None = None
-    """Index of the exchange within the turn, from 0; None where the reasoning is meant."""
+    """Index of the exchange within the turn, from 0; None if the evidence is in the reasoning."""
     quote: str = ""
-    """What the agent or the laboratory wrote there, cut to a sentence."""
+    """A sentence that the agent or the laboratory wrote there."""
     numbers: dict[str, float] = Field(default_factory=dict[str, float])
-    """What was counted or measured, by name with its unit: `simulated_s`."""
+    """Counted or measured values; their names end in the unit: `simulated_s`."""
 
 
 class Failure(Record):
@@ -79,12 +79,12 @@ class Failure(Record):
 
     mode: FailureMode
     explanation: str
-    """One sentence for a reader of the report; never tells the key."""
+    """One sentence for the reader of the report. It never contains the key."""
     evidence: tuple[Evidence, ...]
 
 
 def quote_at(text: str, start: int = 0) -> str:
-    """The sentence or line of a text that holds a place, cut to what a report can show."""
+    """The sentence or line around a position in a text, shortened for the report."""
     ends = [found.start() for found in _SENTENCE_END.finditer(text)]
     begin = max((end + 1 for end in ends if end < start), default=0)
     end = min((end for end in ends if end > start), default=len(text))
@@ -94,5 +94,5 @@ def quote_at(text: str, start: int = 0) -> str:
 
 
 def answering_turn(episode: Episode) -> int:
-    """Index of the turn that answered: the last one of an answered episode."""
+    """Index of the turn with the answer, which is the last turn of an answered episode."""
     return len(episode.turns) - 1

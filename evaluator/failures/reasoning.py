@@ -1,18 +1,18 @@
-"""The detector that holds reasoning against readings: theory over simulation, or the reverse.
+"""The detector that compares reasoning with readings: theory over simulation, or the reverse.
 
-What an agent relied on shows in its words alone. What the words looked for miss and mistake is measured, on logs that
-had no part in choosing them, in docs/explanation/failure-modes.md.
+Only an agent's words show what it relied on, so the detector searches for phrases. Its precision and recall, on logs
+that were not used to choose the phrases, are in docs/explanation/failure-modes.md.
 """
 
 import re
 from typing import NamedTuple
 
-from evaluator.failures.course import DEEDS, STEP, exchanges, has_answered, read_before_answer
+from evaluator.failures.course import ACTIONS, STEP, exchanges, has_answered, read_before_answer
 from evaluator.failures.findings import Evidence, Failure, FailureMode, answering_turn, quote_at
 from evaluator.records import Episode
 
 _FEWEST_WORDS = 5
-"""Words that a theory takes; fewer are a guess."""
+"""Least number of words that count as a theory; fewer are a guess."""
 _SET_ASIDE = re.compile(
     r"\btheoretical(?:ly)? (?:approach|answer|value|analysis|result|calculation|physics|expectation)|"
     r"\bcalculate\b[^.\n]{0,40}\btheoretically|\banalytical(?:ly)?\b|\bconceptual(?:ly)? |\btextbook|"
@@ -28,14 +28,14 @@ _SET_ASIDE = re.compile(
     r"\bgiven (?:values?|parameters) (?:in|from)\b",
     re.IGNORECASE,
 )
-"""Words of an answer that turns to theory after something was tried."""
+"""Phrases that show an answer from theory after something was tried."""
 _BY_NAME = re.compile(
     r"\b(?:given|based on|from|by|using|use|per) (?:the )?(?:objects?'? )?(?:names?|naming|labels?)\b|"
     r"\b(?:names?|naming)\b[^.\n]{0,40}\b(?:indicat|impl(?:y|ies)|suggest|tell)|\bimplied by (?:the )?names?|"
     r"\bexplicitly (?:names?|named|labels?|labell?ed)\b",
     re.IGNORECASE,
 )
-"""Words of an answer that is taken from what objects are called."""
+"""Phrases that show an answer taken from the names of objects."""
 _AGREES = re.compile(
     r"\b(?:match(?:es|ed|ing)?|confirm(?:s|ed|ing)?|agree(?:s|d)?|consistent|verif(?:y|ies|ied)|validat\w+)\b"
     r"[^.\n]{0,40}\btheor|\btheor\w+\b[^.\n]{0,30}\b(?:confirmed|matched|verified)",
@@ -54,12 +54,11 @@ class _Cue(NamedTuple):
 
 
 def theory_or_simulation(episode: Episode) -> Failure | None:
-    """Took the answer from theory without readings or after setting them aside, or from readings that it doubted.
+    """Answered from theory without or against the readings, or from readings that it doubted.
 
-    Theory: an answer with reasoning before any reading was read; or, after something was tried in the laboratory, an
-    answer whose reasoning turns to formulas, assumptions or textbooks; or an answer from what objects are called.
-    Reverse: the reasoning calls the readings contrary to what is expected, within its last three turns, and answers
-    from them all the same.
+    Theory: an answer with reasoning before any reading; or an answer from formulas, assumptions or textbooks after
+    something was tried in the laboratory; or an answer taken from the names of objects. Reverse: within the last three
+    turns the reasoning calls the readings unexpected, and the agent still answers from them.
     """
     if not has_answered(episode):
         return None
@@ -85,7 +84,7 @@ def _from_theory(episode: Episode, turn: int, text: str) -> Failure | None:
 
 def _from_doubted_readings(episode: Episode, turn: int, text: str) -> Failure | None:
     if _first(_SET_ASIDE, text) is not None and not _AGREES.search(text):
-        return None  # it speaks of theory: what it doubted, it did not answer from
+        return None  # the answer is from theory, not from the doubted readings
     for number in range(turn, max(-1, turn - 3), -1):
         doubt = _first(_DOUBTED, episode.turns[number].reasoning)
         if doubt is not None:
@@ -94,11 +93,11 @@ def _from_doubted_readings(episode: Episode, turn: int, text: str) -> Failure | 
 
 
 def _tried(episode: Episode) -> bool:
-    """Tell whether something was done in the laboratory, or attempted, before the answering turn."""
+    """Whether an action or step was done or attempted before the answering turn."""
     last = len(episode.turns) - 1
     return any(
-        one.turn < last and (one.tool in DEEDS or one.tool == STEP or one.exchange.is_error)
-        for one in exchanges(episode)
+        place.turn < last and (place.tool in ACTIONS or place.tool == STEP or place.exchange.is_error)
+        for place in exchanges(episode)
     )
 
 

@@ -13,7 +13,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import form_of
+from evaluator.failures.findings import expected_form
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.scores.dimensions import dimensions
 from evaluator.scores.grounding import grounding_of
@@ -51,7 +51,7 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         problem_type=facts.problem_type,
         scores=dimensions(episode, record.grade, grounding, facts.disabled_tools),
         grounding=grounding,
-        failures=failures_of(episode, record.grade, form_of(keys.key(episode.key.scene, 0))),
+        failures=failures_of(episode, record.grade, expected_form(keys.key(episode.key.scene, 0))),
     )
 
 

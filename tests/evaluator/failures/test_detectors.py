@@ -1,4 +1,4 @@
-"""The six detectors on episodes made by hand: what each finds, what it passes over, and the evidence it gives."""
+"""The six detectors on handmade episodes: what each one reports, what it ignores, and the evidence it gives."""
 
 import json
 import time
@@ -13,7 +13,7 @@ from evaluator.answers.grading import grade_episode
 from evaluator.answers.strict import AnswerKey
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import Failure, FailureMode, form_of, quote_at
+from evaluator.failures.findings import Failure, FailureMode, expected_form, quote_at
 from evaluator.records import Episode, EpisodeKey, Exchange, Grade, Outcome, ToolCall, Turn, Verdict, Versions
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
 
@@ -39,7 +39,7 @@ def rejected(tool: str, **arguments: Any) -> Exchange:
 
 
 def answered(*turns: Turn, answer: JsonValue = 5.0, said: str = "", budget: int = 10) -> Episode:
-    """An episode that ends with a turn that answers."""
+    """An episode whose last turn answers."""
     last = Turn(reasoning=said, exchanges=(call("answer", answer=answer),))
     return Episode(
         key=EpisodeKey(scene=7, seed=0, agent="scripted", budget=budget),
@@ -63,7 +63,7 @@ def turn(*exchanges: Exchange, said: str = "") -> Turn:
 
 def found(episode: Episode, key: AnswerKey | None = None) -> dict[FailureMode, Failure]:
     key = key or number_key()
-    return {one.mode: one for one in failures_of(episode, grade_episode(episode, key), form_of(key))}
+    return {failure.mode: failure for failure in failures_of(episode, grade_episode(episode, key), expected_form(key))}
 
 
 LOOK = call("get_position", {"position": [1.0, 0.0, 0.0]}, object_id="object_1")
@@ -74,14 +74,14 @@ REST = call("get_velocity", {"velocity": [0.0, 0.0, 0.0], "sim_time": 0.05}, obj
 SOUND = (turn(PUSH, WAIT), turn(SPEED, said="I read the speed."))
 
 
-def test_a_sound_episode_shows_nothing_even_if_it_is_wrong() -> None:
+def test_a_sound_episode_shows_no_failure_even_if_its_answer_is_wrong() -> None:
     assert found(answered(*SOUND, said="The cart moves at 5 m/s.")) == {}
 
 
-def test_unscored_episodes_show_nothing() -> None:
+def test_an_unscored_episode_shows_no_failure() -> None:
     key = number_key()
     unscored = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
-    assert failures_of(answered(said="It is 5."), unscored, form_of(key)) == ()
+    assert failures_of(answered(said="It is 5."), unscored, expected_form(key)) == ()
 
 
 # Premature answer.
@@ -102,14 +102,14 @@ def test_an_answer_before_any_reading_is_premature(turns: tuple[Turn, ...]) -> N
     assert f"{9 - len(turns)} of 10 iterations left" in failure.explanation
 
 
-def test_readings_beside_the_answer_were_not_read() -> None:
+def test_a_reading_in_the_answering_turn_does_not_count_as_read() -> None:
     episode = answered()
     last = turn(LOOK, call("answer", answer=5.0))
     assert FailureMode.PREMATURE_ANSWER in found(episode.model_copy(update={"turns": (last,)}))
     assert FailureMode.PREMATURE_ANSWER not in found(episode.model_copy(update={"turns": (turn(LOOK), last)}))
 
 
-def test_the_last_iteration_is_not_too_early() -> None:
+def test_an_answer_in_the_last_iteration_is_not_premature() -> None:
     assert FailureMode.PREMATURE_ANSWER in found(answered(turn(PUSH, WAIT), budget=3))
     assert FailureMode.PREMATURE_ANSWER not in found(answered(turn(PUSH, WAIT), budget=2))
 
@@ -126,7 +126,7 @@ def test_the_last_iteration_is_not_too_early() -> None:
         ((turn(call("get_momentum", {"momentum": {"x": 0.0, "y": 1e-17, "z": 0.0}})),), 0.0),
     ],
 )
-def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float) -> None:
+def test_an_answer_about_motion_before_anything_moved_is_too_early(turns: tuple[Turn, ...], simulated: float) -> None:
     failure = found(answered(*turns))[FailureMode.TOO_LITTLE_TIME]
     assert failure.evidence[0].numbers == {"simulated_s": simulated, "least_s": 0.1}
     place = failure.evidence[0]
@@ -138,7 +138,7 @@ def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float
     "turns",
     [
         (turn(LOOK),),
-        # What moves after a moment may well be judged at that moment.
+        # Something already moves after a short time, so an answer is possible.
         (turn(SPEED),),
         (turn(PUSH, call("step", duration=0.01), SPEED, REST),),
         (turn(call("detect_collision", {"collision_detected": True})),),
@@ -147,12 +147,12 @@ def test_motion_judged_at_once_is_rash(turns: tuple[Turn, ...], simulated: float
         (turn(call("create_objects", name="probe"), call("attach_objects")),),
     ],
 )
-def test_statics_and_enough_time_are_not_rash(turns: tuple[Turn, ...]) -> None:
+def test_static_questions_and_enough_time_are_not_too_early(turns: tuple[Turn, ...]) -> None:
     assert FailureMode.TOO_LITTLE_TIME not in found(answered(*turns))
 
 
 @pytest.mark.parametrize(
-    ("said", "rash"),
+    ("said", "too_early"),
     [
         ("So the period is about 2.2 s.", True),
         ("So the period is about 0.9 s.", False),
@@ -160,15 +160,15 @@ def test_statics_and_enough_time_are_not_rash(turns: tuple[Turn, ...]) -> None:
         ("The period is 2.2 m.", False),
     ],
 )
-def test_a_period_longer_than_was_watched_is_rash(said: str, *, rash: bool) -> None:
+def test_a_period_longer_than_the_simulated_time_is_too_early(said: str, *, too_early: bool) -> None:
     failure = found(answered(*SOUND, said=said)).get(FailureMode.TOO_LITTLE_TIME)
-    assert (failure is not None) == rash
+    assert (failure is not None) == too_early
     if failure is not None:
         assert failure.evidence[0].numbers == {"simulated_s": 1.0, "period_s": 2.2}
         assert failure.evidence[0].quote == said
 
 
-def test_an_episode_without_an_answer_judged_nothing() -> None:
+def test_an_episode_without_an_answer_shows_no_failure() -> None:
     assert found(unanswered(turn(REST))) == {}
     assert found(unanswered()) == {}
 
@@ -193,7 +193,7 @@ LENGTH = AnswerKey(3.2, AnswerSpec(kind=AnswerKind.NUMBER, unit="m"), OBJECTS)
         (CART, "the cart on the left", "no id of an object"),
     ],
 )
-def test_an_answer_in_another_form(key: AnswerKey, answer: JsonValue, why: str) -> None:
+def test_an_answer_in_the_wrong_form_is_a_format_mismatch(key: AnswerKey, answer: JsonValue, why: str) -> None:
     failure = found(answered(*SOUND, answer=answer), key)[FailureMode.ANSWER_FORMAT]
     assert failure.explanation == f"It answered in another form than was asked for: {why}."
     assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (2, 0)
@@ -212,17 +212,17 @@ def test_an_answer_in_another_form(key: AnswerKey, answer: JsonValue, why: str) 
         (AnswerKey("friction", AnswerSpec(kind=AnswerKind.TEXT), OBJECTS), "inertia"),
     ],
 )
-def test_a_wrong_or_right_answer_in_the_form_asked_for(key: AnswerKey, answer: JsonValue) -> None:
+def test_an_answer_in_the_expected_form_is_no_format_mismatch(key: AnswerKey, answer: JsonValue) -> None:
     assert FailureMode.ANSWER_FORMAT not in found(answered(*SOUND, answer=answer), key)
 
 
 @pytest.mark.parametrize("value", [7.25, (7.25, 8.5)])
-def test_no_finding_tells_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
+def test_no_failure_reveals_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
     failures = found(answered(answer="quickly", said="It is fast."), number_key(value))
-    told = " ".join(one.model_dump_json() for one in failures.values())
+    published = " ".join(failure.model_dump_json() for failure in failures.values())
     assert FailureMode.ANSWER_FORMAT in failures
-    assert "7.25" not in told
-    assert "8.5" not in told
+    assert "7.25" not in published
+    assert "8.5" not in published
 
 
 # Object ids.
@@ -234,7 +234,7 @@ def test_no_finding_tells_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
         rejected("apply_force", object_id="object_9", force_vector=[1.0]),
     ],
 )
-def test_an_object_that_the_agent_cannot_know_of(exchange: Exchange) -> None:
+def test_an_object_id_that_the_agent_was_not_given_is_a_confusion(exchange: Exchange) -> None:
     failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.OBJECT_ID]
     assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (0, 1)
     assert failure.explanation == "It named an object that it did not know of in 1 call."
@@ -249,15 +249,15 @@ def test_an_object_that_the_agent_cannot_know_of(exchange: Exchange) -> None:
         refused("create_objects", "create_objects: there is an object 'probe' already", name="probe"),
     ],
 )
-def test_an_object_that_cannot_be_used_so_is_not_confused(exchange: Exchange) -> None:
+def test_a_known_object_used_in_a_forbidden_way_is_no_confusion(exchange: Exchange) -> None:
     assert FailureMode.OBJECT_ID not in found(answered(turn(exchange), *SOUND))
 
 
-def test_ids_that_returns_told_exist() -> None:
-    told = call("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
+def test_an_id_in_an_earlier_result_is_known() -> None:
+    revealed = call("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
     misfit = rejected("apply_force", object_id="object_9", force_vector=[1.0])
     assert FailureMode.OBJECT_ID in found(answered(turn(misfit), *SOUND))
-    assert FailureMode.OBJECT_ID not in found(answered(turn(told, misfit), *SOUND))
+    assert FailureMode.OBJECT_ID not in found(answered(turn(revealed, misfit), *SOUND))
 
 
 @pytest.mark.parametrize(
@@ -271,7 +271,7 @@ def test_ids_that_returns_told_exist() -> None:
         ("The heavy one (object_2) hits first.", False),
     ],
 )
-def test_an_id_with_the_name_of_another_object(said: str, *, mistaken: bool) -> None:
+def test_an_id_written_with_the_name_of_another_object_is_a_confusion(said: str, *, mistaken: bool) -> None:
     failure = found(answered(*SOUND, said=said)).get(FailureMode.OBJECT_ID)
     assert (failure is not None) == mistaken
     if failure is not None:
@@ -288,13 +288,13 @@ def test_an_id_with_the_name_of_another_object(said: str, *, mistaken: bool) -> 
         call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass="MASS_FROM_PREVIOUS_RESULT"),
     ],
 )
-def test_arguments_that_do_not_fit(exchange: Exchange) -> None:
+def test_arguments_that_do_not_fit_are_a_wrong_parameter(exchange: Exchange) -> None:
     failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.WRONG_PARAMETER]
-    assert [(one.turn, one.exchange) for one in failure.evidence] == [(0, 1)]
+    assert [(evidence.turn, evidence.exchange) for evidence in failure.evidence] == [(0, 1)]
 
 
 @pytest.mark.parametrize(("mass", "wrong"), [(1.0, True), (2.2, True), (2.05, False), (2.0, False)])
-def test_another_mass_than_was_measured(mass: float, *, wrong: bool) -> None:
+def test_a_mass_that_differs_from_the_measured_one_is_a_wrong_parameter(mass: float, *, wrong: bool) -> None:
     energy = call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass=mass)
     weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
     failure = found(answered(turn(energy, weigh), *SOUND)).get(FailureMode.WRONG_PARAMETER)
@@ -313,7 +313,7 @@ def test_another_mass_than_was_measured(mass: float, *, wrong: bool) -> None:
         call("get_position", object_id="1"),
     ],
 )
-def test_calls_that_fit_are_no_wrong_parameters(exchange: Exchange) -> None:
+def test_a_call_that_fits_is_no_wrong_parameter(exchange: Exchange) -> None:
     weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
     assert FailureMode.WRONG_PARAMETER not in found(answered(turn(weigh, exchange), *SOUND))
 
@@ -333,7 +333,7 @@ def test_calls_that_fit_are_no_wrong_parameters(exchange: Exchange) -> None:
         (answered(*SOUND, said="A counterintuitive value, but it is 5."), "called unexpected"),
     ],
 )
-def test_theory_over_simulation_or_the_reverse(episode: Episode, words: str) -> None:
+def test_an_answer_from_theory_or_from_doubted_readings_is_reported(episode: Episode, words: str) -> None:
     failure = found(episode)[FailureMode.THEORY_OR_SIMULATION]
     assert words in failure.explanation
     place = failure.evidence[0]
@@ -352,24 +352,24 @@ def test_theory_over_simulation_or_the_reverse(episode: Episode, words: str) -> 
         answered(turn(said="An unexpected result."), *SOUND, turn(LOOK), turn(LOOK), said="It is 5."),
     ],
 )
-def test_theory_that_agrees_or_has_nothing_to_set_aside(episode: Episode) -> None:
+def test_theory_that_agrees_with_the_readings_is_not_reported(episode: Episode) -> None:
     assert FailureMode.THEORY_OR_SIMULATION not in found(episode)
 
 
 # Counting and quoting.
-def test_counts_have_every_mode_and_tell_wrong_answers_apart() -> None:
+def test_every_mode_is_counted_over_all_and_over_wrong_answers() -> None:
     key = number_key(5.0)
     right, wrong = answered(said="It is 5."), answered(answer=9.0, said="It is 9.")
-    grades = [grade_episode(one, key) for one in (right, wrong)]
+    grades = [grade_episode(episode, key) for episode in (right, wrong)]
     lost = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
-    shown = failures_of(right, grades[0], form_of(key))
+    shown = failures_of(right, grades[0], expected_form(key))
     counts = failure_counts([(grades[0], shown), (grades[1], shown), (lost, shown)])
     assert counts[FailureMode.PREMATURE_ANSWER] == FailureCount(n=2, n_incorrect=1)
     assert counts[FailureMode.OBJECT_ID] == FailureCount(n=0, n_incorrect=0)
     assert list(counts) == list(FailureMode)
 
 
-def test_a_quote_is_the_sentence_at_a_place_and_short() -> None:
+def test_a_quote_is_the_short_sentence_around_a_position() -> None:
     text = "First this. Then that happened!\nAt last 3.5 m."
     assert quote_at(text) == "First this."
     assert quote_at(text, text.index("that")) == "Then that happened!"
@@ -400,7 +400,7 @@ def test_long_reasoning_is_judged_in_no_time(piece: str) -> None:
     assert time.process_time() - began < 5
 
 
-def test_a_finding_shows_no_more_places_than_can_be_read() -> None:
+def test_a_failure_has_at_most_20_pieces_of_evidence_of_a_kind() -> None:
     unknown = refused("get_position", "there is no object 'object_9'", object_id="object_9")
     misfit = rejected("step", duration="long")
     failures = found(answered(turn(*[unknown] * 50, *[misfit] * 50), said="The cart (object_2) moves. " * 50))
@@ -412,7 +412,7 @@ def test_a_finding_shows_no_more_places_than_can_be_read() -> None:
 
 
 # A whole run.
-def test_the_reference_shows_no_failure_and_the_summary_counts_them_all(tmp_path: Path) -> None:
+def test_the_reference_agent_shows_no_failure_and_the_summary_lists_every_mode(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert main(["run", "--agent", "reference", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) == 0
     overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]

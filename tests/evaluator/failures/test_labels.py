@@ -1,8 +1,8 @@
-"""The detectors and the provenance links, held against labels given by hand to the authors' published logs.
+"""The detectors and the provenance links, compared with manual labels of the authors' published logs.
 
-`labels.json` holds ids and labels alone: agent, scene and epoch of an episode, the stratum it was drawn from, and the
-failure modes that a reader saw; and agent, scene, epoch, turn and place of a number, and whether it was read from a
-return. The logs and packs are not part of this repository: PHYSMENT_ORIGINAL names the folder that holds them.
+`labels.json` holds only ids and labels. For an episode: agent, scene, epoch, the stratum it was sampled from, and the
+failure modes that a reader saw. For a number: agent, scene, epoch, turn, position, and whether it was read from a
+result. The logs and packs are not in this repository; PHYSMENT_ORIGINAL names the folder that contains them.
 """
 
 import json
@@ -17,7 +17,7 @@ import pytest
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import FailureMode, form_of
+from evaluator.failures.findings import FailureMode, expected_form
 from evaluator.markdown import markdown_table
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
@@ -46,7 +46,7 @@ Id = tuple[str, int, int]
 
 
 class Judged(NamedTuple):
-    """An episode as it was logged, its grade and scores, and the modes that the detectors find."""
+    """A logged episode, its grade and scores, and the modes that the detectors found."""
 
     episode: Episode
     grade: Grade
@@ -55,7 +55,7 @@ class Judged(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """How findings agree with labels."""
+    """Counts of agreement between detected and labelled modes."""
 
     both: int
     found_only: int
@@ -94,7 +94,7 @@ def judged() -> dict[Id, Judged]:
         episode = as_logged(log, key, Versions(physment="", protocol="", pack=""))
         answer_key = keys.key(scene, 0)
         grade = grade_episode(episode, answer_key)
-        found = frozenset(one.mode.value for one in failures_of(episode, grade, form_of(answer_key)))
+        found = frozenset(failure.mode.value for failure in failures_of(episode, grade, expected_form(answer_key)))
         rows[key.agent, scene, key.epoch] = Judged(episode, grade, scores_of(episode, grade), found)
     return rows
 
@@ -105,12 +105,12 @@ def agreement(judged: dict[Id, Judged], sample: Iterable[Sequence[object]], mode
 
 
 def link_agreement(judged: dict[Id, Judged]) -> tuple[Agreement, Counter[tuple[str, str]]]:
-    """How links agree with labels, and how each label is treated: `linked`, `unsupported` or `left out`."""
+    """Agreement of links with labels, and how often each label is `linked`, `unsupported` or `left out`."""
     treated: Counter[tuple[str, str]] = Counter()
     for row in LABELS["numbers"]:
         assertions = grounding_of(judged[_id(row)].episode).assertions
-        one = next((one for one in assertions if (one.turn, one.start) == (row[3], row[4])), None)
-        treated[row[5], "left out" if one is None else "linked" if one.support else "unsupported"] += 1
+        found = next((said for said in assertions if (said.turn, said.start) == (row[3], row[4])), None)
+        treated[row[5], "left out" if found is None else "linked" if found.support else "unsupported"] += 1
     linked = sum(count for (_, how), count in treated.items() if how == "linked")
     right = treated["read", "linked"]
     read = sum(count for (label, _), count in treated.items() if label == "read")
@@ -125,7 +125,7 @@ def _id(row: Sequence[object]) -> Id:
     return agent, scene, epoch
 
 
-def test_labels_name_each_episode_once_and_known_modes_only() -> None:
+def test_each_episode_is_labelled_once_and_only_with_known_modes() -> None:
     rows = [row for sample in SAMPLES for row in LABELS[sample]]
     assert len({_id(row) for row in rows}) == len(rows) >= 200
     assert {mode for row in rows for mode in row[4]} <= set(FailureMode)
@@ -135,7 +135,7 @@ def test_labels_name_each_episode_once_and_known_modes_only() -> None:
 
 @needs_logs
 @pytest.mark.parametrize("mode", list(FailureMode))
-def test_a_finding_is_nearly_always_what_a_reader_saw(judged: dict[Id, Judged], mode: FailureMode) -> None:
+def test_the_precision_of_each_detector_is_at_least_85_per_cent(judged: dict[Id, Judged], mode: FailureMode) -> None:
     rows = [row for sample in SAMPLES for row in LABELS[sample]]
     precision = agreement(judged, rows, mode).precision
     assert precision is not None
@@ -143,7 +143,7 @@ def test_a_finding_is_nearly_always_what_a_reader_saw(judged: dict[Id, Judged], 
 
 
 @needs_logs
-def test_links_lead_to_where_a_number_was_read(judged: dict[Id, Judged]) -> None:
+def test_links_to_the_source_of_a_number_have_high_precision_and_recall(judged: dict[Id, Judged]) -> None:
     links, treated = link_agreement(judged)
     assert links.precision is not None
     assert links.recall is not None
@@ -151,7 +151,7 @@ def test_links_lead_to_where_a_number_was_read(judged: dict[Id, Judged]) -> None
 
 
 @needs_logs
-def test_the_page_states_what_is_measured(judged: dict[Id, Judged], *, update_goldens: bool) -> None:
+def test_the_page_has_the_measured_figures(judged: dict[Id, Judged], *, update_goldens: bool) -> None:
     page = DOC.read_text(encoding="utf-8")
     before, _, rest = page.partition(BEGIN)
     _, sign, after = rest.partition(END)
@@ -208,20 +208,23 @@ def _links(judged: dict[Id, Judged]) -> str:
 
 def _all_episodes(judged: dict[Id, Judged]) -> str:
     agents = sorted({agent for agent, _, _ in judged})
-    groups = [[one for (agent, _, _), one in judged.items() if agent == name] for name in agents]
-    wrong = [sum(one.grade.strict is Verdict.INCORRECT for one in group) for group in groups]
+    groups = [[episode for (agent, _, _), episode in judged.items() if agent == name] for name in agents]
+    wrong = [sum(episode.grade.strict is Verdict.INCORRECT for episode in group) for group in groups]
     counts = [f"{len(group)} ({count})" for group, count in zip(groups, wrong, strict=True)]
     lines: list[Sequence[str]] = [("episodes (wrong)", *counts)]
     for mode in FailureMode:
         cells = [
-            f"{sum(mode in one.found for one in group)}"
-            f" ({sum(mode in one.found and one.grade.strict is Verdict.INCORRECT for one in group)})"
+            f"{sum(mode in episode.found for episode in group)}"
+            f" ({sum(mode in episode.found and episode.grade.strict is Verdict.INCORRECT for episode in group)})"
             for group in groups
         ]
         lines.append((_worded(mode), *cells))
     for name in ("e", "g", "v", "r"):
-        values = [[getattr(one.scores, name) for one in group] for group in groups]
-        cells = [f"{fmean(one or 0.0 for one in group):.3f} ({sum(one is None for one in group)})" for group in values]
+        values = [[getattr(episode.scores, name) for episode in group] for group in groups]
+        cells = [
+            f"{fmean(value or 0.0 for value in group):.3f} ({sum(value is None for value in group)})"
+            for group in values
+        ]
         lines.append((f"mean {name.upper()} (undefined in)", *cells))
     return markdown_table(("", *agents), lines)
 
