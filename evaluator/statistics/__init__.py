@@ -1,6 +1,5 @@
-"""What the numbers of a run are worth: intervals, paired tests, repeated tries, budget curves. Knows no runs.
+"""Statistics of verdicts: intervals, paired tests, pass@k, budget curves. Knows no runs.
 
-The unit is the scene. Seeds and epochs of one scene resemble each other, so wherever a scene gives several episodes the
-methods here take scenes, not episodes, as the sample; within a single scene its episodes are. Which method, when, by
-which formula, and from which source: `docs/explanation/statistics.md`.
+The sampling unit is the scene, because episodes of one scene (its seeds and epochs) are correlated. If there is only
+one scene, its episodes are the sample. `docs/explanation/statistics.md` lists each method with its formula and source.
 """

@@ -1,4 +1,4 @@
-"""Several tries at one scene: pass@k, that one of k succeeds, and pass^k, that all k do."""
+"""pass@k, the chance that at least one of k tries succeeds, and pass^k, the chance that all k succeed."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,12 +9,12 @@ from evaluator.statistics.resampling import mean_interval
 
 
 class AttemptPoint(Record):
-    """Both at one k, as means over scenes."""
+    """pass@k and pass^k at one k, as means over scenes."""
 
     k: int
     pass_at_k: float
     pass_at_k_interval: Interval | None
-    """95 %, bootstrap over scenes; None for too few."""
+    """95 %, bootstrap over scenes; None if there are too few scenes."""
     pass_hat_k: float
     pass_hat_k_interval: Interval | None
 
@@ -27,16 +27,16 @@ class Attempts(Record):
     n_scenes: int
     """Scenes: the denominator of the means."""
     tries: int
-    """Scored episodes of the scene that has fewest: the largest k that every scene can tell of."""
+    """Smallest number of scored episodes of any scene: the largest k that can be estimated for all scenes."""
     points: tuple[AttemptPoint, ...]
-    """At 1, at powers of two, and at `tries`."""
+    """At k = 1, at powers of two, and at `tries`."""
 
 
 def pass_at_k(tries: int, successes: int, k: int) -> float:
     """Unbiased estimate of the chance that at least one of k tries succeeds.
 
     Raises:
-        ValueError: k is below 1 or above the tries made.
+        ValueError: k is below 1 or above the number of tries.
 
     Source: Chen et al. 2021, arXiv:2107.03374, equation 1: 1 - C(n - c, k) / C(n, k).
     """
@@ -48,7 +48,7 @@ def pass_hat_k(tries: int, successes: int, k: int) -> float:
     """Unbiased estimate of the chance that all of k tries succeed.
 
     Raises:
-        ValueError: k is below 1 or above the tries made.
+        ValueError: k is below 1 or above the number of tries.
 
     Source: Yao et al. 2024, arXiv:2406.12045, section 4: C(c, k) / C(n, k).
     """
@@ -58,17 +58,17 @@ def pass_hat_k(tries: int, successes: int, k: int) -> float:
 
 def _check(tries: int, k: int) -> None:
     if not 1 <= k <= tries:
-        raise ValueError(f"{tries} tries say nothing of {k}")
+        raise ValueError(f"k must lie between 1 and the number of tries, {tries}; it is {k}")
 
 
 def attempts(verdicts: Mapping[int, Sequence[bool]]) -> Attempts | None:
     """pass@k and pass^k over scenes.
 
     Args:
-        verdicts: Scene → verdicts of its scored episodes under one condition, whatever their seeds and epochs.
+        verdicts: Scene → verdicts of its scored episodes under one condition, over all seeds and epochs.
 
     Returns:
-        None where a scene has a single try, or there is no scene: then there is nothing beyond accuracy to tell.
+        None if there are no scenes or a scene has a single try: pass@1 and pass^1 equal the accuracy.
     """
     tries = min(map(len, verdicts.values()), default=0)
     if tries < 2:
@@ -83,13 +83,13 @@ def attempts(verdicts: Mapping[int, Sequence[bool]]) -> Attempts | None:
 
 
 def _point(verdicts: Mapping[int, Sequence[bool]], k: int) -> AttemptPoint:
-    some = [pass_at_k(len(one), sum(one), k) for one in verdicts.values()]
-    every = [pass_hat_k(len(one), sum(one), k) for one in verdicts.values()]
-    once = [1.0] * len(some)
+    any_succeeds = [pass_at_k(len(tries), sum(tries), k) for tries in verdicts.values()]
+    all_succeed = [pass_hat_k(len(tries), sum(tries), k) for tries in verdicts.values()]
+    weights = [1.0] * len(verdicts)
     return AttemptPoint(
         k=k,
-        pass_at_k=math.fsum(some) / len(some),
-        pass_at_k_interval=mean_interval(some, once, lowest=0.0),
-        pass_hat_k=math.fsum(every) / len(every),
-        pass_hat_k_interval=mean_interval(every, once, lowest=0.0),
+        pass_at_k=math.fsum(any_succeeds) / len(verdicts),
+        pass_at_k_interval=mean_interval(any_succeeds, weights, lowest=0.0),
+        pass_hat_k=math.fsum(all_succeed) / len(verdicts),
+        pass_hat_k_interval=mean_interval(all_succeed, weights, lowest=0.0),
     )

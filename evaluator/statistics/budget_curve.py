@@ -1,4 +1,4 @@
-"""Accuracy against iteration budget on the same episodes: what each step gains, where gains end, which shape."""
+"""Accuracy against iteration budget on the same episodes: the gain of each step, where gains end, and the shape."""
 
 import itertools
 from collections import Counter, defaultdict
@@ -17,35 +17,35 @@ from evaluator.statistics.resampling import FEWEST, Array, resampled_means
 MARGIN = 0.05
 """Difference of accuracy up to which two budgets count as equally good."""
 LEVEL = 0.05
-"""Chance of a rise or fall being seen anywhere in a curve that has none."""
+"""Chance that a curve without any rise or fall is said to have one."""
 
-_SHADE = 1e-9
-"""0.85 - 0.80 is not to exceed a margin of 0.05 for the sake of its last bit."""
+_ROUNDING = 1e-9
+"""Slack for floating-point rounding: 0.85 - 0.80 must not exceed a margin of 0.05."""
 
 
 class Shape(StrEnum):
-    """What accuracy does as the budget grows."""
+    """How accuracy changes as the budget grows."""
 
     RISING = "rising"
     """Some larger budget is better than a smaller one, and none is worse."""
     FALLING = "falling"
     FLAT = "flat"
-    """No two budgets can be told apart."""
+    """No two budgets differ significantly."""
     MIXED = "mixed"
-    """Better somewhere, worse somewhere else."""
+    """Some larger budget is better than a smaller one, and some other is worse."""
 
 
 class BudgetPoint(Record):
-    """One budget of a curve."""
+    """One budget on a curve."""
 
     budget: int
     accuracy: Proportion
     gain: PairedDifference | None
-    """Over the budget before, on the same episodes; None for the first."""
+    """Gain over the previous budget, on the same episodes; None for the first budget."""
 
 
 class BudgetCurve(Record):
-    """Accuracy against budget, on the episodes that every budget played."""
+    """Accuracy against budget, on the episodes that were played with every budget."""
 
     n: int
     """Episodes at each budget."""
@@ -53,22 +53,23 @@ class BudgetCurve(Record):
     points: tuple[BudgetPoint, ...]
     shape: Shape
     certainty: float | None
-    """Of the shape, 0 to 1.
+    """Certainty of the shape, 0 to 1.
 
-    Rising, falling: 1 - the least adjusted p-value of such a pair of budgets; mixed: the lesser of both. Flat: share of
-    resamples in which no two budgets are more than `margin` apart; None for too few scenes to resample.
+    Rising or falling: 1 minus the smallest adjusted p-value of a pair that rises or falls. Mixed: the smaller of these
+    two. Flat: share of resamples in which no two budgets differ by more than `margin`; None if there are too few scenes
+    to resample.
     """
     enough: int
-    """The point of diminishing returns: the least budget that no larger one beats by more than `margin`.
+    """The point of diminishing returns: the smallest budget that no larger one exceeds by more than `margin`.
 
-    The largest budget where gains have not ended within the curve."""
+    It is the largest budget if gains have not ended within the curve."""
     enough_certainty: float | None
-    """Share of resamples in which no larger budget beats `enough` by more than `margin`; None if there is no larger."""
+    """Share of resamples in which no larger budget exceeds `enough` by more than `margin`; None for the largest."""
     margin: float
 
 
 class Cell(NamedTuple):
-    """An episode as played at each budget."""
+    """The verdicts of one scene, seed and epoch at each budget."""
 
     scene: int
     verdicts: tuple[bool, ...]
@@ -78,16 +79,16 @@ class Cell(NamedTuple):
 def budget_curve(budgets: Sequence[int], cells: Sequence[Cell], margin: float = MARGIN) -> BudgetCurve:
     """The curve of accuracy against budget.
 
-    Every pair of budgets is compared on the same episodes (McNemar, or sign flips by scene), the p-values adjusted by
-    Holm's method over all pairs. The shape says which signs are left at the 5 % level.
+    Every pair of budgets is compared on the same episodes (by McNemar's test or by sign flips of scenes), with p-values
+    adjusted by Holm's method over all pairs. The shape follows from the differences significant at the 5 % level.
 
     Args:
         budgets: At least two, ascending.
-        cells: The episodes that every budget played and scored.
+        cells: The episodes that were scored at every budget.
         margin: Difference of accuracy that does not matter.
 
     Raises:
-        ValueError: There are fewer than two budgets, or no cells.
+        ValueError: There are fewer than two budgets, they do not ascend, or there are no cells.
     """
     if len(budgets) < 2 or list(budgets) != sorted(set(budgets)):
         raise ValueError("a curve needs two or more budgets, ascending")
@@ -96,9 +97,9 @@ def budget_curve(budgets: Sequence[int], cells: Sequence[Cell], margin: float = 
     resampled = _resampled(cells)
     shape, certainty = _shape([compared[pair] for pair in pairs])
     if shape is Shape.FLAT:
-        certainty = None if resampled is None else _share(np.ptp(resampled, axis=0) <= margin + _SHADE)
+        certainty = None if resampled is None else _share(np.ptp(resampled, axis=0) <= margin + _ROUNDING)
     accuracies = [proportion((cell.scene, cell.verdicts[index]) for cell in cells) for index in range(len(budgets))]
-    enough = _enough([one.share for one in accuracies], margin)
+    enough = _enough([accuracy.share for accuracy in accuracies], margin)
     return BudgetCurve(
         n=len(cells),
         n_scenes=accuracies[0].n_scenes,
@@ -119,10 +120,10 @@ def _between(cells: Sequence[Cell], smaller: int, larger: int) -> PairedDifferen
 
 
 def _shape(compared: Sequence[PairedDifference]) -> tuple[Shape, float | None]:
-    """The shape that the differences of all pairs of budgets show, and how certain; a flat one is not judged here."""
-    p_values = holm([one.p_value for one in compared])
-    rise = min((p for p, one in zip(p_values, compared, strict=True) if one.difference > 0), default=1.0)
-    fall = min((p for p, one in zip(p_values, compared, strict=True) if one.difference < 0), default=1.0)
+    """The shape and its certainty, from the differences of all pairs of budgets; no certainty for a flat shape."""
+    p_values = holm([pair.p_value for pair in compared])
+    rise = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference > 0), default=1.0)
+    fall = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference < 0), default=1.0)
     if max(rise, fall) <= LEVEL:
         return Shape.MIXED, 1 - max(rise, fall)
     if min(rise, fall) > LEVEL:
@@ -131,7 +132,7 @@ def _shape(compared: Sequence[PairedDifference]) -> tuple[Shape, float | None]:
 
 
 def _resampled(cells: Sequence[Cell]) -> Array | None:
-    """Accuracies (budgets, resamples) with scenes drawn anew; None for too few."""
+    """Accuracies (budgets, resamples) over resampled scenes; None if there are too few scenes."""
     right: defaultdict[int, list[int]] = defaultdict(lambda: [0] * len(cells[0].verdicts))
     size: Counter[int] = Counter()
     single = len({cell.scene for cell in cells}) == 1
@@ -145,17 +146,17 @@ def _resampled(cells: Sequence[Cell]) -> Array | None:
 
 
 def _enough(accuracies: Sequence[float], margin: float) -> int:
-    """Index of the least budget that no larger one beats by more than the margin."""
+    """Index of the smallest budget that no larger one exceeds by more than the margin."""
     return next(
-        index for index, accuracy in enumerate(accuracies) if max(accuracies[index:]) - accuracy <= margin + _SHADE
+        index for index, accuracy in enumerate(accuracies) if max(accuracies[index:]) - accuracy <= margin + _ROUNDING
     )
 
 
 def _enough_certainty(resampled: Array | None, enough: int, margin: float) -> float | None:
     if resampled is None or enough == len(resampled) - 1:
         return None
-    left = resampled[enough + 1 :].max(axis=0) - resampled[enough]
-    return _share(left <= margin + _SHADE)
+    further_gain = resampled[enough + 1 :].max(axis=0) - resampled[enough]
+    return _share(further_gain <= margin + _ROUNDING)
 
 
 def _share(claims: NDArray[np.bool_]) -> float:

@@ -1,4 +1,4 @@
-"""Intervals of one accuracy: Wilson's, and the same on the effective number of episodes where scenes repeat."""
+"""Intervals of one accuracy: Wilson's interval, on the effective number of episodes if scenes have several."""
 
 import math
 from collections import Counter
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from statistics import NormalDist
 
-import scipy  # its parts load when first used: a command that reports nothing does not wait for them
+import scipy  # loads its submodules on first use, so commands without statistics do not wait for them
 
 from evaluator.records import Record
 
@@ -21,16 +21,16 @@ class Interval(Record):
 
 
 class IntervalMethod(StrEnum):
-    """How the interval of an accuracy came about."""
+    """The method that gave the interval of an accuracy."""
 
     WILSON = "wilson"
-    """Every scene gave one episode, or there is but one scene: episodes are independent."""
+    """Every scene has one episode, or there is only one scene: episodes count as independent."""
     CLUSTERED = "wilson-clustered"
-    """Scenes gave several episodes: Wilson on the effective number of episodes."""
+    """Some scenes have several episodes: Wilson's interval on the effective number of episodes."""
 
 
 class Proportion(Record):
-    """A share of right episodes, with everything needed to judge it."""
+    """The share of right episodes, with its interval and sample sizes."""
 
     n: int
     """Episodes: the denominator."""
@@ -40,13 +40,13 @@ class Proportion(Record):
     interval: Interval
     method: IntervalMethod
     effective_n: float
-    """Independent episodes that would tell as much."""
+    """Number of independent episodes that would give the same precision."""
 
 
 def wilson_interval(successes: float, trials: float) -> Interval:
     """95 % interval of a proportion, by Wilson's score method.
 
-    Takes fractions of trials too, which `scipy.stats` does not: an effective number of episodes is seldom whole.
+    Unlike `scipy.stats`, it accepts fractional counts, since an effective number of episodes is seldom whole.
 
     Raises:
         ValueError: There are no trials.
@@ -58,22 +58,22 @@ def wilson_interval(successes: float, trials: float) -> Interval:
     share, square = successes / trials, Z_95**2
     centre = (share + square / (2 * trials)) / (1 + square / trials)
     half = Z_95 / (1 + square / trials) * math.sqrt(share * (1 - share) / trials + square / (4 * trials**2))
-    # At 0 and at all, the bound is 0 or 1 exactly; rounding must not leave it beside.
+    # If none or all succeeded, return exactly 0 or 1, despite rounding.
     low = 0.0 if successes == 0 else centre - half
     return Interval(low=low, high=1.0 if successes == trials else centre + half)
 
 
 def design_effect(correct: Sequence[int], episodes: Sequence[int]) -> float:
-    """How many times larger the variance of an accuracy is because episodes come in scenes.
+    """The factor by which correlation within scenes increases the variance of an accuracy.
 
     Args:
-        correct: Right episodes of each scene.
-        episodes: All episodes of each scene.
+        correct: Number of right episodes of each scene.
+        episodes: Number of episodes of each scene.
 
     Returns:
-        The design effect; where all episodes are right, or all wrong, that of scenes whose episodes always agree.
+        The design effect. If all episodes are right or all are wrong, the value for perfect correlation within scenes.
 
-    Source: Rao and Scott 1992, Biometrics 48, 577-585: variance of a ratio over clusters by that of a binomial.
+    Source: Rao and Scott 1992, Biometrics 48, 577-585: cluster ratio variance divided by binomial variance.
     """
     n, scenes = sum(episodes), len(episodes)
     share = sum(correct) / n
@@ -86,9 +86,9 @@ def design_effect(correct: Sequence[int], episodes: Sequence[int]) -> float:
 def proportion(verdicts: Iterable[tuple[int, bool]]) -> Proportion:
     """The share of right episodes with its 95 % interval.
 
-    With one episode a scene, Wilson's interval. Otherwise Wilson's on n / deff · (z / t)² episodes: the design effect
-    stands for what scenes share, and the quantile t, of one degree of freedom less than there are scenes, for its
-    being estimated. The design effect counts as at least 1: scenes do not make episodes more telling.
+    With one episode per scene, this is Wilson's interval. Otherwise it is Wilson's interval on n / deff · (z / t)²
+    episodes. The design effect deff corrects for correlation within scenes and is taken as at least 1. The quantile t
+    has one degree of freedom less than there are scenes and corrects for deff being an estimate.
 
     Args:
         verdicts: Scene of each scored episode, and whether it was right.
@@ -109,13 +109,13 @@ def proportion(verdicts: Iterable[tuple[int, bool]]) -> Proportion:
     effective = float(n)
     if clustered:
         t = float(scipy.special.stdtrit(scenes - 1, 0.975))
-        effective *= (Z_95 / t) ** 2 / max(1.0, design_effect([right[one] for one in size], list(size.values())))
+        effective *= (Z_95 / t) ** 2 / max(1.0, design_effect([right[scene] for scene in size], list(size.values())))
     return Proportion(
         n=n,
         n_correct=n_correct,
         n_scenes=scenes,
         share=n_correct / n,
-        # Its ends stay exact: 0 of n and n of n are 0 and all of the effective number too.
+        # n of n stays exactly all of the effective number, so the upper end stays exactly 1.
         interval=wilson_interval(effective if n_correct == n else effective * n_correct / n, effective),
         method=IntervalMethod.CLUSTERED if clustered else IntervalMethod.WILSON,
         effective_n=effective,

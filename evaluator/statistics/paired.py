@@ -1,4 +1,4 @@
-"""Two accuracies on the same episodes: their difference, its interval, and whether chance alone would do."""
+"""Two accuracies on the same episodes: their difference, its interval, and its p-value."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
@@ -13,16 +13,16 @@ from evaluator.statistics.resampling import mean_interval
 
 
 class PairedTest(StrEnum):
-    """How a p-value came about."""
+    """The test that gave a p-value."""
 
     MCNEMAR = "mcnemar-exact"
-    """Every scene gave one pair, or there is but one scene."""
+    """Every scene has one pair, or there is only one scene."""
     SIGN_FLIP = "sign-flip-by-scene"
-    """Scenes gave several pairs: the pairs of a scene change sides together."""
+    """Some scenes have several pairs: the signs of all pairs of a scene are flipped together."""
 
 
 class PairedDifference(Record):
-    """What the second of two verdicts on the same episodes gained over the first."""
+    """The gain of the second of two verdicts over the first, on the same episodes."""
 
     n: int
     """Pairs: the denominator of both accuracies."""
@@ -30,14 +30,14 @@ class PairedDifference(Record):
     first_correct: int
     second_correct: int
     only_first: int
-    """Pairs that the first alone has right."""
+    """Pairs that only the first has right."""
     only_second: int
     difference: float
-    """Accuracy of the second less that of the first."""
+    """Accuracy of the second minus accuracy of the first."""
     interval: Interval | None
-    """95 %, bootstrap over scenes; None for too few."""
+    """95 %, bootstrap over scenes; None if there are too few scenes."""
     p_value: float
-    """Two-sided, of no difference."""
+    """Two-sided, for the null hypothesis of no difference."""
     test: PairedTest
 
 
@@ -54,12 +54,12 @@ def paired_difference(pairs: Iterable[tuple[int, bool, bool]]) -> PairedDifferen
     if not rows:
         raise ValueError("a comparison needs at least one pair")
     scenes = {scene for scene, _, _ in rows}
-    # Within one scene its episodes are the sample; across scenes, scenes are.
+    # With one scene its episodes are the sampling units, otherwise the scenes are.
     gains: defaultdict[int, list[int]] = defaultdict(list)
     for index, (scene, first, second) in enumerate(rows):
         gains[index if len(scenes) == 1 else scene].append(second - first)
     only = Counter(second - first for _, first, second in rows)
-    totals = [sum(one) for one in gains.values()]
+    totals = [sum(unit) for unit in gains.values()]
     clustered = len(gains) < len(rows)
     return PairedDifference(
         n=len(rows),
@@ -69,14 +69,14 @@ def paired_difference(pairs: Iterable[tuple[int, bool, bool]]) -> PairedDifferen
         only_first=only[-1],
         only_second=only[1],
         difference=sum(totals) / len(rows),
-        interval=mean_interval(totals, [len(one) for one in gains.values()]),
+        interval=mean_interval(totals, [len(unit) for unit in gains.values()]),
         p_value=sign_flip_p(totals) if clustered else mcnemar_p(only[-1], only[1]),
         test=PairedTest.SIGN_FLIP if clustered else PairedTest.MCNEMAR,
     )
 
 
 def mcnemar_p(only_first: int, only_second: int) -> float:
-    """Two-sided p-value of McNemar's exact conditional test; 1 where no pair differs.
+    """Two-sided p-value of McNemar's exact conditional test; 1 if no pair differs.
 
     Source: McNemar 1947, Psychometrika 12, 153-157; the exact form is the binomial test of `scipy.stats`.
     """
@@ -86,30 +86,30 @@ def mcnemar_p(only_first: int, only_second: int) -> float:
 
 
 def sign_flip_p(differences: Sequence[int]) -> float:
-    """Two-sided p-value of the sum of the differences, were the sign of each as likely to be the other.
+    """Two-sided p-value of the sum of the differences, if each sign were random.
 
-    All 2ⁿ assignments of signs count, none is sampled: the differences are whole, so their sums are few, and the
-    distribution builds up one difference at a time. With differences of one alone it is McNemar's exact test.
+    The test is exact: it counts all 2ⁿ assignments of signs. The differences are integers, so the distribution of their
+    sum is computed by adding one difference at a time. If all differences are ±1, it is McNemar's exact test.
 
     Args:
-        differences: One for each scene: right episodes of the second less those of the first.
+        differences: For each scene, the number of right episodes of the second minus that of the first.
 
     Source: Fisher 1935, The Design of Experiments, section 21.
     """
-    reach = sum(abs(one) for one in differences)
-    chances = np.zeros(2 * reach + 1)
-    chances[reach] = 1.0
-    for one in differences:
-        # Nothing wraps round: no sum leaves [-reach, reach].
-        chances = (np.roll(chances, one) + np.roll(chances, -one)) / 2
-    sums = np.abs(np.arange(-reach, reach + 1))
+    largest = sum(abs(difference) for difference in differences)
+    chances = np.zeros(2 * largest + 1)
+    chances[largest] = 1.0
+    for difference in differences:
+        # np.roll never wraps non-zero chances, because no sum lies outside [-largest, largest].
+        chances = (np.roll(chances, difference) + np.roll(chances, -difference)) / 2
+    sums = np.abs(np.arange(-largest, largest + 1))
     return min(1.0, float(chances[sums >= abs(sum(differences))].sum()))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values adjusted so that a false alarm anywhere in the family stays as rare as in a single test.
+    """p-values adjusted by Holm's method, which controls the family-wise error rate.
 
-    Source: Holm 1979, Scandinavian Journal of Statistics 6, 65-70; `scipy.stats` has false discovery rates alone.
+    Source: Holm 1979, Scandinavian Journal of Statistics 6, 65-70; `scipy.stats` controls only false discovery rates.
     """
     adjusted, highest = [0.0] * len(p_values), 0.0
     for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):

@@ -1,4 +1,4 @@
-"""The bootstrap over scenes: what a mean might have been, had other scenes of the same kind been written."""
+"""The bootstrap over scenes: how much a mean would vary with other scenes of the same kind."""
 
 import math
 from collections.abc import Sequence
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from evaluator.statistics.intervals import Interval, wilson_interval
 
 RESAMPLES = 4999
-"""Resamples of every bootstrap here."""
+"""Number of resamples of every bootstrap."""
 SEED = 0
-"""Seed of every bootstrap here: the same verdicts give the same interval."""
+"""Fixed random seed, so that the same verdicts give the same interval."""
 FEWEST = 8
-"""Units below which no bootstrap is reported: at five scenes its interval covered 84 % of the time, not 95 %."""
+"""Least number of units for a bootstrap: with five scenes the 95 % interval had a coverage of 84 %."""
 
 Array = NDArray[np.float64]
 
 
 def resampled_means(totals: Sequence[Sequence[float]], counts: Sequence[float]) -> Array:
-    """Means over units, of each of several quantities, in each of the resamples drawn together.
+    """Resampled means of several quantities over units. All quantities use the same resamples.
 
     Args:
-        totals: Of each quantity, the sum in each unit, (quantities, units).
-        counts: Of what the sums are taken, unit by unit, (units,).
+        totals: Sum of each quantity in each unit, (quantities, units).
+        counts: Number of terms in these sums for each unit, (units,).
 
     Returns:
-        Means (quantities, resamples): sum of the totals by the sum of the counts.
+        Means (quantities, resamples): sum of the totals divided by sum of the counts.
 
     Source: `scipy.stats.bootstrap`, paired over quantities.
     """
@@ -38,17 +38,17 @@ def resampled_means(totals: Sequence[Sequence[float]], counts: Sequence[float]) 
 def mean_interval(
     totals: Sequence[float], counts: Sequence[float], lowest: float = -1.0, highest: float = 1.0
 ) -> Interval | None:
-    """95 % interval of a mean over units, by the expanded percentile bootstrap of the units.
+    """95 % interval of a mean over units, by the expanded percentile bootstrap.
 
     Args:
         totals: Sum of the quantity in each unit.
-        counts: Of what the sums are taken, unit by unit.
-        lowest: The least value the quantity can take.
-        highest: The greatest.
+        counts: Number of terms in each sum.
+        lowest: Smallest possible value of the quantity.
+        highest: Largest possible value.
 
     Returns:
-        The interval; None for fewer than `FEWEST` units. Where all units agree, no resample differs; then it says how
-        far the mean would be off if as many units disagreed as can have stayed unseen, by Wilson's bound.
+        The interval; None for fewer than `FEWEST` units. If all units agree, all resamples are equal; then the interval
+        assumes that a share of unseen units has the extreme value, up to Wilson's 95 % bound for 0 of n.
 
     Source: Efron and Tibshirani 1993, chapter 13; expansion: Hesterberg 2015, American Statistician 69, 371-386.
     """
@@ -62,7 +62,7 @@ def mean_interval(
             low=means[0] - unseen * (means[0] - lowest),
             high=means[0] + unseen * (highest - means[0]),
         )
-    # A percentile interval is too narrow by √((n−1)/n), and takes z for t: the tail is narrowed to make up for both.
+    # A percentile interval is too narrow by √((n−1)/n) and uses z instead of t. A smaller tail corrects for both.
     t = float(scipy.special.stdtrit(units - 1, 0.975))
     tail = float(scipy.special.ndtr(-math.sqrt(units / (units - 1)) * t))
     found = _bootstrap([totals], counts, 1 - 2 * tail).confidence_interval
@@ -72,9 +72,9 @@ def mean_interval(
 def _bootstrap(totals: Sequence[Sequence[float]], counts: Sequence[float], level: float) -> Any:
     def means(*drawn: Array, axis: int = -1) -> Array:
         *sums, sizes = drawn
-        return np.stack([one.sum(axis=axis) for one in sums]) / sizes.sum(axis=axis)
+        return np.stack([total.sum(axis=axis) for total in sums]) / sizes.sum(axis=axis)
 
-    data = tuple(np.asarray(one, dtype=np.float64) for one in (*totals, counts))
+    data = tuple(np.asarray(values, dtype=np.float64) for values in (*totals, counts))
     return scipy.stats.bootstrap(
         data,
         means,

@@ -1,4 +1,4 @@
-"""pass@k and pass^k against what they mean: all ways to choose k of the tries made."""
+"""pass@k and pass^k against their definition: all ways to choose k of the tries."""
 
 import itertools
 from statistics import fmean
@@ -11,7 +11,7 @@ from evaluator.statistics.attempts import attempts, pass_at_k, pass_hat_k
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=8), st.data())
-def test_both_are_shares_of_all_choices_of_k_tries(tries: list[bool], data: st.DataObject) -> None:
+def test_both_are_shares_of_all_ways_to_choose_k_tries(tries: list[bool], data: st.DataObject) -> None:
     k = data.draw(st.integers(min_value=1, max_value=len(tries)))
     chosen = list(itertools.combinations(tries, k))
     assert pass_at_k(len(tries), sum(tries), k) == pytest.approx(fmean(map(any, chosen)))
@@ -19,25 +19,25 @@ def test_both_are_shares_of_all_choices_of_k_tries(tries: list[bool], data: st.D
 
 
 @given(st.integers(min_value=1, max_value=300), st.data())
-def test_pass_at_k_is_the_product_of_the_paper(tries: int, data: st.DataObject) -> None:
+def test_pass_at_k_equals_the_product_formula_of_the_paper(tries: int, data: st.DataObject) -> None:
     """Chen et al. 2021, arXiv:2107.03374, figure 3 gives equation 1 as 1 - Π (1 - k / i) over i from n - c + 1 to n."""
     successes = data.draw(st.integers(min_value=0, max_value=tries))
     k = data.draw(st.integers(min_value=1, max_value=tries))
     product = 1.0
-    for one in range(tries - successes + 1, tries + 1):
-        product *= max(0.0, 1 - k / one)
+    for factor in range(tries - successes + 1, tries + 1):
+        product *= max(0.0, 1 - k / factor)
     assert pass_at_k(tries, successes, k) == pytest.approx(1 - product, abs=1e-9)
 
 
 @pytest.mark.parametrize("k", [0, 4])
-def test_tries_say_nothing_of_more_tries(k: int) -> None:
+def test_k_must_lie_between_1_and_the_number_of_tries(k: int) -> None:
     for measure in (pass_at_k, pass_hat_k):
-        with pytest.raises(ValueError, match="3 tries say nothing of"):
+        with pytest.raises(ValueError, match="between 1 and the number of tries, 3"):
             measure(3, 1, k)
 
 
-def test_over_scenes_by_hand() -> None:
-    # 2 of 4, 4 of 5 and 0 of 4: at 2, 1 - 1/6, 1 and 0; all of 2: 1/6, 6/10 and 0.
+def test_means_over_scenes_match_a_manual_calculation() -> None:
+    # Successes: 2 of 4, 4 of 5, 0 of 4. At k = 2, pass@k is 1 - 1/6, 1 and 0, and pass^k is 1/6, 6/10 and 0.
     found = attempts({7: [True, True, False, False], 8: [True] * 4 + [False], 9: [False] * 4})
     assert found is not None
     assert (found.n, found.n_scenes, found.tries) == (13, 3, 4)
@@ -50,7 +50,7 @@ def test_over_scenes_by_hand() -> None:
     assert found.points[0].pass_at_k_interval is None  # three scenes
 
 
-def test_intervals_come_with_enough_scenes_and_stay_in_bounds() -> None:
+def test_intervals_need_enough_scenes_and_lie_between_0_and_1() -> None:
     found = attempts({scene: [scene < 9, True, False] for scene in range(12)})
     assert found is not None
     for point in found.points:
@@ -62,6 +62,6 @@ def test_intervals_come_with_enough_scenes_and_stay_in_bounds() -> None:
             assert 0 <= interval.low <= share <= interval.high <= 1
 
 
-def test_a_single_try_tells_nothing_beyond_accuracy() -> None:
+def test_with_a_single_try_there_is_no_pass_at_k() -> None:
     assert attempts({7: [True, False], 8: [True]}) is None
     assert attempts({}) is None

@@ -1,4 +1,4 @@
-"""Budget curves of made-up runs whose truth is known."""
+"""Budget curves of simulated runs with known accuracies."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ BUDGETS = (5, 10, 15, 20)
 
 
 def curve_of(*chances: float, scenes: int = 105, seeds: int = 1, seed: int = 1) -> BudgetCurve:
-    """A run on scenes of all difficulties: one is solved where its difficulty and some luck stay below the chance."""
+    """A simulated run; an episode is right if its scene's difficulty plus random luck is below the given chance."""
     rng = np.random.default_rng(seed)
-    hardness = rng.random(scenes)
+    difficulty = rng.random(scenes)
     cells = [
-        Cell(scene, tuple(bool((0.7 * hardness[scene] + 0.3 * rng.random()) < chance) for chance in chances))
+        Cell(scene, tuple(bool((0.7 * difficulty[scene] + 0.3 * rng.random()) < chance) for chance in chances))
         for scene in range(scenes)
         for _ in range(seeds)
     ]
@@ -22,11 +22,11 @@ def curve_of(*chances: float, scenes: int = 105, seeds: int = 1, seed: int = 1) 
 
 
 def cells(*counts: int, scenes: int) -> list[Cell]:
-    """As many scenes right at each budget as counted, the same ones first."""
+    """One episode per scene; at each budget the first `count` scenes are right."""
     return [Cell(scene, tuple(scene < count for count in counts)) for scene in range(scenes)]
 
 
-def test_a_curve_by_hand() -> None:
+def test_a_curve_matches_a_manual_calculation() -> None:
     found = budget_curve(BUDGETS, cells(40, 60, 62, 62, scenes=100))
     assert (found.n, found.n_scenes) == (100, 100)
     assert [point.budget for point in found.points] == [5, 10, 15, 20]
@@ -39,35 +39,35 @@ def test_a_curve_by_hand() -> None:
     assert (second.difference, second.only_first, second.only_second) == (pytest.approx(0.2), 0, 20)
     assert second.p_value == pytest.approx(2 / 2**20)
     assert (third.difference, fourth.difference) == (pytest.approx(0.02), 0)
-    # Six pairs: the largest gain, 22 scenes of 22, is adjusted sixfold.
+    # Holm multiplies the smallest of six p-values (22 gains of 22) by six.
     assert found.shape is Shape.RISING
     assert found.certainty == pytest.approx(1 - 6 * 2 / 2**22)
-    # After 10 iterations no budget gains more than 5 points; two of a hundred resampled above five is rare.
+    # Beyond 10 iterations the gain is 2 points; a resampled gain above the margin of 5 points is rare.
     assert found.enough == 10
     assert found.enough_certainty is not None
     assert found.enough_certainty > 0.95
 
 
-def test_gains_that_have_not_ended_are_said_to_go_on() -> None:
+def test_the_largest_budget_is_enough_if_gains_do_not_end() -> None:
     found = budget_curve(BUDGETS, cells(20, 40, 60, 80, scenes=100))
     assert (found.shape, found.enough, found.enough_certainty) == (Shape.RISING, 20, None)
 
 
-def test_a_gain_of_just_the_margin_does_not_count() -> None:
+def test_a_gain_equal_to_the_margin_does_not_count() -> None:
     found = budget_curve((5, 10), cells(80, 85, scenes=100))
     assert found.enough == 5
-    assert found.shape is Shape.FLAT  # five of five is p = 0.06
+    assert found.shape is Shape.FLAT  # 5 gains of 5 pairs: p = 0.06
 
 
-def test_a_peak_between_counts_against_the_end_of_gains() -> None:
-    # 10 gains four scenes of a hundred, 15 loses them: with other scenes it might well have been six.
+def test_a_peak_in_the_middle_makes_the_end_of_gains_less_certain() -> None:
+    # Budget 10 gains four of 100 scenes and budget 15 loses them; with other scenes the gain could exceed the margin.
     found = budget_curve((5, 10, 15), cells(50, 54, 50, scenes=100))
     assert found.enough == 5
     assert found.enough_certainty is not None
     assert 0.6 < found.enough_certainty < 0.9
 
 
-def test_shapes_are_told() -> None:
+def test_falling_and_mixed_curves_are_recognised() -> None:
     falling = curve_of(0.7, 0.5, 0.4, 0.3)
     mixed = curve_of(0.3, 0.7, 0.7, 0.4)
     assert (falling.shape, falling.enough) == (Shape.FALLING, 5)
@@ -78,7 +78,7 @@ def test_shapes_are_told() -> None:
     assert 0.95 <= mixed.certainty <= 1
 
 
-def test_a_flat_curve_is_the_more_certain_the_more_was_played() -> None:
+def test_a_flat_shape_is_more_certain_with_more_episodes() -> None:
     few, many = curve_of(0.5, 0.5, 0.5, 0.5, scenes=30), curve_of(0.5, 0.5, 0.5, 0.5, scenes=300, seeds=5)
     assert few.shape is many.shape is Shape.FLAT
     assert few.certainty is not None
@@ -86,14 +86,14 @@ def test_a_flat_curve_is_the_more_certain_the_more_was_played() -> None:
     assert few.certainty < 0.7 < many.certainty
 
 
-def test_a_flat_curve_is_rarely_taken_for_another() -> None:
-    """At most 5 % of 150 runs of 60 scenes with the same chances at all budgets."""
+def test_a_flat_curve_is_misjudged_in_at_most_5_per_cent_of_runs() -> None:
+    """150 simulated runs of 60 scenes with equal chances at all budgets."""
     shapes = [curve_of(0.5, 0.5, 0.5, 0.5, scenes=60, seed=seed).shape for seed in range(150)]
     assert sum(shape is not Shape.FLAT for shape in shapes) <= 7
 
 
 def test_seeds_of_a_scene_do_not_count_as_scenes() -> None:
-    # Two of ten scenes become solvable, on all of twenty seeds: two scenes, not forty episodes.
+    # Two of ten scenes become solvable, each on all twenty seeds: two independent gains, not forty.
     played = [Cell(scene, (scene < 4, scene < 6)) for scene in range(10) for _ in range(20)]
     found = budget_curve((5, 20), played)
     assert found.points[1].gain is not None
@@ -101,12 +101,12 @@ def test_seeds_of_a_scene_do_not_count_as_scenes() -> None:
     assert found.shape is Shape.FLAT
 
 
-def test_a_few_scenes_are_not_resampled() -> None:
+def test_too_few_scenes_are_not_resampled() -> None:
     found = budget_curve((5, 20), cells(2, 2, scenes=5))
     assert (found.shape, found.certainty, found.enough, found.enough_certainty) == (Shape.FLAT, None, 5, None)
 
 
-def test_within_one_scene_its_episodes_are_resampled() -> None:
+def test_with_a_single_scene_its_episodes_are_resampled() -> None:
     found = budget_curve((5, 20), [Cell(7, (False, seed < 15)) for seed in range(20)])
     assert (found.shape, found.n_scenes) == (Shape.RISING, 1)
     alike = budget_curve((5, 20), [Cell(7, (seed < 15, seed < 15)) for seed in range(20)])
@@ -114,7 +114,7 @@ def test_within_one_scene_its_episodes_are_resampled() -> None:
 
 
 @pytest.mark.parametrize("budgets", [(5,), (20, 5), (5, 5)])
-def test_budgets_must_be_several_and_ascend(budgets: tuple[int, ...]) -> None:
+def test_budgets_must_ascend_and_be_at_least_two(budgets: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="two or more budgets, ascending"):
         budget_curve(budgets, [Cell(7, tuple(True for _ in budgets))])
 
