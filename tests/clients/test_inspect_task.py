@@ -1,6 +1,7 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
 # ruff: noqa: E402 - what needs the library is imported after the look whether it is there
+
 """Inspect AI plays and grades as `physment-eval` does: the same turns, returns, outcome, answer and verdicts."""
 
 import json
@@ -27,7 +28,8 @@ from evaluator.episode.connect import ProcessLaboratory
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.inspect_task import EPISODE, physment
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
+from tests.builders.records import VERSIONS, call, episode_key
 
 ROOT = Path(__file__).parents[2]
 USAGE = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
@@ -63,7 +65,7 @@ class Repeating:
 
     def __init__(self, tool: str, arguments: dict[str, Any]) -> None:
         self.name = "repeating"
-        self._call = ToolCall(tool=tool, arguments=arguments)
+        self._call = call(tool, **arguments)
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "Repeating":
         return self
@@ -85,9 +87,9 @@ def play_in_inspect(outputs: Outputs, scene: int, budget: int, log_dir: Path) ->
 
 
 async def play_here(agent: Agent, scene: int, budget: int) -> Episode:
-    key = EpisodeKey(scene=scene, seed=0, agent=agent.name, budget=budget)
+    key = episode_key(scene, agent=agent.name, budget=budget)
     async with ProcessLaboratory((sys.executable, "-m", "physment_mcp")).open(scene, 0) as client:
-        return await play_episode(agent, client, key, Versions(physment="0", protocol="0", pack="0"))
+        return await play_episode(agent, client, key, VERSIONS)
 
 
 CASES = {

@@ -5,21 +5,14 @@ from pathlib import Path
 import pytest
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, Plan, RunRecord, ServerRecord, Versions
+from evaluator.records import Episode, Outcome, Plan, RunRecord, ServerRecord
 from evaluator.store import RunFolder
 from evaluator.study.runner import missing
+from tests.builders.records import episode, episode_key
 
 
-def episode(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -> Episode:
-    return Episode(
-        key=EpisodeKey(scene=scene, seed=0, agent="x", budget=5),
-        outcome=outcome,
-        prompt=prompt,
-        turns=(),
-        started_at="2026-01-01T00:00:00+00:00",
-        duration_s=0.0,
-        versions=Versions(physment="0", protocol="0", pack="0"),
-    )
+def episode_of(scene: int, outcome: Outcome = Outcome.ANSWERED, prompt: str = "") -> Episode:
+    return episode(key=episode_key(scene, budget=5), outcome=outcome, prompt=prompt)
 
 
 def record() -> RunRecord:
@@ -36,15 +29,15 @@ def folder(tmp_path: Path) -> RunFolder:
 
 def test_what_was_appended_is_read_back(folder: RunFolder) -> None:
     for scene in (7, 8):
-        folder.append_episode(episode(scene, prompt="an eä\nb"))
+        folder.append_episode(episode_of(scene, prompt="an eä\nb"))
     assert [key.scene for key in folder.episodes()] == [7, 8]
-    assert folder.episodes()[episode(7).key].prompt == "an eä\nb"
+    assert folder.episodes()[episode_of(7).key].prompt == "an eä\nb"
 
 
 @pytest.mark.parametrize("kept", [0.1, 0.5, 0.99])
 def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, kept: float) -> None:
     for scene in (7, 8, 9):
-        folder.append_episode(episode(scene, prompt="äöü" * 50))
+        folder.append_episode(episode_of(scene, prompt="äöü" * 50))
     content = folder.episodes_file.read_bytes()
     last = content.rindex(b"\n", 0, len(content) - 1) + 1
     torn = content[: last + max(1, int((len(content) - 1 - last) * kept))]
@@ -52,17 +45,17 @@ def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, ke
     assert [key.scene for key in folder.episodes()] == [7, 8]
     # It may be the line that is being written just now: only who writes the next one takes it away.
     assert folder.episodes_file.read_bytes() == torn
-    folder.append_episode(episode(9))
+    folder.append_episode(episode_of(9))
     assert [key.scene for key in folder.episodes()] == [7, 8, 9]
     assert folder.episodes_file.read_bytes().startswith(content[:last])
     assert folder.episodes_file.with_name("episodes.jsonl.torn").read_bytes() == torn[last:] + b"\n"
 
 
 def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
-    folder.append_episode(episode(7))
+    folder.append_episode(episode_of(7))
     with folder.episodes_file.open("a", encoding="utf-8") as stream:
         stream.write("{not json}\n")
-    folder.append_episode(episode(8))
+    folder.append_episode(episode_of(8))
     with pytest.raises(StoreError, match=r"episodes\.jsonl, line 2 is damaged"):
         folder.episodes()
 
@@ -70,13 +63,13 @@ def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
 @pytest.mark.parametrize("break_", ["\u2028", "\u2029", "\x85", "\x0b", "\x0c", "\x1c", "\r", "\r\n", "\0"], ids=ascii)
 def test_whatever_breaks_lines_in_other_places_breaks_none_here(folder: RunFolder, break_: str) -> None:
     for scene in (7, 8):
-        folder.append_episode(episode(scene, prompt=f"one{break_}two"))
+        folder.append_episode(episode_of(scene, prompt=f"one{break_}two"))
     assert [one.prompt for one in folder.episodes().values()] == [f"one{break_}two"] * 2
 
 
 @pytest.mark.parametrize("damage", [b"\xff\xfe\n", b"\n", b"[]\n", b'{"format": 2}\n', b"[" * 300 + b"]" * 300 + b"\n"])
 def test_damage_of_any_kind_is_a_sentence_with_the_line(folder: RunFolder, damage: bytes) -> None:
-    folder.append_episode(episode(7))
+    folder.append_episode(episode_of(7))
     with folder.episodes_file.open("ab") as stream:
         stream.write(damage)
     with pytest.raises(StoreError, match=r"episodes\.jsonl, line 2 is damaged"):
@@ -84,8 +77,8 @@ def test_damage_of_any_kind_is_a_sentence_with_the_line(folder: RunFolder, damag
 
 
 def test_of_several_records_of_one_episode_the_last_counts(folder: RunFolder) -> None:
-    folder.append_episode(episode(7, Outcome.INFRASTRUCTURE_ERROR))
-    folder.append_episode(episode(7))
+    folder.append_episode(episode_of(7, Outcome.INFRASTRUCTURE_ERROR))
+    folder.append_episode(episode_of(7))
     assert [one.outcome for one in folder.episodes().values()] == [Outcome.ANSWERED]
 
 
@@ -122,7 +115,7 @@ def test_a_run_file_with_a_missing_field_is_refused_with_its_name(folder: RunFol
 
 def test_only_what_is_missing_or_was_never_played_is_to_be_played() -> None:
     plan = Plan(scenes=(7, 8, 9), agents=("x",), budgets=(5,))
-    done = {one.key: one for one in (episode(7), episode(8, Outcome.INFRASTRUCTURE_ERROR))}
+    done = {one.key: one for one in (episode_of(7), episode_of(8, Outcome.INFRASTRUCTURE_ERROR))}
     assert [key.scene for key in missing(plan.matrix(), done)] == [8, 9]
 
 

@@ -1,7 +1,7 @@
 """Time, limits, roll-back, purity of reads and repeatability of whole episodes."""
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from physment_mcp.errors import RefusedCall, SceneError
 from physment_mcp.session import MAX_SIMULATED_S
 from physment_mcp.world import World
+from tests.builders.bench import Bench, ball_mjcf, open_bench
 
 # A spring far too stiff for the time step: k Δt²/m = 2500 is beyond every explicit integrator.
 BOMB = """
@@ -23,8 +24,8 @@ BOMB = """
 """
 
 
-async def test_a_step_is_rounded_to_whole_time_steps(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_a_step_is_rounded_to_whole_time_steps() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     for duration, steps in ((0.005, 1), (0.0124, 2), (0.0126, 3), (1e-9, 1), (5e-324, 1), (0.3, 60), (1 / 3, 67)):
         before = lab.session.world.time
         told = await lab("step", duration=duration)
@@ -33,8 +34,8 @@ async def test_a_step_is_rounded_to_whole_time_steps(bench: Callable[..., Any], 
         assert told["results"] is None
 
 
-async def test_simulated_time_is_bounded_by_an_hour(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5"), dt=0.02, gravity="0 0 0")
+async def test_simulated_time_is_bounded_by_an_hour() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"), dt=0.02, gravity="0 0 0")
     for _ in range(59):
         await lab("step", duration=60)
     await lab("step", duration=59)
@@ -45,13 +46,13 @@ async def test_simulated_time_is_bounded_by_an_hour(bench: Callable[..., Any], b
     await lab("get_position", object_id=1)
 
 
-async def test_progress_does_not_change_the_physics(bench: Callable[..., Any]) -> None:
+async def test_progress_does_not_change_the_physics() -> None:
     link = '<joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.5"/>'
     chaotic = (
         f'<body name="object_1" pos="0 0 3" euler="0 170 0">{link}'
         f'<body name="object_2" pos="0 0 -0.5">{link}</body></body>'
     )
-    once, often = bench(chaotic), bench(chaotic)
+    once, often = open_bench(chaotic), open_bench(chaotic)
     seen: list[tuple[float, float]] = []
 
     async def note(done: float, total: float) -> None:
@@ -65,10 +66,8 @@ async def test_progress_does_not_change_the_physics(bench: Callable[..., Any]) -
     assert once.session.world._state().tobytes() == often.session.world._state().tobytes()
 
 
-async def test_a_cancelled_step_is_as_if_it_had_never_begun(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
+async def test_a_cancelled_step_is_as_if_it_had_never_begun() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
     await lab("apply_force", object_id=1, force_vector=[1, 0, 0])
     await lab("step", duration=0.5)
     before, acceleration = lab.fingerprint(), await lab.vector("get_acceleration", 1)
@@ -81,7 +80,7 @@ async def test_a_cancelled_step_is_as_if_it_had_never_begun(
     assert scope.cancelled_caught
     assert lab.fingerprint() == before
     assert np.array_equal(await lab.vector("get_acceleration", 1), acceleration)
-    twin = bench(ball(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
+    twin = open_bench(ball_mjcf(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
     await twin("apply_force", object_id=1, force_vector=[1, 0, 0])
     await twin("step", duration=0.5)
     for one in (lab, twin):
@@ -89,10 +88,8 @@ async def test_a_cancelled_step_is_as_if_it_had_never_begun(
     assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
 
 
-async def test_a_step_cancelled_in_its_last_chunk_is_as_if_it_had_never_begun(
-    bench: Callable[..., Any], ball: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_a_step_cancelled_in_its_last_chunk_is_as_if_it_had_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     before, step = lab.fingerprint(), lab.session.world.step
     with anyio.CancelScope() as scope:
 
@@ -115,10 +112,8 @@ def no_engine_log() -> Generator[None]:
 
 @pytest.mark.usefixtures("no_engine_log")
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
-async def test_a_blow_up_is_rolled_back_twice_in_a_row_and_writes_no_log(
-    bench: Callable[..., Any], integrator: str
-) -> None:
-    lab = bench(BOMB, integrator=integrator, flags='<flag eulerdamp="disable"/>')
+async def test_a_blow_up_is_rolled_back_twice_in_a_row_and_writes_no_log(integrator: str) -> None:
+    lab = open_bench(BOMB, integrator=integrator, flags='<flag eulerdamp="disable"/>')
     for _ in range(2):
         assert "rolled back" in await lab.refused("step", duration=10)
         assert await lab.position(1) == pytest.approx([0, 0, 1])
@@ -129,17 +124,17 @@ async def test_a_blow_up_is_rolled_back_twice_in_a_row_and_writes_no_log(
     assert await lab.velocity("p") == pytest.approx([0, 0, -9.81 / 2], rel=1e-9)
 
 
-async def test_a_result_that_is_not_finite_is_refused(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_a_result_that_is_not_finite_is_refused() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     lab.session.world.set_velocity("object_1", np.array([1e200, 0, 0]))  # its square is not finite any more
     with np.errstate(over="ignore"):
         assert "rolled back" in await lab.refused("get_kinetic_energy", object_id=1, mass=1)
 
 
-async def test_limits_of_force_and_speed_do_not_break_the_world(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 5", mass=1e-3) + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
+async def test_limits_of_force_and_speed_do_not_break_the_world() -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 5", mass=1e-3) + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>'
+    )
     await lab("set_velocity", object_id=1, velocity_vector=[0, 0, -1e6])
     await lab("apply_force", object_id=1, force_vector=[1e6, -1e6, 1e6])
     await lab("apply_torque", object_id=1, torque_vector=[1e6, 1e6, 1e6])
@@ -197,7 +192,7 @@ reads = st.one_of(
 slow = settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-async def play(lab: Any, calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
+async def play(lab: Bench, calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
     """Results and refusals; a refusal is checked to change nothing."""
     told = []
     for tool, arguments in calls:
@@ -212,8 +207,8 @@ async def play(lab: Any, calls: list[tuple[str, dict[str, Any]]]) -> list[Any]:
 
 @slow
 @given(st.lists(st.tuples(actions, st.lists(reads, max_size=4)), min_size=3, max_size=12))
-async def test_extra_reads_leave_the_dynamics_bit_identical(bench: Callable[..., Any], script: Any) -> None:
-    plain, curious = bench(PLAYGROUND), bench(PLAYGROUND)
+async def test_extra_reads_leave_the_dynamics_bit_identical(script: Any) -> None:
+    plain, curious = open_bench(PLAYGROUND), open_bench(PLAYGROUND)
     for action, extra in script:
         told = await play(plain, [action])
         before = curious.fingerprint()
@@ -225,16 +220,16 @@ async def test_extra_reads_leave_the_dynamics_bit_identical(bench: Callable[...,
 
 @slow
 @given(st.lists(st.one_of(actions, reads), min_size=3, max_size=15))
-async def test_the_same_calls_give_the_same_results(bench: Callable[..., Any], script: Any) -> None:
-    first, second = bench(PLAYGROUND), bench(PLAYGROUND)
+async def test_the_same_calls_give_the_same_results(script: Any) -> None:
+    first, second = open_bench(PLAYGROUND), open_bench(PLAYGROUND)
     assert await play(first, script) == await play(second, script)
     assert first.session.world._state().tobytes() == second.session.world._state().tobytes()
 
 
 @slow
 @given(st.lists(actions, max_size=8), st.lists(actions, min_size=1, max_size=4))
-async def test_a_failure_after_any_calls_undoes_them_all(bench: Callable[..., Any], before: Any, within: Any) -> None:
-    lab = bench(PLAYGROUND)
+async def test_a_failure_after_any_calls_undoes_them_all(before: Any, within: Any) -> None:
+    lab = open_bench(PLAYGROUND)
     await play(lab, before)
     state = lab.fingerprint()
 
@@ -247,7 +242,7 @@ async def test_a_failure_after_any_calls_undoes_them_all(bench: Callable[..., An
     with pytest.raises(KeyError, match="stop"):
         await fail()
     assert lab.fingerprint() == state
-    twin = bench(PLAYGROUND)
+    twin = open_bench(PLAYGROUND)
     await play(twin, before)
     after = [("step", {"duration": 0.1}), *[("get_velocity", {"object_id": n}) for n in (2, 3, 4, 5, 6)]]
     assert await play(lab, after) == await play(twin, after)
@@ -258,7 +253,7 @@ async def test_a_failure_after_any_calls_undoes_them_all(bench: Callable[..., An
     pushes=st.lists(st.tuples(st.integers(1, 4), vector, vector), min_size=1, max_size=4),
     duration=st.sampled_from([0.05, 0.2, 0.5]),
 )
-async def test_momentum_is_kept_once_nothing_pushes(bench: Callable[..., Any], pushes: Any, duration: float) -> None:
+async def test_momentum_is_kept_once_nothing_pushes(pushes: Any, duration: float) -> None:
     # Four balls that may hit each other, two of them attached, and no gravity: no outside force is left.
     masses = {1: 1.0, 2: 2.0, 3: 0.5, 4: 4.0}
     bodies = "".join(
@@ -266,7 +261,7 @@ async def test_momentum_is_kept_once_nothing_pushes(bench: Callable[..., Any], p
         f'<geom size="0.1" mass="{m}"/></body>'
         for n, m in masses.items()
     )
-    lab = bench(bodies, gravity="0 0 0")
+    lab = open_bench(bodies, gravity="0 0 0")
     await lab("attach_objects", object1_id=3, object2_id=4, joint="ball")
     for number, force, velocity in pushes:
         await lab("apply_force", object_id=number, force_vector=force)
@@ -284,10 +279,8 @@ async def test_momentum_is_kept_once_nothing_pushes(bench: Callable[..., Any], p
     assert await total() == pytest.approx(before, abs=1e-8)
 
 
-async def test_a_world_of_half_the_time_step_falls_the_same(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_a_world_of_half_the_time_step_falls_the_same() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     finer = World(lab.session.scene.mjcf, timestep=0.0025)
     assert finer.timestep == 0.0025
     finer.step(finer.whole_steps(0.5))
@@ -304,8 +297,8 @@ def test_a_model_that_does_not_compile_is_one_sentence(xml: str) -> None:
     assert "\n" not in str(error.value)
 
 
-async def test_calls_are_counted_refused_ones_too(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_calls_are_counted_refused_ones_too() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     await lab("step", duration=0.1)
     await lab.refused("step", duration=-1)
     await lab.refused("no such tool")

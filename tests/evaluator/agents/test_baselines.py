@@ -16,22 +16,18 @@ from evaluator.answers.strict import AnswerKey
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from physment_mcp import open_episode
 from scenes import list_packs
+from tests.builders.records import ANSWER, STEP, VERSIONS, episode_key
 
 SCENES = [files.scene_id for files in list_packs()]
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
 KEYS = KeyRing()
-
-
-def key_of(scene: int, seed: int, agent: str = "x") -> EpisodeKey:
-    return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=20)
 
 
 async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgent, scene: int, seed: int) -> Episode:
     async with Client(open_episode(scene, seed).server()) as client:
-        return await play_episode(agent, client, key_of(scene, seed), VERSIONS)
+        return await play_episode(agent, client, episode_key(scene, seed=seed), VERSIONS)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
@@ -115,12 +111,11 @@ async def test_oracle_once_gets_one_batch_of_returns_and_then_may_only_answer() 
 
         async def act(self, feedback: Feedback | None) -> Reply:
             self.turns += 1
-            step = ToolCall(tool="step", arguments={"duration": 0.1})
             if self.turns == 1:
-                return Reply(calls=(step, step))
+                return Reply(calls=(STEP, STEP))
             assert feedback is not None
             assert (len(feedback.exchanges), feedback.remaining) == (2, 1)
-            return Reply(calls=(step, ToolCall(tool="answer", arguments={"answer": 1})))
+            return Reply(calls=(STEP, ANSWER))
 
     episode = await play(OracleOnceAgent(Eager()), 7, 0)
     assert [len(turn.exchanges) for turn in episode.turns] == [2, 1]
@@ -160,6 +155,6 @@ async def test_a_script_plays_by_scene(tmp_path: Path) -> None:
     file.write_text(json.dumps({"7": turns}), encoding="utf-8")
     agent = load_script(file)
     async with Client(open_episode(7).server()) as client:
-        assert (await play_episode(agent, client, key_of(7, 0), VERSIONS)).answer == 5
+        assert (await play_episode(agent, client, episode_key(7, seed=0), VERSIONS)).answer == 5
     async with Client(open_episode(21).server()) as client:
-        assert (await play_episode(agent, client, key_of(21, 0), VERSIONS)).outcome is Outcome.AGENT_ERROR
+        assert (await play_episode(agent, client, episode_key(21, seed=0), VERSIONS)).outcome is Outcome.AGENT_ERROR

@@ -11,11 +11,10 @@ from evaluator.agents.stopping import stated_confidence, with_stopping
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome
 from physment_mcp import open_episode
+from tests.builders.records import ANSWER, STEP, VERSIONS, episode_key
 
-STEP = ToolCall(tool="step", arguments={"duration": 0.1})
-ANSWER = ToolCall(tool="answer", arguments={"answer": 1})
 ASKED = "In the reasoning of your next reply, state how confident"
 
 
@@ -41,10 +40,9 @@ class Replies:
 
 async def play(agent: Replies | ScriptedAgent, policy: str, budget: int) -> Episode:
     playing = with_stopping(agent, policy)
-    key = EpisodeKey(scene=7, seed=0, agent=playing.name, budget=budget)
-    versions = Versions(physment="0", protocol="0", pack="0")
+    key = episode_key(agent=playing.name, budget=budget)
     async with Client(open_episode(7).server()) as client:
-        return await play_episode(playing, client, key, versions)
+        return await play_episode(playing, client, key, VERSIONS)
 
 
 async def test_budget_aware_asks_for_the_answer_in_the_last_two_iterations_alone() -> None:

@@ -13,8 +13,9 @@ from pydantic import JsonValue
 from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_missing, infer_spec
 from evaluator.answers.strict import AnswerKey
 from evaluator.quantities.units import conversion, parse_unit
-from evaluator.records import Episode, EpisodeKey, NormalisationClass, Outcome, Verdict, Versions
+from evaluator.records import NormalisationClass, Outcome, Verdict
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from tests.builders.records import episode
 
 NOTATION = NormalisationClass.OBJECT_NOTATION
 ROUNDING = NormalisationClass.TRIVIAL_ROUNDING
@@ -612,17 +613,7 @@ def test_an_answered_episode_cannot_be_graded_as_unanswered() -> None:
     ],
 )
 def test_an_episode_is_graded_by_its_answer_or_outcome(outcome: Outcome, answer: JsonValue, expected: Verdict) -> None:
-    episode = Episode(
-        key=EpisodeKey(scene=10, seed=0, agent="scripted", budget=5),
-        outcome=outcome,
-        answer=answer,
-        prompt="",
-        turns=(),
-        started_at="2026-01-01T00:00:00Z",
-        duration_s=0,
-        versions=Versions(physment="0", protocol="0", pack="1"),
-    )
-    assert grade_episode(episode, number(3.27)).strict is expected
+    assert grade_episode(episode(outcome=outcome, answer=answer), number(3.27)).strict is expected
 
 
 # Answer keys.

@@ -14,11 +14,9 @@ from evaluator.episode.connect import LocalHost, connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError, PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, ToolCall, Versions
+from evaluator.records import Episode, EpisodeKey, ToolCall
+from tests.builders.records import ANSWER, STEP, VERSIONS, call, episode_key
 
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
-STEP = ToolCall(tool="step", arguments={"duration": 0.1})
-ANSWER = ToolCall(tool="answer", arguments={"answer": 1})
 PYTHON = shlex.quote(sys.executable)
 
 DYING = """
@@ -62,7 +60,7 @@ def script(*turns: tuple[ToolCall, ...]) -> ScriptedAgent:
 
 
 async def play(server: str, agent: Agent, scene: int = 7, seed: int = 0, scenes_dir: Path | None = None) -> Episode:
-    key = EpisodeKey(scene=scene, seed=seed, agent=agent.name, budget=5)
+    key = episode_key(scene, seed=seed, agent=agent.name, budget=5)
     with anyio.fail_after(60):
         async with connect(server, scenes_dir) as laboratory, laboratory.open(scene, seed) as client:
             return await play_episode(agent, client, key, VERSIONS)
@@ -88,7 +86,7 @@ async def test_a_command_that_asks_for_neither_is_told_both(dying: str) -> None:
 
 
 async def test_the_laboratorys_own_command_serves_the_scene_and_seed_it_is_told() -> None:
-    agent = script((ToolCall(tool="get_parameters", arguments={"object_id": "object_1"}), ANSWER))
+    agent = script((call("get_parameters", object_id="object_1"), ANSWER))
     by_command = await play(f"{PYTHON} -m physment_mcp --scene {{scene}} --seed {{seed}}", agent, seed=4)
     by_name = await play("stdio", agent, seed=4)
     assert by_command.prompt == by_name.prompt

@@ -14,20 +14,9 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage
 from physment_mcp import open_episode
-
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
-STEP = ToolCall(tool="step", arguments={"duration": 0.1})
-LOOK = ToolCall(tool="get_position", arguments={"object_id": "object_1"})
-
-
-def answer(value: object) -> ToolCall:
-    return ToolCall(tool="answer", arguments={"answer": value})
-
-
-def call(tool: str, **arguments: object) -> ToolCall:
-    return ToolCall(tool=tool, arguments=arguments)
+from tests.builders.records import ANSWER, LOOK, STEP, VERSIONS, answer, call, episode_key
 
 
 @dataclass
@@ -51,7 +40,7 @@ class Replies:
 
 async def play(agent: Agent, budget: int = 5) -> Episode:
     async with Client(open_episode(7).server()) as client:
-        return await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="x", budget=budget), VERSIONS)
+        return await play_episode(agent, client, episode_key(budget=budget), VERSIONS)
 
 
 def script(*turns: tuple[ToolCall, ...]) -> ScriptedAgent:
@@ -65,7 +54,7 @@ async def test_the_answer_is_taken_down_verbatim(value: object) -> None:
 
 
 async def test_nothing_after_the_answer_in_a_batch_is_run() -> None:
-    episode = await play(script((answer(1), STEP, answer(2))))
+    episode = await play(script((ANSWER, STEP, answer(2))))
     assert episode.answer == 1
     assert [one.returned for one in episode.turns[0].exchanges] == [True, False, False]
 
@@ -77,7 +66,7 @@ async def test_an_answer_the_laboratory_refuses_does_not_end_the_episode() -> No
 
 
 async def test_a_call_that_fits_no_schema_stops_the_batch_and_what_ran_before_stands() -> None:
-    agent = Replies([Reply(calls=(STEP, call("step", duration="long"), STEP)), Reply(calls=(LOOK, answer(1)))])
+    agent = Replies([Reply(calls=(STEP, call("step", duration="long"), STEP)), Reply(calls=(LOOK, ANSWER))])
     episode = await play(agent)
     first = episode.turns[0]
     assert [(one.returned, one.is_error) for one in first.exchanges] == [(True, False), (False, True), (False, False)]
@@ -100,14 +89,14 @@ async def test_a_call_that_fits_no_schema_stops_the_batch_and_what_ran_before_st
     ids=str,
 )
 async def test_a_misfit_is_never_run(misfit: ToolCall) -> None:
-    episode = await play(script((misfit,), (answer(1),)))
+    episode = await play(script((misfit,), (ANSWER,)))
     (exchange,) = episode.turns[0].exchanges
     assert (exchange.returned, exchange.is_error) == (False, True)
     assert exchange.text
 
 
 async def test_a_refusal_by_the_laboratory_does_not_stop_the_batch() -> None:
-    episode = await play(script((call("get_position", object_id="object_9"), STEP, answer(1))))
+    episode = await play(script((call("get_position", object_id="object_9"), STEP, ANSWER)))
     assert [(one.returned, one.is_error) for one in episode.turns[0].exchanges] == [
         (True, True),
         (True, False),
@@ -116,7 +105,7 @@ async def test_a_refusal_by_the_laboratory_does_not_stop_the_batch() -> None:
 
 
 async def test_a_reply_without_a_call_and_one_that_cannot_be_read_cost_an_iteration_each() -> None:
-    agent = Replies([Reply("thinking"), Reply(calls=(), malformed="no list of calls"), Reply(calls=(answer(1),))])
+    agent = Replies([Reply("thinking"), Reply(calls=(), malformed="no list of calls"), Reply(calls=(ANSWER,))])
     episode = await play(agent)
     assert len(episode.turns) == 3
     assert "no tool call" in episode.turns[0].note
@@ -142,7 +131,7 @@ async def test_an_agent_that_cannot_go_on_is_recorded_with_its_reason_and_its_tu
 
 
 async def test_the_agent_reads_the_very_text_the_laboratory_returned() -> None:
-    agent = Replies([Reply(calls=(STEP, LOOK)), Reply(calls=(answer(1),))])
+    agent = Replies([Reply(calls=(STEP, LOOK)), Reply(calls=(ANSWER,))])
     await play(agent)
     (feedback,) = [one for one in agent.told if one]
     assert feedback.exchanges[0].text.startswith('{"sim_time":0.1')
@@ -167,9 +156,9 @@ async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_brea
         return types.CallToolResult(content=[types.TextContent(type="text", text="{}")], structured_content={})
 
     server: Server[object] = Server("x", on_list_tools=_no_tools, on_call_tool=call_tool, on_get_prompt=_short_prompt)
-    key = EpisodeKey(scene=7, seed=0, agent="x", budget=5)
+    key = episode_key(budget=5)
     async with Client(server) as client:
-        episode = await play_episode(script((answer(1),)), client, key, VERSIONS)
+        episode = await play_episode(script((ANSWER,)), client, key, VERSIONS)
         assert (episode.prompt, episode.answer) == ("task", 1)
         with pytest.raises(InfrastructureError, match="step did not return"):
             await play_episode(script((STEP,)), client, key, VERSIONS)
@@ -178,8 +167,8 @@ async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_brea
 async def test_usage_is_added_up_and_a_cost_nobody_knows_stays_unknown() -> None:
     tokens = Usage(input_tokens=10, output_tokens=3, cached_tokens=1)
     priced = tokens.model_copy(update={"cost_usd": 0.25})
-    both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(answer(1),), usage=priced)]))
+    both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(ANSWER,), usage=priced)]))
     assert both.usage == Usage(input_tokens=20, output_tokens=6, cached_tokens=2, cost_usd=0.25)
-    one = await play(Replies([Reply(calls=(answer(1),), usage=tokens)]))
+    one = await play(Replies([Reply(calls=(ANSWER,), usage=tokens)]))
     assert one.usage is not None
     assert one.usage.cost_usd is None

@@ -14,10 +14,10 @@ from mcp.server.lowlevel import Server
 
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.toolbox import Toolbox, Toolboxes
-from evaluator.records import ToolCall
+from tests.builders.records import call
 
 HOUR = CacheHint(ttl_ms=3_600_000, scope="public")
-WEIGH = ToolCall(tool="weigh", arguments={})
+WEIGH = call("weigh")
 
 
 @dataclass

@@ -10,15 +10,9 @@ from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, EpisodeKey, ToolCall, Versions
+from evaluator.records import Episode
 from physment_mcp import open_episode
-
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
-
-
-def call(tool: str, **arguments: object) -> ToolCall:
-    return ToolCall(tool=tool, arguments=arguments)
-
+from tests.builders.records import VERSIONS, call, episode_key
 
 TOUR = ScriptedAgent(
     "tour",
@@ -51,13 +45,13 @@ def canonical(episode: Episode) -> Mapping[str, Any]:
 
 
 async def through(server: str, agent: ScriptedAgent | ReferenceAgent, scene: int) -> Mapping[str, Any]:
-    key = EpisodeKey(scene=scene, seed=3, agent=agent.name, budget=20)
+    key = episode_key(scene, seed=3, agent=agent.name)
     async with connect(server, None) as laboratory, laboratory.open(scene, 3) as client:
         return canonical(await play_episode(agent, client, key, VERSIONS))
 
 
 async def in_memory(mode: Any, agent: ScriptedAgent | ReferenceAgent, scene: int) -> Mapping[str, Any]:
-    key = EpisodeKey(scene=scene, seed=3, agent=agent.name, budget=20)
+    key = episode_key(scene, seed=3, agent=agent.name)
     async with Client(open_episode(scene, 3).server(), mode=mode) as client:
         return canonical(await play_episode(agent, client, key, VERSIONS))
 

@@ -9,11 +9,10 @@ from mcp import Client
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall
 from evaluator.store import RunFolder
 from physment_mcp import open_episode
-
-STEP = ToolCall(tool="step", arguments={"duration": 0.1})
+from tests.builders.records import ANSWER, STEP, VERSIONS, answer, call, episode_key
 
 
 class Saying:
@@ -22,7 +21,7 @@ class Saying:
     name = "saying"
 
     def __init__(self, reply: Reply | Exception) -> None:
-        self.replies = [reply, Reply(calls=(answer(1),))]
+        self.replies = [reply, Reply(calls=(ANSWER,))]
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "Saying":
         return self
@@ -32,10 +31,6 @@ class Saying:
         if isinstance(reply, Exception):
             raise reply
         return reply
-
-
-def answer(value: object) -> ToolCall:
-    return ToolCall(tool="answer", arguments={"answer": value})
 
 
 def nested(levels: int) -> Any:
@@ -49,9 +44,9 @@ async def stored(reply: Reply | Exception, path: Path) -> Episode:
     """Play, write down, and read again."""
     folder = RunFolder(path / "run")
     folder.create(resume=False)
-    key = EpisodeKey(scene=7, seed=0, agent="x", budget=3)
+    key = episode_key(budget=3)
     async with Client(open_episode(7).server()) as client:
-        episode = await play_episode(Saying(reply), client, key, Versions(physment="0", protocol="0", pack="0"))
+        episode = await play_episode(Saying(reply), client, key, VERSIONS)
     folder.append_episode(episode)
     assert list(folder.episodes().values()) == [episode]
     return episode
@@ -61,12 +56,12 @@ async def stored(reply: Reply | Exception, path: Path) -> Episode:
     ("bad", "problem"),
     [
         (answer("\ud800"), "half a surrogate pair"),
-        (ToolCall(tool="step", arguments={"\udfff": 1}), "half a surrogate pair"),
-        (ToolCall(tool="st\ud800ep", arguments={}), "half a surrogate pair"),
+        (call("step", **{"\udfff": 1}), "half a surrogate pair"),
+        (call("st\ud800ep"), "half a surrogate pair"),
         (answer(nested(64)), "nests more than 64 levels"),
         (answer(nested(220)), "nests more than 64 levels"),
         (answer(nested(5000)), "nests more than 64 levels"),
-        (ToolCall(tool="no such tool", arguments={"a": {"b": nested(300)}}), "nests more than 64 levels"),
+        (call("no such tool", a={"b": nested(300)}), "nests more than 64 levels"),
         (answer(object()), "is not JSON"),
         (answer(10**5000), "is not JSON"),
     ],

@@ -3,7 +3,6 @@
 import json
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pydantic import JsonValue
@@ -14,8 +13,9 @@ from evaluator.answers.strict import AnswerKey
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import Failure, FailureMode, expected_form, quote_at
-from evaluator.records import Episode, EpisodeKey, Exchange, Grade, Outcome, ToolCall, Turn, Verdict, Versions
+from evaluator.records import Episode, Exchange, Outcome, Turn
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from tests.builders.records import UNSCORED, episode, episode_key, refused, rejected, returned, turn
 
 OBJECTS = {"object_1": "cart", "object_2": "wall", "object_3": "ball", "object_4": "ball"}
 PROMPT = "| id | name |\n| object_1 | cart |\n| object_2 | wall |\n| object_3 | ball |\n| object_4 | ball |"
@@ -26,39 +26,14 @@ def number_key(value: Scalar | tuple[Scalar, ...] = 3.2) -> AnswerKey:
     return AnswerKey(value, AnswerSpec(kind=kind), OBJECTS)
 
 
-def call(tool: str, content: dict[str, Any] | None = None, **arguments: Any) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, content=content or {}, text="read")
-
-
-def refused(tool: str, text: str, **arguments: Any) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, is_error=True, text=text)
-
-
-def rejected(tool: str, **arguments: Any) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=False, is_error=True, text="fits no schema")
-
-
 def answered(*turns: Turn, answer: JsonValue = 5.0, said: str = "", budget: int = 10) -> Episode:
-    """An episode whose last turn answers."""
-    last = Turn(reasoning=said, exchanges=(call("answer", answer=answer),))
-    return Episode(
-        key=EpisodeKey(scene=7, seed=0, agent="scripted", budget=budget),
-        outcome=Outcome.ANSWERED,
-        answer=answer,
-        prompt=PROMPT,
-        turns=(*turns, last),
-        started_at="2026-01-01T00:00:00Z",
-        duration_s=0,
-        versions=Versions(physment="0", protocol="0", pack="1"),
-    )
+    """An episode that ends with a turn that answers."""
+    last = turn(said, returned("answer", answer=answer))
+    return episode(*turns, last, key=episode_key(budget=budget), answer=answer, prompt=PROMPT)
 
 
 def unanswered(*turns: Turn) -> Episode:
     return answered().model_copy(update={"turns": turns, "outcome": Outcome.BUDGET_EXHAUSTED, "answer": None})
-
-
-def turn(*exchanges: Exchange, said: str = "") -> Turn:
-    return Turn(reasoning=said, exchanges=exchanges)
 
 
 def found(episode: Episode, key: AnswerKey | None = None) -> dict[FailureMode, Failure]:
@@ -66,12 +41,12 @@ def found(episode: Episode, key: AnswerKey | None = None) -> dict[FailureMode, F
     return {failure.mode: failure for failure in failures_of(episode, grade_episode(episode, key), expected_form(key))}
 
 
-LOOK = call("get_position", {"position": [1.0, 0.0, 0.0]}, object_id="object_1")
-WAIT = call("step", {"sim_time": 1.0}, duration=1.0)
-PUSH = call("apply_force", object_id="object_1", force_vector=[1.0, 0.0, 0.0])
-SPEED = call("get_velocity", {"velocity": [5.0, 0.0, 0.0]}, object_id="object_1")
-REST = call("get_velocity", {"velocity": [0.0, 0.0, 0.0], "sim_time": 0.05}, object_id="object_1")
-SOUND = (turn(PUSH, WAIT), turn(SPEED, said="I read the speed."))
+LOOK = returned("get_position", {"position": [1.0, 0.0, 0.0]}, object_id="object_1")
+WAIT = returned("step", {"sim_time": 1.0}, duration=1.0)
+PUSH = returned("apply_force", object_id="object_1", force_vector=[1.0, 0.0, 0.0])
+SPEED = returned("get_velocity", {"velocity": [5.0, 0.0, 0.0]}, object_id="object_1")
+REST = returned("get_velocity", {"velocity": [0.0, 0.0, 0.0], "sim_time": 0.05}, object_id="object_1")
+SOUND = (turn("", PUSH, WAIT), turn("I read the speed.", SPEED))
 
 
 def test_a_sound_episode_shows_no_failure_even_if_its_answer_is_wrong() -> None:
@@ -80,8 +55,7 @@ def test_a_sound_episode_shows_no_failure_even_if_its_answer_is_wrong() -> None:
 
 def test_an_unscored_episode_shows_no_failure() -> None:
     key = number_key()
-    unscored = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
-    assert failures_of(answered(said="It is 5."), unscored, expected_form(key)) == ()
+    assert failures_of(answered(said="It is 5."), UNSCORED, expected_form(key)) == ()
 
 
 # Premature answer.
@@ -89,9 +63,9 @@ def test_an_unscored_episode_shows_no_failure() -> None:
     "turns",
     [
         (),
-        (turn(PUSH, WAIT),),
-        (turn(refused("get_position", "object_1's position is withheld", object_id="object_1")),),
-        (turn(said="I think."),),
+        (turn("", PUSH, WAIT),),
+        (turn("", refused("get_position", "object_1's position is withheld", object_id="object_1")),),
+        (turn("I think."),),
     ],
 )
 def test_an_answer_before_any_reading_is_premature(turns: tuple[Turn, ...]) -> None:
@@ -104,26 +78,26 @@ def test_an_answer_before_any_reading_is_premature(turns: tuple[Turn, ...]) -> N
 
 def test_a_reading_in_the_answering_turn_does_not_count_as_read() -> None:
     episode = answered()
-    last = turn(LOOK, call("answer", answer=5.0))
+    last = turn("", LOOK, returned("answer", answer=5.0))
     assert FailureMode.PREMATURE_ANSWER in found(episode.model_copy(update={"turns": (last,)}))
-    assert FailureMode.PREMATURE_ANSWER not in found(episode.model_copy(update={"turns": (turn(LOOK), last)}))
+    assert FailureMode.PREMATURE_ANSWER not in found(episode.model_copy(update={"turns": (turn("", LOOK), last)}))
 
 
 def test_an_answer_in_the_last_iteration_is_not_premature() -> None:
-    assert FailureMode.PREMATURE_ANSWER in found(answered(turn(PUSH, WAIT), budget=3))
-    assert FailureMode.PREMATURE_ANSWER not in found(answered(turn(PUSH, WAIT), budget=2))
+    assert FailureMode.PREMATURE_ANSWER in found(answered(turn("", PUSH, WAIT), budget=3))
+    assert FailureMode.PREMATURE_ANSWER not in found(answered(turn("", PUSH, WAIT), budget=2))
 
 
 # Too little simulated time.
 @pytest.mark.parametrize(
     ("turns", "simulated"),
     [
-        ((turn(REST),), 0.0),
-        ((turn(PUSH), turn(LOOK)), 0.0),
-        ((turn(PUSH, call("step", duration=0.05), REST),), 0.05),
-        ((turn(PUSH, refused("step", "step: duration must be positive", duration=9.0), REST),), 0.0),
-        ((turn(call("detect_collision", {"collision_detected": False, "sim_time": 0.0})),), 0.0),
-        ((turn(call("get_momentum", {"momentum": {"x": 0.0, "y": 1e-17, "z": 0.0}})),), 0.0),
+        ((turn("", REST),), 0.0),
+        ((turn("", PUSH), turn("", LOOK)), 0.0),
+        ((turn("", PUSH, returned("step", duration=0.05), REST),), 0.05),
+        ((turn("", PUSH, refused("step", "step: duration must be positive", duration=9.0), REST),), 0.0),
+        ((turn("", returned("detect_collision", {"collision_detected": False, "sim_time": 0.0})),), 0.0),
+        ((turn("", returned("get_momentum", {"momentum": {"x": 0.0, "y": 1e-17, "z": 0.0}})),), 0.0),
     ],
 )
 def test_an_answer_about_motion_before_anything_moved_is_too_early(turns: tuple[Turn, ...], simulated: float) -> None:
@@ -137,14 +111,14 @@ def test_an_answer_about_motion_before_anything_moved_is_too_early(turns: tuple[
 @pytest.mark.parametrize(
     "turns",
     [
-        (turn(LOOK),),
-        # Something already moves after a short time, so an answer is possible.
-        (turn(SPEED),),
-        (turn(PUSH, call("step", duration=0.01), SPEED, REST),),
-        (turn(call("detect_collision", {"collision_detected": True})),),
-        (turn(PUSH, call("step", duration=0.1), REST),),
-        (turn(PUSH, call("step", duration=0.06), call("step", duration=0.06), REST),),
-        (turn(call("create_objects", name="probe"), call("attach_objects")),),
+        (turn("", LOOK),),
+        # What moves after a moment may well be judged at that moment.
+        (turn("", SPEED),),
+        (turn("", PUSH, returned("step", duration=0.01), SPEED, REST),),
+        (turn("", returned("detect_collision", {"collision_detected": True})),),
+        (turn("", PUSH, returned("step", duration=0.1), REST),),
+        (turn("", PUSH, returned("step", duration=0.06), returned("step", duration=0.06), REST),),
+        (turn("", returned("create_objects", name="probe"), returned("attach_objects")),),
     ],
 )
 def test_static_questions_and_enough_time_are_not_too_early(turns: tuple[Turn, ...]) -> None:
@@ -169,7 +143,7 @@ def test_a_period_longer_than_the_simulated_time_is_too_early(said: str, *, too_
 
 
 def test_an_episode_without_an_answer_shows_no_failure() -> None:
-    assert found(unanswered(turn(REST))) == {}
+    assert found(unanswered(turn("", REST))) == {}
     assert found(unanswered()) == {}
 
 
@@ -235,7 +209,7 @@ def test_no_failure_reveals_the_key(value: Scalar | tuple[Scalar, ...]) -> None:
     ],
 )
 def test_an_object_id_that_the_agent_was_not_given_is_a_confusion(exchange: Exchange) -> None:
-    failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.OBJECT_ID]
+    failure = found(answered(turn("", LOOK, exchange), *SOUND))[FailureMode.OBJECT_ID]
     assert (failure.evidence[0].turn, failure.evidence[0].exchange) == (0, 1)
     assert failure.explanation == "It named an object that it did not know of in 1 call."
 
@@ -250,14 +224,14 @@ def test_an_object_id_that_the_agent_was_not_given_is_a_confusion(exchange: Exch
     ],
 )
 def test_a_known_object_used_in_a_forbidden_way_is_no_confusion(exchange: Exchange) -> None:
-    assert FailureMode.OBJECT_ID not in found(answered(turn(exchange), *SOUND))
+    assert FailureMode.OBJECT_ID not in found(answered(turn("", exchange), *SOUND))
 
 
 def test_an_id_in_an_earlier_result_is_known() -> None:
-    revealed = call("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
+    told = returned("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
     misfit = rejected("apply_force", object_id="object_9", force_vector=[1.0])
-    assert FailureMode.OBJECT_ID in found(answered(turn(misfit), *SOUND))
-    assert FailureMode.OBJECT_ID not in found(answered(turn(revealed, misfit), *SOUND))
+    assert FailureMode.OBJECT_ID in found(answered(turn("", misfit), *SOUND))
+    assert FailureMode.OBJECT_ID not in found(answered(turn("", told, misfit), *SOUND))
 
 
 @pytest.mark.parametrize(
@@ -285,19 +259,19 @@ def test_an_id_written_with_the_name_of_another_object_is_a_confusion(said: str,
         rejected("set_velocity", object_id="object_1", velocity_vector=[1.0, 0.0]),
         refused("step", "step: duration must be greater than 0", duration=-1.0),
         refused("set_velocity", "Failed to set velocity: velocity_vector must be a list of 3", object_id="object_1"),
-        call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass="MASS_FROM_PREVIOUS_RESULT"),
+        returned("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass="MASS_FROM_PREVIOUS_RESULT"),
     ],
 )
 def test_arguments_that_do_not_fit_are_a_wrong_parameter(exchange: Exchange) -> None:
-    failure = found(answered(turn(LOOK, exchange), *SOUND))[FailureMode.WRONG_PARAMETER]
-    assert [(evidence.turn, evidence.exchange) for evidence in failure.evidence] == [(0, 1)]
+    failure = found(answered(turn("", LOOK, exchange), *SOUND))[FailureMode.WRONG_PARAMETER]
+    assert [(one.turn, one.exchange) for one in failure.evidence] == [(0, 1)]
 
 
 @pytest.mark.parametrize(("mass", "wrong"), [(1.0, True), (2.2, True), (2.05, False), (2.0, False)])
 def test_a_mass_that_differs_from_the_measured_one_is_a_wrong_parameter(mass: float, *, wrong: bool) -> None:
-    energy = call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass=mass)
-    weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
-    failure = found(answered(turn(energy, weigh), *SOUND)).get(FailureMode.WRONG_PARAMETER)
+    energy = returned("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass=mass)
+    weigh = returned("get_parameters", {"mass": 2.0}, object_id="object_1")
+    failure = found(answered(turn("", energy, weigh), *SOUND)).get(FailureMode.WRONG_PARAMETER)
     assert (failure is not None) == wrong
     if failure is not None:
         assert failure.evidence[0].numbers == {"given_kg": mass, "measured_kg": 2.0}
@@ -306,16 +280,16 @@ def test_a_mass_that_differs_from_the_measured_one_is_a_wrong_parameter(mass: fl
 @pytest.mark.parametrize(
     "exchange",
     [
-        call("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_2", mass=7.0),
+        returned("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_2", mass=7.0),
         refused("move_object", "object_2 is fixed in the laboratory and cannot move", object_id="object_2", x=1.0),
-        call("attach_objects", object1_id="object_1", object2_id="object_2", joint="fixed"),
-        call("create_objects", name="probe", pos=[0.0, 0.0, 1.0], density=1.0),
-        call("get_position", object_id="1"),
+        returned("attach_objects", object1_id="object_1", object2_id="object_2", joint="fixed"),
+        returned("create_objects", name="probe", pos=[0.0, 0.0, 1.0], density=1.0),
+        returned("get_position", object_id="1"),
     ],
 )
 def test_a_call_that_fits_is_no_wrong_parameter(exchange: Exchange) -> None:
-    weigh = call("get_parameters", {"mass": 2.0}, object_id="object_1")
-    assert FailureMode.WRONG_PARAMETER not in found(answered(turn(weigh, exchange), *SOUND))
+    weigh = returned("get_parameters", {"mass": 2.0}, object_id="object_1")
+    assert FailureMode.WRONG_PARAMETER not in found(answered(turn("", weigh, exchange), *SOUND))
 
 
 # Theory and simulation.
@@ -326,10 +300,10 @@ def test_a_call_that_fits_is_no_wrong_parameter(exchange: Exchange) -> None:
         (answered(*SOUND, said="I will calculate this analytically: 5."), "set aside"),
         (answered(*SOUND, said="The textbook value is 5."), "set aside"),
         (answered(*SOUND, said="I'll assume a standard angle, so 5."), "set aside"),
-        (answered(turn(LOOK), said="Given the names, it is 5."), "what the objects are called"),
+        (answered(turn("", LOOK), said="Given the names, it is 5."), "what the objects are called"),
         (answered(*SOUND, said="Its naming indicates that it is 5."), "what the objects are called"),
         (answered(*SOUND, said="Despite the name, which implies 3, I trust the unusual 5."), "called unexpected"),
-        (answered(*SOUND, turn(said="The speed contradicts what I expect."), said="It is 5."), "called unexpected"),
+        (answered(*SOUND, turn("The speed contradicts what I expect."), said="It is 5."), "called unexpected"),
         (answered(*SOUND, said="A counterintuitive value, but it is 5."), "called unexpected"),
     ],
 )
@@ -345,11 +319,11 @@ def test_an_answer_from_theory_or_from_doubted_readings_is_reported(episode: Epi
     "episode",
     [
         answered(*SOUND, said="This matches the theoretical value: 5."),
-        answered(turn(LOOK), said="I'll assume a standard angle, so 5."),
+        answered(turn("", LOOK), said="I'll assume a standard angle, so 5."),
         answered(said="I guess."),
         answered(),
-        unanswered(turn(said="By theory it is 5.")),
-        answered(turn(said="An unexpected result."), *SOUND, turn(LOOK), turn(LOOK), said="It is 5."),
+        unanswered(turn("By theory it is 5.")),
+        answered(turn("An unexpected result."), *SOUND, turn("", LOOK), turn("", LOOK), said="It is 5."),
     ],
 )
 def test_theory_that_agrees_with_the_readings_is_not_reported(episode: Episode) -> None:
@@ -360,10 +334,9 @@ def test_theory_that_agrees_with_the_readings_is_not_reported(episode: Episode) 
 def test_every_mode_is_counted_over_all_and_over_wrong_answers() -> None:
     key = number_key(5.0)
     right, wrong = answered(said="It is 5."), answered(answer=9.0, said="It is 9.")
-    grades = [grade_episode(episode, key) for episode in (right, wrong)]
-    lost = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
+    grades = [grade_episode(one, key) for one in (right, wrong)]
     shown = failures_of(right, grades[0], expected_form(key))
-    counts = failure_counts([(grades[0], shown), (grades[1], shown), (lost, shown)])
+    counts = failure_counts([(grades[0], shown), (grades[1], shown), (UNSCORED, shown)])
     assert counts[FailureMode.PREMATURE_ANSWER] == FailureCount(n=2, n_incorrect=1)
     assert counts[FailureMode.OBJECT_ID] == FailureCount(n=0, n_incorrect=0)
     assert list(counts) == list(FailureMode)
@@ -396,14 +369,14 @@ def test_a_quote_is_the_short_sentence_around_a_position() -> None:
 def test_long_reasoning_is_judged_in_no_time(piece: str) -> None:
     said = piece * (100_000 // len(piece))
     began = time.process_time()
-    found(answered(*SOUND, turn(LOOK, said=said), said=said))
+    found(answered(*SOUND, turn(said, LOOK), said=said))
     assert time.process_time() - began < 5
 
 
 def test_a_failure_has_at_most_20_pieces_of_evidence_of_a_kind() -> None:
     unknown = refused("get_position", "there is no object 'object_9'", object_id="object_9")
     misfit = rejected("step", duration="long")
-    failures = found(answered(turn(*[unknown] * 50, *[misfit] * 50), said="The cart (object_2) moves. " * 50))
+    failures = found(answered(turn("", *[unknown] * 50, *[misfit] * 50), said="The cart (object_2) moves. " * 50))
     assert failures[FailureMode.OBJECT_ID].explanation == (
         "It named an object that it did not know of in 50 calls and took one object for another."
     )

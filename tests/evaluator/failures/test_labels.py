@@ -22,12 +22,13 @@ from evaluator.markdown import markdown_table
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.original.play import scene_of
-from evaluator.records import Episode, EpisodeKey, Grade, Verdict, Versions
+from evaluator.records import Episode, Grade, Verdict
 from evaluator.scores.dimensions import EpisodeScores
 from evaluator.scores.grounding import grounding_of
 from evaluator.study.selection import parse_scenes
 from scenes import read_pack
 from tests.builders.paths import DOCS, ORIGINAL
+from tests.builders.records import VERSIONS, episode_key
 from tests.builders.scored import scores_of
 
 HERE = Path(__file__)
@@ -84,14 +85,13 @@ def judged() -> dict[Id, Judged]:
         if scene is None or not log.replies:
             continue
         epochs[log.model, log.budget, scene] += 1
-        key = EpisodeKey(
-            scene=scene,
-            seed=0,
+        key = episode_key(
+            scene,
             agent=log.model,
             budget=max(log.budget, len(log.replies)),
             epoch=epochs[log.model, log.budget, scene],
         )
-        episode = as_logged(log, key, Versions(physment="", protocol="", pack=""))
+        episode = as_logged(log, key, VERSIONS)
         answer_key = keys.key(scene, 0)
         grade = grade_episode(episode, answer_key)
         found = frozenset(failure.mode.value for failure in failures_of(episode, grade, expected_form(answer_key)))

@@ -5,7 +5,6 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from evaluator.__main__ import main
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
 from tests.builders.paths import DOCS
+from tests.builders.providers import Say, Service
 
 PAGE = (DOCS / "how-to" / "run-a-study.md").read_text(encoding="utf-8")
 COMMAND = "physment-eval --config study.toml"
@@ -34,14 +34,12 @@ def commands_of_page() -> list[str]:
     return [*plain, *(one.replace(",", "") for one in listed)]
 
 
-def test_the_command_of_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
-    openai: Any, said: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_the_command_of_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(openai: Service, tmp_path: Path) -> None:
     assert f"```sh\n{COMMAND}\n```" in PAGE
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
 
     def reply(seen: Any) -> Any:
-        return said("Done.", [("answer", {"answer": 7.848})]) if seen.returns else said("I wait.", [WAIT])
+        return Say("Done.", [("answer", {"answer": 7.848})]) if seen.returns else Say("I wait.", [WAIT])
 
     openai.crowd = 50
     for _ in range(1000):
@@ -83,7 +81,7 @@ def test_every_command_of_the_page_is_understood(
 
 
 def test_the_shards_of_the_page_are_merged_into_the_study(
-    openai: Any, said: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    openai: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)

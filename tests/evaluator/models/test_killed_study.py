@@ -6,13 +6,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
 
 from evaluator.records import Plan
 from evaluator.store import RunFolder
+from tests.builders.providers import Say, Service
 
 SCENES, BUDGETS = (7, 12, 21, 45, 60, 99), (2, 5)
 EPISODES = len(SCENES) * len(BUDGETS)
@@ -22,8 +23,7 @@ WORDS = ("--server", "host", "--scenes", ",".join(map(str, SCENES)), "--budgets"
 class Physicist:
     """A model without memory: lets time pass, looks, then answers with the speed it read. Calls out at one request."""
 
-    def __init__(self, said: Callable[..., Any]) -> None:
-        self._said = said
+    def __init__(self) -> None:
         self._asked = 0
         self._call_at = 0
         self.called = threading.Event()
@@ -39,14 +39,14 @@ class Physicist:
             self.called.set()
         velocities = [json.loads(one)["velocity"] for one in seen.returns if '"velocity"' in one]
         if velocities:
-            return self._said("That is its speed.", [("answer", {"answer": abs(velocities[0][2])})])
+            return Say("That is its speed.", [("answer", {"answer": abs(velocities[0][2])})])
         if seen.returns:
-            return self._said("I look.", [("get_velocity", {"object_id": "object_1"})])
+            return Say("I look.", [("get_velocity", {"object_id": "object_1"})])
         look = [("get_velocity", {"object_id": "object_1"})] if "2 iterations" in seen.last else []
-        return self._said("I wait.", [("step", {"duration": 0.8}), *look])
+        return Say("I wait.", [("step", {"duration": 0.8}), *look])
 
 
-def start(service: Any, folder: Path, *words: str) -> subprocess.Popen[str]:
+def start(service: Service, folder: Path, *words: str) -> subprocess.Popen[str]:
     agent = f"model:{service.dialect.name}:{service.dialect.model}"
     command = [sys.executable, "-m", "evaluator", "--agent", agent, *WORDS, *words]
     pipe = subprocess.PIPE
@@ -80,10 +80,8 @@ def recorded(folder: Path) -> list[Any]:
     return [json.dumps(json.loads(line)["key"]) for line in lines]
 
 
-def test_a_study_killed_while_a_model_is_asked_is_completed_as_if_it_never_was(
-    openai: Any, said: Callable[..., Any], tmp_path: Path
-) -> None:
-    service, model, random, kept = openai, Physicist(said), Random(4), 0
+def test_a_study_killed_while_a_model_is_asked_is_completed_as_if_it_never_was(openai: Service, tmp_path: Path) -> None:
+    service, model, random, kept = openai, Physicist(), Random(4), 0
     service.latency_s = 0.02
     for _ in range(500):
         service.compute(model)

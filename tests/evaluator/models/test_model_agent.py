@@ -11,18 +11,19 @@ from evaluator.episode.loop import play_episode
 from evaluator.errors import PermanentFailure
 from evaluator.models.agent import ModelAgent
 from evaluator.models.choice import parse_model
-from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions
+from evaluator.records import Episode, Outcome, Usage
 from physment_mcp import open_episode
+from tests.builders.providers import Say, Service
+from tests.builders.records import VERSIONS, episode_key
 
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
 STEP = ("step", {"duration": 0.8})
 LOOK = ("get_velocity", {"object_id": "object_1"})
 
 
-async def play(service: Any, *, budget: int = 5, protocol: str = "native", options: str = "") -> Episode:
+async def play(service: Service, *, budget: int = 5, protocol: str = "native", options: str = "") -> Episode:
     """Play scene 7 at a provider."""
     text = f"model:{service.dialect.name}:{service.dialect.model}{options}"
-    key = EpisodeKey(scene=7, seed=0, agent=text, budget=budget, protocol=protocol)
+    key = episode_key(agent=text, budget=budget, protocol=protocol)
     async with (
         ModelAgent(parse_model(text, environ=service.environ)) as agent,
         Client(open_episode(7).server()) as client,
@@ -39,9 +40,9 @@ def written(*calls: tuple[str, Any]) -> str:
     return f"```json\n{json.dumps([{'tool': tool, 'parameters': given} for tool, given in calls])}\n```"
 
 
-async def test_an_episode_with_native_calls_ends_in_the_right_answer(service: Any, said: type) -> None:
+async def test_an_episode_with_native_calls_ends_in_the_right_answer(service: Service) -> None:
     service.say("I let it fall, then look.", [STEP, LOOK], thought="v = g t")
-    service.compute(lambda seen: said("It fell.", [("answer", {"answer": speed(seen.returns[1])})]))
+    service.compute(lambda seen: Say("It fell.", [("answer", {"answer": speed(seen.returns[1])})]))
     episode = await play(service)
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=1e-3))
     first = episode.turns[0]
@@ -51,10 +52,10 @@ async def test_an_episode_with_native_calls_ends_in_the_right_answer(service: An
     assert service.seen[1].returns == [one.text for one in first.exchanges]
 
 
-async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service: Any, said: type) -> None:
+async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service: Service) -> None:
     def answer(seen: Any) -> Any:
         returned = next(line for line in seen.last.splitlines() if "get_velocity(" in line)
-        return said(f"Read.\n{written(('answer', {'answer': speed(returned.split('-> ', 1)[1])}))}")
+        return Say(f"Read.\n{written(('answer', {'answer': speed(returned.split('-> ', 1)[1])}))}")
 
     service.say(f"I let it fall.\n{written(STEP, LOOK)}", thought="v = g t")
     service.compute(answer)
@@ -64,7 +65,9 @@ async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service:
     assert not any(seen.body.get("tools") for seen in service.seen)
 
 
-async def test_the_schemas_of_the_tools_go_out_as_the_server_published_them(openai: Any, anthropic: Any) -> None:
+async def test_the_schemas_of_the_tools_go_out_as_the_server_published_them(
+    openai: Service, anthropic: Service
+) -> None:
     async with Client(open_episode(7).server()) as client:
         published = {tool.name: tool.input_schema for tool in (await client.list_tools()).tools}
     for service in (openai, anthropic):
@@ -82,7 +85,7 @@ def untitled(value: Any) -> Any:
     return [untitled(part) for part in value] if isinstance(value, list) else value
 
 
-async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_run(service: Any) -> None:
+async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_run(service: Service) -> None:
     service.say("", [STEP, ("get_velocity", {"object_id": "nobody"}), ("step", {"duration": "long"}), LOOK])
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -105,7 +108,7 @@ def errors_marked(body: dict[str, Any]) -> list[bool]:
     return [block.get("is_error", False) for block in blocks if block.get("type") == "tool_result"]
 
 
-async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversation_goes_on(service: Any) -> None:
+async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversation_goes_on(service: Service) -> None:
     service.say("", [STEP])
     service.say(written(("answer", {"answer": 1})))
     episode = await play(service, protocol="text")
@@ -114,7 +117,7 @@ async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversat
     assert episode.outcome is Outcome.ANSWERED
 
 
-async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_note(service: Any) -> None:
+async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_note(service: Service) -> None:
     service.say("Let me think.")
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -127,7 +130,7 @@ async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_n
     "written",
     ['{"duration": 0.8', "[0.8]", "0.8", '"0.8"', '{"duration": 0.8,}', pytest.param("[" * 100_000, id="deep")],
 )
-async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai: Any, written: str) -> None:
+async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai: Service, written: str) -> None:
     openai.say("", [LOOK, ("step", written)])
     openai.say("", [STEP, LOOK])
     openai.say("", [("answer", {"answer": 1})])
@@ -140,7 +143,7 @@ async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai
     assert json.loads(openai.seen[2].returns[0])["steps"] == 160
 
 
-async def test_gemini_s_malformed_call_is_the_model_s_doing_and_not_a_failure(google: Any) -> None:
+async def test_gemini_s_malformed_call_is_the_model_s_doing_and_not_a_failure(google: Service) -> None:
     google.say("", finish="MALFORMED_FUNCTION_CALL")
     google.say("", [("answer", {"answer": 1})])
     episode = await play(google)
@@ -152,7 +155,7 @@ CUT_OFF = {"openai": "length", "anthropic": "max_tokens", "google": "MAX_TOKENS"
 
 
 @pytest.mark.parametrize("protocol", ["native", "text"])
-async def test_a_reply_cut_off_at_the_limit_runs_nothing(service: Any, protocol: str) -> None:
+async def test_a_reply_cut_off_at_the_limit_runs_nothing(service: Service, protocol: str) -> None:
     calls = [] if protocol == "text" else [STEP]
     service.say(f"First {written(STEP)}, then", calls, finish=CUT_OFF[service.dialect.name])
     service.say(written(("answer", {"answer": 1})), [] if protocol == "text" else [("answer", {"answer": 1})])
@@ -187,7 +190,7 @@ REFUSALS: dict[str, list[dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("which", [0, 1])
-async def test_a_refusal_ends_the_episode_as_the_agent_s_error(service: Any, which: int) -> None:
+async def test_a_refusal_ends_the_episode_as_the_agent_s_error(service: Service, which: int) -> None:
     service.say(**REFUSALS[service.dialect.name][which])
     episode = await play(service)
     assert episode.outcome is Outcome.AGENT_ERROR
@@ -206,7 +209,7 @@ OVERFLOW = {
 }
 
 
-async def test_a_conversation_too_long_for_the_model_ends_the_episode_as_the_agent_s_error(service: Any) -> None:
+async def test_a_conversation_too_long_for_the_model_ends_the_episode_as_the_agent_s_error(service: Service) -> None:
     code, message = OVERFLOW[service.dialect.name]
     service.say("", [STEP])
     service.fail(400, message, code)
@@ -216,19 +219,19 @@ async def test_a_conversation_too_long_for_the_model_ends_the_episode_as_the_age
     assert len(episode.turns) == 1
 
 
-async def test_a_full_window_in_the_midst_of_a_reply_is_not_taken_for_a_limit_of_output(anthropic: Any) -> None:
+async def test_a_full_window_in_the_midst_of_a_reply_is_not_taken_for_a_limit_of_output(anthropic: Service) -> None:
     anthropic.say("Then", finish="model_context_window_exceeded")
     assert "context window" in str((await play(anthropic)).error)
 
 
 @pytest.mark.parametrize("code", ["content_policy_violation", "invalid_prompt"])
-async def test_a_conversation_refused_for_its_content_is_the_agent_s_error(openai: Any, code: str) -> None:
+async def test_a_conversation_refused_for_its_content_is_the_agent_s_error(openai: Service, code: str) -> None:
     openai.fail(400, "Invalid prompt: flagged.", code)
     episode = await play(openai)
     assert "for its content" in str(episode.error)
 
 
-async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
+async def test_tokens_and_price_of_each_turn_are_recorded(service: Service) -> None:
     service.say("\n", [STEP])
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -242,7 +245,7 @@ async def test_tokens_and_price_of_each_turn_are_recorded(service: Any) -> None:
     assert episode.usage.cost_usd == pytest.approx(2 * used.cost_usd)
 
 
-async def test_what_a_failed_episode_used_up_is_counted(openai: Any) -> None:
+async def test_what_a_failed_episode_used_up_is_counted(openai: Service) -> None:
     openai.say("", [STEP])
     openai.fail(401, "gone")
     used: list[Usage] = []
@@ -251,12 +254,12 @@ async def test_what_a_failed_episode_used_up_is_counted(openai: Any) -> None:
         Client(open_episode(7).server()) as client,
     ):
         with pytest.raises(PermanentFailure):
-            await play_episode(agent, client, EpisodeKey(scene=7, seed=0, agent="m", budget=5), VERSIONS, used=used)
+            await play_episode(agent, client, episode_key(), VERSIONS, used=used)
     assert [(one.input_tokens, one.output_tokens) for one in used] == [(1000, 100)]
     assert used[0].cost_usd
 
 
-async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Any) -> None:
+async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Service) -> None:
     openrouter.say("", [STEP], thought="Let it fall.")
     openrouter.say("", [("answer", {"answer": 1})])
     episode = await play(openrouter, options=",effort=high")
@@ -268,7 +271,7 @@ async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_se
     assert second["messages"][1]["reasoning_details"][0]["text"] == "Let it fall."
 
 
-async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthropic: Any) -> None:
+async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthropic: Service) -> None:
     anthropic.say("", [STEP], thought="Let it fall.")
     anthropic.say("", [("answer", {"answer": 1})])
     await play(anthropic, options=",effort=high")
@@ -276,10 +279,10 @@ async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthrop
     assert thought == {"type": "thinking", "thinking": "Let it fall.", "signature": "c2ln"}
 
 
-async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai: Any) -> None:
+async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai: Service) -> None:
     openai.say("", [("answer", {"answer": 1})])
     choice = parse_model("model:openai-compatible:my-own", base_url=openai.url, environ={})
-    key = EpisodeKey(scene=7, seed=0, agent=choice.name, budget=5)
+    key = episode_key(agent=choice.name)
     async with (
         ModelAgent(choice) as agent,
         Client(open_episode(7).server()) as client,
@@ -289,22 +292,22 @@ async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai:
     assert episode.turns[0].usage.cost_usd is None
 
 
-async def test_half_a_surrogate_pair_in_a_reply_does_not_end_the_conversation(openai: Any) -> None:
+async def test_half_a_surrogate_pair_in_a_reply_does_not_end_the_conversation(openai: Service) -> None:
     openai.say("a \ud800 b", [("step", '{"duration": "\ud800"}')])
     openai.say("", [("answer", {"answer": 1})])
     episode = await play(openai)
     assert (episode.outcome, len(openai.seen)) == (Outcome.ANSWERED, 2)
 
 
-async def test_the_paper_s_baseline_plays_with_a_model(openai: Any, said: type) -> None:
+async def test_the_paper_s_baseline_plays_with_a_model(openai: Service) -> None:
     openai.say("", [STEP, LOOK])
-    openai.compute(lambda seen: said("", [LOOK, ("answer", {"answer": speed(seen.returns[1])})]))
+    openai.compute(lambda seen: Say("", [LOOK, ("answer", {"answer": speed(seen.returns[1])})]))
     choice = parse_model("model:gpt-5.5", environ=openai.environ)
     async with (
         ModelAgent(choice) as agent,
         Client(open_episode(7).server()) as client,
     ):
-        key = EpisodeKey(scene=7, seed=0, agent="oracle-once", budget=5)
+        key = episode_key()
         episode = await play_episode(OracleOnceAgent(agent), client, key, VERSIONS)
     assert episode.answer == pytest.approx(7.848, rel=1e-3)
     assert "Iterations left: 1" in openai.seen[1].last

@@ -17,6 +17,7 @@ from evaluator.models.choice import parse_model
 from evaluator.models.failures import PermanentFailure
 from evaluator.models.lanes import Lane, Lanes, Patience
 from evaluator.models.requests import Requests
+from tests.builders.providers import Service
 
 
 @dataclass
@@ -53,18 +54,18 @@ def open_desk(agent: ModelAgent) -> Desk:
     return Desk(requests, clock)
 
 
-def agent_of(service: Any, **patience: Any) -> ModelAgent:
+def agent_of(service: Service, **patience: Any) -> ModelAgent:
     text = f"model:{service.dialect.name}:{service.dialect.model}"
     return ModelAgent(parse_model(text, environ=service.environ), Lane(), Patience(**patience))
 
 
 @pytest.fixture
-async def desk(service: Any) -> AsyncIterator[Desk]:
+async def desk(service: Service) -> AsyncIterator[Desk]:
     async with agent_of(service) as agent:
         yield open_desk(agent)
 
 
-async def test_a_server_error_is_asked_again_once_and_not_behind_our_back(service: Any, desk: Desk) -> None:
+async def test_a_server_error_is_asked_again_once_and_not_behind_our_back(service: Service, desk: Desk) -> None:
     service.fail(500)
     service.say("at last")
     assert await desk.ask() == "at last"
@@ -72,7 +73,7 @@ async def test_a_server_error_is_asked_again_once_and_not_behind_our_back(servic
     assert desk.requests.retries == 1
 
 
-async def test_pauses_double_and_end_at_a_ceiling(openai: Any) -> None:
+async def test_pauses_double_and_end_at_a_ceiling(openai: Service) -> None:
     for _ in range(5):
         openai.fail(503)
     openai.say("at last")
@@ -82,7 +83,7 @@ async def test_pauses_double_and_end_at_a_ceiling(openai: Any) -> None:
     assert desk.clock.pauses == [1, 2, 4, 5, 5]
 
 
-async def test_pauses_are_jittered_so_that_what_failed_together_does_not_come_back_together(openai: Any) -> None:
+async def test_pauses_are_jittered_so_that_what_failed_together_does_not_come_back_together(openai: Service) -> None:
     openai.fail(503)
     openai.say("at last")
     async with agent_of(openai) as agent:
@@ -92,7 +93,7 @@ async def test_pauses_are_jittered_so_that_what_failed_together_does_not_come_ba
     assert desk.clock.pauses == [0.5]
 
 
-async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: Any, desk: Desk) -> None:
+async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: Service, desk: Desk) -> None:
     service.fail(429, Retry_After="17")
     service.say("at last")
     assert await desk.ask() == "at last"
@@ -100,7 +101,7 @@ async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: 
     assert desk.requests.lane.shut_until == 1017
 
 
-async def test_a_wait_may_be_a_fraction_or_a_date(openai: Any) -> None:
+async def test_a_wait_may_be_a_fraction_or_a_date(openai: Service) -> None:
     date = format_datetime(datetime.now(UTC) + timedelta(seconds=300), usegmt=True)
     for value, low, high in (("2.5", 2.5, 2.7), (date, 250, 310), ("soon", 1, 1), ("-5", 1, 1)):
         openai.fail(429, Retry_After=value)
@@ -111,7 +112,7 @@ async def test_a_wait_may_be_a_fraction_or_a_date(openai: Any) -> None:
         assert low <= desk.clock.pauses[0] <= high, value
 
 
-async def test_gemini_says_in_the_body_how_long_to_wait(google: Any) -> None:
+async def test_gemini_says_in_the_body_how_long_to_wait(google: Service) -> None:
     detail = {"@type": "type.googleapis.com/google.rpc.RetryInfo", "retryDelay": "33s"}
     google.fail(429, code="RESOURCE_EXHAUSTED", details=[detail])
     google.say("at last")
@@ -121,14 +122,14 @@ async def test_gemini_says_in_the_body_how_long_to_wait(google: Any) -> None:
     assert 33 <= sum(desk.clock.pauses) <= 35
 
 
-async def test_a_wait_beyond_all_patience_is_not_begun(service: Any, desk: Desk) -> None:
+async def test_a_wait_beyond_all_patience_is_not_begun(service: Service, desk: Desk) -> None:
     service.fail(429, Retry_After="86400")
     with pytest.raises(InfrastructureError, match="left alone for 86400 s"):
         await desk.ask()
     assert desk.clock.pauses == []
 
 
-async def test_a_lane_that_one_request_found_shut_is_shut_for_the_others(openai: Any) -> None:
+async def test_a_lane_that_one_request_found_shut_is_shut_for_the_others(openai: Service) -> None:
     openai.say("at last")
     async with agent_of(openai) as agent:
         desk = open_desk(agent)
@@ -141,7 +142,7 @@ async def test_a_lane_that_one_request_found_shut_is_shut_for_the_others(openai:
     assert len(openai.seen) == 1
 
 
-async def test_asking_ends_after_so_many_attempts_with_the_provider_s_own_words(service: Any, desk: Desk) -> None:
+async def test_asking_ends_after_so_many_attempts_with_the_provider_s_own_words(service: Service, desk: Desk) -> None:
     for _ in range(6):
         service.fail(503, "the machines are on strike")
     with pytest.raises(InfrastructureError, match=r"in 6 attempts.*on strike"):
@@ -149,7 +150,7 @@ async def test_asking_ends_after_so_many_attempts_with_the_provider_s_own_words(
     assert len(service.seen) == 6
 
 
-async def test_asking_ends_when_the_pauses_add_up(openai: Any) -> None:
+async def test_asking_ends_when_the_pauses_add_up(openai: Service) -> None:
     for _ in range(6):
         openai.fail(429, Retry_After="10")
     async with agent_of(openai, total_wait_s=25.0) as agent:
@@ -159,7 +160,7 @@ async def test_asking_ends_when_the_pauses_add_up(openai: Any) -> None:
     assert sum(desk.clock.pauses) <= 25
 
 
-async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(service: Any) -> None:
+async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(service: Service) -> None:
     service.hang()
     service.say("at last")
     async with agent_of(service, timeout_s=0.3) as agent:
@@ -168,7 +169,7 @@ async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(se
     assert len(service.seen) == 2
 
 
-async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: Any) -> None:
+async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: Service) -> None:
     service.drip()
     service.say("at last")
     async with agent_of(service, timeout_s=0.5) as agent:
@@ -177,13 +178,13 @@ async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: A
     service.closed = True
 
 
-async def test_a_reply_that_breaks_off_is_asked_for_again(service: Any, desk: Desk) -> None:
+async def test_a_reply_that_breaks_off_is_asked_for_again(service: Service, desk: Desk) -> None:
     service.cut("a reply long enough to be cut in two")
     service.say("whole")
     assert await desk.ask() == "whole"
 
 
-async def test_a_server_that_is_not_there_is_asked_again_and_then_given_up(service: Any, desk: Desk) -> None:
+async def test_a_server_that_is_not_there_is_asked_again_and_then_given_up(service: Service, desk: Desk) -> None:
     gone = parse_model(
         f"model:{service.dialect.name}:{service.dialect.model}",
         base_url="http://127.0.0.1:9",
@@ -195,7 +196,7 @@ async def test_a_server_that_is_not_there_is_asked_again_and_then_given_up(servi
 
 
 @pytest.mark.parametrize("body", ["", "<html>Bad gateway</html>", "{}", "[]", '{"choices": []}', "null"])
-async def test_a_reply_nobody_can_read_is_asked_for_again(openai: Any, body: str) -> None:
+async def test_a_reply_nobody_can_read_is_asked_for_again(openai: Service, body: str) -> None:
     openai.raw(body)
     openai.say("readable")
     async with agent_of(openai) as agent:
@@ -214,7 +215,7 @@ async def test_a_reply_nobody_can_read_is_asked_for_again(openai: Any, body: str
         (422, "unprocessable", "rejected the request"),
     ],
 )
-async def test_what_cannot_pass_is_not_asked_again(openai: Any, status: int, code: str, sentence: str) -> None:
+async def test_what_cannot_pass_is_not_asked_again(openai: Service, status: int, code: str, sentence: str) -> None:
     openai.fail(status, "As I said.", code)
     async with agent_of(openai) as agent:
         with pytest.raises(PermanentFailure, match=rf"{sentence}.*As I said\."):
@@ -223,7 +224,9 @@ async def test_what_cannot_pass_is_not_asked_again(openai: Any, status: int, cod
 
 
 @pytest.mark.parametrize("status", [400, 422])
-async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_s_end(openai: Any, status: int) -> None:
+async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_s_end(
+    openai: Service, status: int
+) -> None:
     openai.fail(status, "Failed to call a function.", "tool_use_failed")
     async with agent_of(openai) as agent:
         talk: list[ModelMessage] = [ModelRequest.user_text_prompt("hello"), ModelResponse([TextPart("?")])]
@@ -232,14 +235,14 @@ async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_
     assert len(openai.seen) == 1
 
 
-async def test_a_request_too_large_is_the_conversation_s_fault(anthropic: Any) -> None:
+async def test_a_request_too_large_is_the_conversation_s_fault(anthropic: Service) -> None:
     anthropic.fail(413, "Request exceeds the maximum size", "request_too_large")
     async with agent_of(anthropic) as agent:
         with pytest.raises(AgentError, match="too large"):
             await open_desk(agent).ask()
 
 
-async def test_a_provider_s_error_that_repeats_the_key_does_not_carry_it_on(service: Any, desk: Desk) -> None:
+async def test_a_provider_s_error_that_repeats_the_key_does_not_carry_it_on(service: Service, desk: Desk) -> None:
     key = next(value for name, value in service.environ.items() if name.endswith("_KEY"))
     service.fail(401, f"Incorrect API key provided: {key}.", "invalid_api_key")
     with pytest.raises(PermanentFailure, match=r"\[key\]") as caught:
@@ -249,7 +252,7 @@ async def test_a_provider_s_error_that_repeats_the_key_does_not_carry_it_on(serv
     assert any(key in value for value in service.seen[0].headers.values())
 
 
-async def test_no_more_requests_are_under_way_than_the_lane_is_wide(openai: Any) -> None:
+async def test_no_more_requests_are_under_way_than_the_lane_is_wide(openai: Service) -> None:
     openai.latency_s = 0.05
     for _ in range(8):
         openai.say("done")

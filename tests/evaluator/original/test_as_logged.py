@@ -7,10 +7,11 @@ import pytest
 from evaluator.__main__ import main
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, Outcome
 from evaluator.scores.grounding import grounding_of
 from evaluator.store import RunFolder
 from scenes import default_folder, find_pack, read_pack
+from tests.builders.records import VERSIONS, episode_key
 
 LOOK = '```json\n[{"tool": "get_velocity", "parameters": {"object_id": "object_1"}}]\n```'
 STEP_AND_LOOK = (
@@ -41,8 +42,8 @@ def write(folder: Path, turns: list[tuple[str, str]], budget: int = 5) -> Path:
 
 def episode(folder: Path) -> Episode:
     (log,) = find_logs(folder)
-    key = EpisodeKey(scene=7, seed=0, agent=log.model, budget=log.budget, protocol="text")
-    return as_logged(log, key, Versions(physment="0", protocol="0", pack="1"))
+    key = episode_key(agent=log.model, budget=log.budget, protocol="text")
+    return as_logged(log, key, VERSIONS)
 
 
 def test_calls_have_the_returns_that_the_model_read(tmp_path: Path) -> None:

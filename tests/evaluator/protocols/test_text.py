@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from evaluator.episode.player import Feedback
 from evaluator.protocols.text import feedback_text, parse_reply
-from evaluator.records import Exchange, ToolCall
+from evaluator.records import ToolCall
+from tests.builders.records import LOOK, answer, call, refused, rejected, returned, skipped
 
-STEP = ToolCall(tool="step", arguments={"duration": 0.5})
-LOOK = ToolCall(tool="get_position", arguments={"object_id": "object_1"})
-ANSWER = ToolCall(tool="answer", arguments={"answer": "2"})
+STEP = call("step", duration=0.5)
+ANSWER = answer("2")
 STEP_TEXT = '{"tool": "step", "parameters": {"duration": 0.5}}'
 LOOK_TEXT = '{"tool": "get_position", "parameters": {"object_id": "object_1"}}'
 ANSWER_TEXT = '{"tool": "answer", "parameters": {"answer": "2"}}'
@@ -67,9 +67,7 @@ def test_a_list_cut_off_runs_nothing_or_is_whole(calls: list[ToolCall], data: st
 def test_a_list_with_one_bracket_too_few_or_too_many_never_runs_a_part_of_it(
     calls: list[ToolCall], data: st.DataObject
 ) -> None:
-    text = written(
-        [ToolCall(tool=f"{one.tool}{number}", arguments={"x": [number]}) for number, one in enumerate(calls)]
-    )
+    text = written([call(f"{listed.tool}{number}", x=[number]) for number, listed in enumerate(calls)])
     at = data.draw(st.sampled_from([index for index, sign in enumerate(text) if sign in "[]{}"]))
     changed = text[:at] + text[at + 1 :] if data.draw(st.booleans()) else text[:at] + text[at] + text[at:]
     run = parse_reply(f"I look.\n{changed}\nAnd see.").calls
@@ -204,27 +202,27 @@ def test_data_and_vectors_are_no_calls(text: str) -> None:
 
 
 def test_a_thought_ends_where_the_sign_stands_outside_calls() -> None:
-    quoted = ToolCall(tool="answer", arguments={"answer": "</think>"})
+    quoted = answer("</think>")
     text = f"I think. </think> I answer. {written([quoted])}"
     assert parse_reply(text).calls == (quoted,)
     assert parse_reply(f"{text} </think> No.").calls == ()
 
 
 def test_a_call_without_arguments_needs_none_written() -> None:
-    assert parse_reply('[{"tool": "find_objects"}]').calls == (ToolCall(tool="find_objects", arguments={}),)
+    assert parse_reply('[{"tool": "find_objects"}]').calls == (call("find_objects"),)
 
 
 def test_the_agent_reads_each_return_the_note_and_what_is_left() -> None:
     exchanges = [
-        Exchange(call=STEP, returned=True, content={"sim_time": 0.5}, text='{"sim_time":0.5}'),
-        Exchange(call=LOOK, returned=True, is_error=True, text="no such object"),
-        Exchange(call=ToolCall(tool="fly", arguments={}), returned=False, is_error=True, text="there is no tool 'fly'"),
-        Exchange(call=ANSWER, returned=False),
+        returned("step", {"sim_time": 0.5}, duration=0.5),
+        refused("get_position", "no such object", object_id="object_1"),
+        rejected("fly"),
+        skipped("answer", answer="2"),
     ]
     assert feedback_text(Feedback(exchanges, "fly: not run.", 3)) == (
         'Returns:\n1. step(duration=0.5) -> {"sim_time":0.5}\n'
         '2. get_position(object_id="object_1") -> error: no such object\n'
-        "3. fly() -> error: there is no tool 'fly'\n"
+        "3. fly() -> error: fits no schema\n"
         '4. answer(answer="2") -> not run\n\n'
         "fly: not run.\n\n"
         "Iterations left: 3."

@@ -1,7 +1,6 @@
 """What a person types, read against the published tools."""
 
 import json
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,12 +10,9 @@ from evaluator.episode.player import ToolDescription
 from evaluator.protocols.typed import TypingError, parse_line, signature
 from evaluator.records import ToolCall
 from physment_mcp.serving.server import published_tools
+from tests.builders.records import call
 
 TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in published_tools())
-
-
-def call(tool: str, **arguments: Any) -> ToolCall:
-    return ToolCall(tool=tool, arguments=arguments)
 
 
 @pytest.mark.parametrize(

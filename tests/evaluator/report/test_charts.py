@@ -7,21 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.records import Exchange, ToolCall, Turn
+from evaluator.records import Exchange
 from evaluator.report.charts import LEFT, Point, Series, chart, ticks
 from evaluator.report.motion import motion_charts
-
-
-def read(tool: str, content: dict[str, Any], **arguments: Any) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, content=content)
+from tests.builders.records import refused, returned, turn
 
 
 def at(time: float, position: list[Any], body: Any = "object_1") -> Exchange:
-    return read("get_position", {"sim_time": time, "position": position}, object_id=body)
+    return returned("get_position", {"sim_time": time, "position": position}, object_id=body)
 
 
 def charts(*exchanges: Exchange) -> list[Any]:
-    return motion_charts([Turn(reasoning="", exchanges=exchanges)])
+    return motion_charts([turn("", *exchanges)])
 
 
 def test_objects_that_moved_are_drawn_and_objects_at_rest_are_not() -> None:
@@ -38,8 +35,8 @@ def test_1_and_object_1_are_the_same_object_and_a_reset_breaks_the_line() -> Non
 
 
 def test_if_returns_hold_no_time_the_durations_of_steps_are_added_up() -> None:
-    step = read("step", {"result": "ok"}, duration=0.25)
-    speeds = [read("get_kinetic_energy", {"kinetic_energy": value}, object_id=1) for value in (0.0, 1.0, 4.0)]
+    step = returned("step", {"result": "ok"}, duration=0.25)
+    speeds = [returned("get_kinetic_energy", {"kinetic_energy": value}, object_id=1) for value in (0.0, 1.0, 4.0)]
     (one,) = charts(speeds[0], step, speeds[1], step, speeds[2])
     assert one.lines[0].name == "kinetic"
     assert [tick.label for tick in one.x_ticks][-1] == "0.6"
@@ -47,9 +44,7 @@ def test_if_returns_hold_no_time_the_durations_of_steps_are_added_up() -> None:
 
 
 def test_errors_and_malformed_returns_are_not_drawn() -> None:
-    failed = Exchange(
-        call=ToolCall(tool="get_position", arguments={"object_id": 1}), returned=True, is_error=True, text="no such"
-    )
+    failed = refused("get_position", "no such", object_id=1)
     odd: list[list[Any]] = [[0, 0], ["a", "b", "c"], [0, 0, True], [1e300, 0, 0]]
     assert charts(failed, *(at(time, position) for time, position in enumerate(odd))) == []
     assert charts(at(0, [0, 0, 1], ["object_1"]), at(1, [0, 0, 0], ["object_1"])) == []

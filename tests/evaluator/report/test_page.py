@@ -6,22 +6,17 @@ import re
 from html.parser import HTMLParser
 
 from evaluator.records import (
-    Episode,
-    EpisodeKey,
     Exchange,
-    Grade,
     Outcome,
     Plan,
     RunRecord,
     ServerRecord,
-    ToolCall,
     Turn,
-    Verdict,
-    Versions,
 )
 from evaluator.report.agent_results import Run
 from evaluator.report.page import render
 from evaluator.scores.scored_episode import ScoredEpisode
+from tests.builders.records import RIGHT, episode, episode_key, grade, refused, returned, turn
 from tests.builders.scored import scored
 
 EVIL = "</pre><script>alert('x')</script><img src=x onerror=alert(1)> {{ 7*7 }}"
@@ -32,25 +27,15 @@ RECORD = RunRecord(
 )
 
 
-def row(scene: int, verdict: Verdict, category: str, said: str = "I look.") -> ScoredEpisode:
-    call = ToolCall(tool="step", arguments={"duration": 0.1, "note": said})
-    turn = Turn(reasoning=said, exchanges=(Exchange(call=call, returned=True, is_error=True, text=said),), note=said)
-    unplayed = verdict is Verdict.UNSCORED
-    episode = Episode(
-        key=EpisodeKey(scene=scene, seed=0, agent="x", budget=5),
-        outcome=Outcome.INFRASTRUCTURE_ERROR if unplayed else Outcome.ANSWERED,
-        answer=None if unplayed else said,
-        prompt=said,
-        turns=() if unplayed else (turn,),
-        error=said if unplayed else None,
-        started_at="2026-01-01T00:00:00+00:00",
-        duration_s=1.0,
-        versions=Versions(physment="0", protocol="0", pack="0"),
-    )
-    grade = Grade(
-        strict=verdict, graded=None if unplayed else float(verdict is Verdict.CORRECT), normalised=verdict, reason=said
-    )
-    return scored(episode, grade, category, "calculation")
+def row(scene: int, right: bool | None, category: str, said: str = "I look.") -> ScoredEpisode:
+    """An episode that says the same everywhere; it was not played if `right` is None."""
+    key = episode_key(scene, budget=5)
+    if right is None:
+        played = episode(key=key, outcome=Outcome.INFRASTRUCTURE_ERROR, prompt=said, error=said)
+    else:
+        look = turn(said, refused("step", said, duration=0.1, note=said)).model_copy(update={"note": said})
+        played = episode(look, key=key, answer=said, prompt=said)
+    return scored(played, grade(right, reason=said), category, "calculation")
 
 
 def page(*rows: ScoredEpisode) -> str:
@@ -79,7 +64,7 @@ def tags(text: str) -> _Tags:
 
 
 def test_nothing_an_agent_wrote_becomes_markup() -> None:
-    text = page(row(7, Verdict.CORRECT, "easy-single", EVIL), row(21, Verdict.UNSCORED, "hard-single", EVIL))
+    text = page(row(7, True, "easy-single", EVIL), row(21, None, "hard-single", EVIL))
     parsed = tags(text)
     assert parsed.open == []
     assert [tag for tag, _ in parsed.seen if tag == "script"] == ["script"]
@@ -89,16 +74,16 @@ def test_nothing_an_agent_wrote_becomes_markup() -> None:
 
 
 def test_the_page_loads_nothing_from_other_places() -> None:
-    text = page(row(7, Verdict.CORRECT, "easy-single"))
+    text = page(row(7, True, "easy-single"))
     assert not re.search(r"https?://|//cdn|@import|url\(", text)
     assert not [tag for tag, attributes in tags(text).seen if tag == "link" or attributes.get("src")]
 
 
 def test_the_numbers_are_those_of_the_records() -> None:
     text = page(
-        row(7, Verdict.CORRECT, "easy-single"),
-        row(16, Verdict.INCORRECT, "easy-single-creation"),
-        row(21, Verdict.UNSCORED, "easy-single-hidden"),
+        row(7, True, "easy-single"),
+        row(16, False, "easy-single-creation"),
+        row(21, None, "easy-single-hidden"),
     )
     assert "1 of 2; 95 % interval 9.5 % to 90.5 %" in text
     assert text.count('data-verdict="correct"') == text.count('data-verdict="incorrect"') == 1
@@ -107,7 +92,7 @@ def test_the_numbers_are_those_of_the_records() -> None:
 
 
 def test_tables_and_headings_are_labelled_for_screen_readers() -> None:
-    parsed = tags(page(row(7, Verdict.CORRECT, "easy-single")))
+    parsed = tags(page(row(7, True, "easy-single")))
     names = [tag for tag, _ in parsed.seen]
     assert names.count("caption") == names.count("table")
     assert all(attributes.get("scope") in {"row", "col"} for tag, attributes in parsed.seen if tag == "th")
@@ -117,7 +102,7 @@ def test_tables_and_headings_are_labelled_for_screen_readers() -> None:
 
 
 def test_the_page_allows_its_own_script_and_no_other() -> None:
-    text = page(row(7, Verdict.CORRECT, "easy-single"))
+    text = page(row(7, True, "easy-single"))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     script = re.search(r"<script>(.*?)</script>", text, re.DOTALL)
     assert policy is not None
@@ -129,7 +114,7 @@ def test_the_page_allows_its_own_script_and_no_other() -> None:
 
 
 def test_every_link_of_the_page_has_its_target_in_the_page() -> None:
-    parsed = tags(page(row(7, Verdict.CORRECT, "easy-single"), row(21, Verdict.UNSCORED, "hard-single")))
+    parsed = tags(page(row(7, True, "easy-single"), row(21, None, "hard-single")))
     ids = [attributes["id"] for _, attributes in parsed.seen if "id" in attributes]
     links = [attributes["href"] for tag, attributes in parsed.seen if tag == "a"]
     assert len(ids) == len(set(ids))
@@ -137,29 +122,19 @@ def test_every_link_of_the_page_has_its_target_in_the_page() -> None:
     assert {f"#{name}" for name in ids} >= set(links)
 
 
-def played(seed: int, budget: int, *turns: Turn, answer: str = "1.5") -> ScoredEpisode:
-    episode = Episode(
-        key=EpisodeKey(scene=7, seed=seed, agent="x", budget=budget),
-        outcome=Outcome.ANSWERED,
-        answer=answer,
-        prompt="task",
-        turns=turns,
-        started_at="2026-01-01T00:00:00+00:00",
-        duration_s=1.0,
-        versions=Versions(physment="0", protocol="0", pack="0"),
-    )
-    grade = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="right")
-    return scored(episode, grade, "easy-single", "calculation")
+def played(seed: int, budget: int, *turns: Turn) -> ScoredEpisode:
+    key = episode_key(seed=seed, budget=budget)
+    return scored(episode(*turns, key=key, answer="1.5", prompt="task"), RIGHT, "easy-single", "calculation")
 
 
 def look(text: str) -> Exchange:
-    call = ToolCall(tool="get_velocity", arguments={"object_id": "object_1"})
-    return Exchange(call=call, returned=True, content={"velocity": [0.0, 0.0, -7.848]}, text=text)
+    found = returned("get_velocity", {"velocity": [0.0, 0.0, -7.848]}, object_id="object_1")
+    return found.model_copy(update={"text": text})
 
 
 def test_a_stated_number_links_to_its_return_and_a_number_without_support_is_marked() -> None:
-    first = Turn(reasoning="I look.", exchanges=(look('{"velocity": [0.0, 0.0, -7.848]}'),))
-    second = Turn(reasoning="It is -7.85 m/s,\nand the mass is 55.3 kg.", exchanges=())
+    first = turn("I look.", look('{"velocity": [0.0, 0.0, -7.848]}'))
+    second = turn("It is -7.85 m/s,\nand the mass is 55.3 kg.")
     text = page(played(0, 5, first, second))
     assert 'href="#episode-1-1-1" title="returned as -7.848 at $.velocity[2]">-7.85 m/s</a>,\nand the mass is' in text
     assert 'title="no earlier return supports this number">55.3 kg</span>.</p>' in text
@@ -174,7 +149,7 @@ def test_episodes_are_labelled_by_what_differs_and_sorted_as_numbers() -> None:
 
 
 def test_an_undefined_number_is_shown_as_a_dash() -> None:
-    text = page(row(7, Verdict.UNSCORED, "easy-single"))
+    text = page(row(7, None, "easy-single"))
     assert "None" not in text
     assert re.search(r"<dt>Strict accuracy</dt><dd>–", text)
     assert "C –, E –, G –, V –, R –" in text
@@ -182,12 +157,12 @@ def test_an_undefined_number_is_shown_as_a_dash() -> None:
 
 def test_a_return_that_is_no_json_or_not_encodable_is_shown_as_received() -> None:
     hostile = ['"\\ud800"', "[" * 5000, "9" * 5000, "not JSON", "NaN", ""]
-    text = page(played(0, 5, Turn(reasoning="", exchanges=tuple(look(one) for one in hostile))))
+    text = page(played(0, 5, turn("", *map(look, hostile))))
     assert text.encode()
     assert "→ &#34;\\ud800&#34;" in text
     assert "→ not JSON" in text
 
 
 def test_long_returns_are_broken_into_lines_and_vectors_are_not() -> None:
-    text = page(played(0, 5, Turn(reasoning="", exchanges=(look('{"a": [1, 2, 3], "b": "%s"}' % ("x" * 90)),))))
+    text = page(played(0, 5, turn("", look('{"a": [1, 2, 3], "b": "%s"}' % ("x" * 90)))))
     assert "→ {\n  &#34;a&#34;: [1, 2, 3],\n  &#34;b&#34;: &#34;xxx" in text

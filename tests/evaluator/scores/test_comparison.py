@@ -8,32 +8,21 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Plan, RunRecord, ServerRecord, Verdict, Versions
+from evaluator.records import (
+    EpisodeKey,
+    Outcome,
+    Plan,
+    RunRecord,
+    ServerRecord,
+)
 from evaluator.scores.comparison import Comparison, Side, compare
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.paired import PairedTest
 from evaluator.store import RunFolder
+from tests.builders.records import VERSIONS, episode, episode_key, grade
 from tests.builders.scored import scored
 
 CATEGORIES = ("easy-single", "hard-multi", "create-delete-attach")
-
-
-def episode(key: EpisodeKey, pack: str = "aa", outcome: Outcome = Outcome.ANSWERED) -> Episode:
-    return Episode(
-        key=key,
-        outcome=outcome,
-        answer=1 if outcome is Outcome.ANSWERED else None,
-        prompt="",
-        turns=(),
-        started_at="2026-01-01T00:00:00Z",
-        duration_s=0,
-        versions=Versions(physment="0", protocol="0", pack=pack),
-    )
-
-
-def verdict(right: bool | None) -> Grade:
-    strict = Verdict.UNSCORED if right is None else Verdict.CORRECT if right else Verdict.INCORRECT
-    return Grade(strict=strict, graded=None if right is None else float(right), normalised=strict, reason="")
 
 
 def side(
@@ -51,17 +40,17 @@ def side(
 ) -> Side:
     rows: list[ScoredEpisode] = []
     for one in (
-        EpisodeKey(scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting)
+        episode_key(scene, seed=seed, agent=agent, budget=budget, prompting=prompting)
         for scene in scenes
         for seed in seeds
         for agent in agents
         for budget in budgets
     ):
-        pack, grade = packs(one.scene), verdict(right(one))
+        pack, verdict = packs(one.scene), grade(right(one))
         outcome = Outcome.INFRASTRUCTURE_ERROR if right(one) is None else Outcome.ANSWERED
         kind = "comparison" if one.scene % 2 else "calculation"
-        played = episode(one, pack, outcome)
-        rows.append(scored(played, grade, CATEGORIES[one.scene % 3], kind, answer_key=key, grader_version=grader))
+        played = episode(key=one, outcome=outcome, versions=VERSIONS.model_copy(update={"pack": pack}))
+        rows.append(scored(played, verdict, CATEGORIES[one.scene % 3], kind, answer_key=key, grader_version=grader))
     return Side(name, rows)
 
 

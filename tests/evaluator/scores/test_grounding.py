@@ -1,36 +1,15 @@
 """Grounding of transcripts checked by hand: which numbers are assertions, and which return supports them."""
 
 import time
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluator.quantities.spoken import spoken_numbers
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
+from evaluator.records import Exchange
 from evaluator.scores.grounding import Assertion, Grounding, grounding_of
-
-
-def episode(*turns: Turn, prompt: str = "") -> Episode:
-    return Episode(
-        key=EpisodeKey(scene=7, seed=0, agent="scripted", budget=20),
-        outcome=Outcome.BUDGET_EXHAUSTED,
-        prompt=prompt,
-        turns=turns,
-        started_at="2026-01-01T00:00:00Z",
-        duration_s=0,
-        versions=Versions(physment="0", protocol="0", pack="1"),
-    )
-
-
-def returned(tool: str, content: dict[str, Any], **arguments: Any) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments=arguments), returned=True, content=content)
-
-
-def turn(reasoning: str, *exchanges: Exchange) -> Turn:
-    return Turn(reasoning=reasoning, exchanges=exchanges)
-
+from tests.builders.records import episode, refused, returned, skipped, turn
 
 VELOCITY = returned("get_velocity", {"sim_time": 0.8, "velocity": [0.0, 0.25, -7.848]}, object_id="object_1")
 POSITION = returned("get_position", {"sim_time": 0.8, "position": [0.0, 0.523, 26.86]}, object_id="object_1")
@@ -85,10 +64,8 @@ def test_of_several_supporting_returns_the_latest_is_linked() -> None:
 
 
 def test_calls_that_failed_or_did_not_run_support_nothing() -> None:
-    call = ToolCall(tool="get_velocity", arguments={})
-    failed = Exchange(call=call, returned=True, is_error=True, content={"velocity": [1.5, 0, 0]}, text="no: 1.5")
-    unrun = Exchange(call=call, returned=False)
-    assert after("It is 1.5 m/s.", failed, unrun).share == 0
+    failed = refused("get_velocity", "no: 1.5").model_copy(update={"content": {"velocity": [1.5, 0, 0]}})
+    assert after("It is 1.5 m/s.", failed, skipped("get_velocity")).share == 0
 
 
 @pytest.mark.parametrize(

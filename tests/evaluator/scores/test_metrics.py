@@ -5,30 +5,23 @@ import itertools
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import JsonValue
 
 from evaluator.records import (
-    Episode,
-    EpisodeKey,
     Exchange,
     Grade,
     NormalisationClass,
     Outcome,
-    ToolCall,
-    Turn,
     Verdict,
-    Versions,
 )
 from evaluator.scores.dimensions import WEIGHTS, final_score, non_repetition
 from evaluator.scores.grouping import quadrant
 from evaluator.scores.metrics import held_out_accuracy, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.intervals import wilson_interval
+from tests.builders.records import RIGHT, UNSCORED, WRONG, call, episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored, scores_of
 
-RIGHT = Grade(strict=Verdict.CORRECT, graded=1.0, normalised=Verdict.CORRECT, reason="")
-WRONG = Grade(strict=Verdict.INCORRECT, graded=0.0, normalised=Verdict.INCORRECT, reason="")
-HALF = Grade(strict=Verdict.INCORRECT, graded=0.5, normalised=Verdict.INCORRECT, reason="")
+HALF = grade(right=False, graded=0.5)
 FORGIVEN = Grade(
     strict=Verdict.INCORRECT,
     graded=0.0,
@@ -36,48 +29,22 @@ FORGIVEN = Grade(
     normalisation=NormalisationClass.ANSWER_FORMAT,
     reason="",
 )
-UNSCORED = Grade(strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason="")
 
 
 def exchange(tool: str = "step", *, ran: bool = True, error: bool = False) -> Exchange:
-    return Exchange(call=ToolCall(tool=tool, arguments={}), returned=ran, is_error=error)
-
-
-def episode(
-    *turns: Turn,
-    outcome: Outcome = Outcome.ANSWERED,
-    answer: JsonValue = 1,
-    scene: int = 7,
-    budget: int = 20,
-    agent: str = "scripted",
-    prompting: str = "zero-shot",
-) -> Episode:
-    return Episode(
-        key=EpisodeKey(scene=scene, seed=0, agent=agent, budget=budget, prompting=prompting),
-        outcome=outcome,
-        answer=answer if outcome is Outcome.ANSWERED else None,
-        prompt="",
-        turns=turns,
-        started_at="2026-01-01T00:00:00Z",
-        duration_s=0,
-        versions=Versions(physment="0", protocol="0", pack="1"),
-    )
-
-
-def turn(reasoning: str = "", *exchanges: Exchange) -> Turn:
-    return Turn(reasoning=reasoning, exchanges=exchanges)
+    return Exchange(call=call(tool), returned=ran, is_error=error)
 
 
 def row(
     grade: Grade,
     category: str = "easy-single",
     *,
-    agent: str = "scripted",
+    agent: str = "x",
     budget: int = 20,
     outcome: Outcome = Outcome.ANSWERED,
     problem_type: str = "calculation",
 ) -> ScoredEpisode:
-    played = episode(turn("push", exchange("answer")), agent=agent, budget=budget, outcome=outcome)
+    played = episode(turn("push", exchange("answer")), key=episode_key(agent=agent, budget=budget), outcome=outcome)
     return scored(played, grade, category, problem_type)
 
 
@@ -112,10 +79,10 @@ def test_undefined_dimensions_count_0_in_the_score() -> None:
 # One episode.
 def test_efficiency_is_the_share_of_the_budget_that_is_left() -> None:
     turns = [turn("", exchange()) for _ in range(5)]
-    assert scores_of(episode(*turns, budget=20), RIGHT).e == pytest.approx(0.75)
-    assert scores_of(episode(*turns, budget=5), RIGHT).e == 0
-    assert scores_of(episode(*turns, budget=20), WRONG).e == pytest.approx(0.75)
-    limited_by_calls = episode(*turns, budget=5).model_copy(update={"max_calls": 50})
+    assert scores_of(episode(*turns, key=episode_key(budget=20)), RIGHT).e == pytest.approx(0.75)
+    assert scores_of(episode(*turns, key=episode_key(budget=5)), RIGHT).e == 0
+    assert scores_of(episode(*turns, key=episode_key(budget=20)), WRONG).e == pytest.approx(0.75)
+    limited_by_calls = episode(*turns, key=episode_key(budget=5)).model_copy(update={"max_calls": 50})
     assert scores_of(limited_by_calls, RIGHT).e == pytest.approx(0.9)
 
 
@@ -152,9 +119,7 @@ def test_without_calls_words_or_assertions_the_dimensions_are_undefined() -> Non
 
 
 def test_grounding_is_the_share_of_supported_assertions() -> None:
-    read = Exchange(
-        call=ToolCall(tool="get_velocity", arguments={}), returned=True, content={"velocity": [1.5, 0.0, 0.0]}
-    )
+    read = returned("get_velocity", {"velocity": [1.5, 0.0, 0.0]})
     scores = scores_of(episode(turn("", read), turn("It has 1.5 m/s, so 7 J.", exchange("answer"))), RIGHT)
     assert scores.g == pytest.approx(0.5)
 
@@ -220,9 +185,9 @@ def test_a_run_of_one_category_has_no_held_out_accuracy_and_no_final_score() -> 
 
 def test_a_whole_run_computed_by_hand() -> None:
     played = episode(turn("It moves at 1.5 m/s", exchange(), exchange(error=True)), turn("", exchange("answer")))
-    silent = episode(turn("", exchange("answer")), scene=8)
-    lost = episode(turn("no idea"), outcome=Outcome.BUDGET_EXHAUSTED, scene=51)
-    broken = episode(outcome=Outcome.INFRASTRUCTURE_ERROR, scene=52)
+    silent = episode(turn("", exchange("answer")), key=episode_key(8))
+    lost = episode(turn("no idea"), outcome=Outcome.BUDGET_EXHAUSTED, key=episode_key(51))
+    broken = episode(outcome=Outcome.INFRASTRUCTURE_ERROR, key=episode_key(52))
     summary = summarise(
         [
             scored(played, HALF, "easy-single", "computation"),

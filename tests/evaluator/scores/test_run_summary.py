@@ -9,7 +9,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from evaluator.commands.terminal import summary_lines
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome, Verdict, Versions
+from evaluator.records import EpisodeKey, Outcome
 from evaluator.scores.grouping import modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -17,6 +17,7 @@ from evaluator.scores.wording import curve_sentence
 from evaluator.statistics.budget_curve import Cell, Shape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
 from tests.builders.paths import DOCS
+from tests.builders.records import episode, episode_key, grade
 from tests.builders.scored import scored
 
 SCHEMA = DOCS / "reference" / "run-summary.schema.json"
@@ -33,26 +34,16 @@ def rows(
 ) -> list[ScoredEpisode]:
     found: list[ScoredEpisode] = []
     for key in (
-        EpisodeKey(scene=7 + scene, seed=seed, agent=agent, budget=budget, protocol=protocol)
+        episode_key(7 + scene, seed=seed, agent=agent, budget=budget, protocol=protocol)
         for scene in range(scenes)
         for seed in range(seeds)
         for agent in agents
         for budget in budgets
     ):
         said = right(key)
-        strict = Verdict.UNSCORED if said is None else Verdict.CORRECT if said else Verdict.INCORRECT
-        played = Episode(
-            key=key,
-            outcome=Outcome.INFRASTRUCTURE_ERROR if said is None else Outcome.BUDGET_EXHAUSTED,
-            prompt="",
-            turns=(),
-            started_at="2026-01-01T00:00:00Z",
-            duration_s=0,
-            versions=Versions(physment="0", protocol="0", pack="1"),
-        )
-        grade = Grade(strict=strict, graded=None if said is None else float(said), normalised=strict, reason="")
+        played = episode(key=key, outcome=Outcome.INFRASTRUCTURE_ERROR if said is None else Outcome.BUDGET_EXHAUSTED)
         kind = "comparison" if key.scene % 2 else "computation"
-        found.append(scored(played, grade, "hard-multi-hidden" if key.scene % 3 else "easy-single", kind))
+        found.append(scored(played, grade(said), "hard-multi-hidden" if key.scene % 3 else "easy-single", kind))
     return found
 
 

@@ -14,17 +14,13 @@ from evaluator.episode.connect import LocalHost
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome
 from evaluator.store import RunFolder
 from evaluator.study.replay import differences
 from scenes import default_folder
+from tests.builders.records import VERSIONS, call, episode_key
 
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
 SCENE = 7
-
-
-def call(tool: str, **arguments: object) -> ToolCall:
-    return ToolCall(tool=tool, arguments=arguments)
 
 
 TURNS = (
@@ -36,7 +32,7 @@ TURNS = (
 
 
 def key(agent: str = "someone", budget: int = 6) -> EpisodeKey:
-    return EpisodeKey(scene=SCENE, seed=0, agent=agent, budget=budget)
+    return episode_key(SCENE, agent=agent, budget=budget)
 
 
 @pytest.fixture(scope="module")

@@ -15,15 +15,16 @@ from evaluator.episode.connect import Laboratory, LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, Plan, ToolCall, Usage, Verdict, Versions
+from evaluator.records import Episode, EpisodeKey, Outcome, Plan, Usage, Verdict
 from evaluator.store import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS, LocalPlay
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.runner import Runner, missing
 from physment_mcp import open_episode
+from tests.builders.records import ANSWER, STEP, VERSIONS, answer
 
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
-SCRIPT = ScriptedAgent("x", {None: ((ToolCall(tool="answer", arguments={"answer": 1}),),)})
+PACK = ("scene7.json", "scene7.xml", "solution.py")
+SCRIPT = ScriptedAgent("x", {None: ((ANSWER,),)})
 
 
 @dataclass
@@ -111,7 +112,7 @@ async def test_as_many_episodes_are_open_at_a_time_as_asked_for(folder: RunFolde
             if self.playing == 3:
                 self.all_here.set()
             await self.all_here.wait()
-            return Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1}),))
+            return Reply(calls=(ANSWER,))
 
     laboratory = InMemory()
     await run(laboratory, folder, 6, Waiting(), concurrency=3)
@@ -133,10 +134,10 @@ async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, f
         async def act(self, feedback: Feedback | None) -> Reply:
             used = Usage(input_tokens=10, output_tokens=1, cost_usd=0.5)
             if feedback is None:
-                return Reply(calls=(ToolCall(tool="step", arguments={"duration": 0.1}),), usage=used)
+                return Reply(calls=(STEP,), usage=used)
             if self.attempts <= failing:
                 raise InfrastructureError("the provider is gone")
-            return Reply(calls=(ToolCall(tool="answer", arguments={"answer": 1}),), usage=used)
+            return Reply(calls=(ANSWER,), usage=used)
 
     meter = Meter(Limits(tokens=1_000_000))
     with anyio.fail_after(30):
@@ -200,12 +201,12 @@ async def test_an_episode_is_played_anew_from_its_beginning_after_a_failure_in_t
 
         async def act(self, feedback: Feedback | None) -> Reply:
             if feedback is None:
-                return Reply("one", calls=(ToolCall(tool="step", arguments={"duration": 0.1}),))
+                return Reply("one", calls=(STEP,))
             if self.fails:
                 raise InfrastructureError("the provider is down")
             assert feedback.exchanges[0].content is not None
-            answer = feedback.exchanges[0].content["sim_time"]
-            return Reply("two", calls=(ToolCall(tool="answer", arguments={"answer": answer}),))
+            time = feedback.exchanges[0].content["sim_time"]
+            return Reply("two", calls=(answer(time),))
 
     laboratory = InMemory()
     await run(laboratory, folder, 1, Shaky())

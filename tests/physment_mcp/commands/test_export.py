@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,12 @@ import pytest
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.loop import play_episode
-from evaluator.records import EpisodeKey, Outcome, Versions
+from evaluator.records import Outcome
 from physment_mcp.__main__ import main
 from physment_mcp.scene import Scene, load_scene
 from scenes import CANARY, Pack, find_pack, list_packs, read_pack
+from tests.builders.laboratory import WritePack
+from tests.builders.records import VERSIONS, episode_key
 
 SECRETS = {
     "metadata.description": "canary-description",
@@ -99,7 +100,7 @@ def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
 
 
 def test_no_private_field_of_a_pack_is_exported(
-    write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, tmp_path: Path
+    write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path
 ) -> None:
     """Every private field, and one that the format does not know, with a text that can be found again."""
     public = {
@@ -132,13 +133,13 @@ def test_no_private_field_of_a_pack_is_exported(
 
 
 async def test_the_reference_protocol_solves_an_exported_scene_as_the_whole_one(exported: Path) -> None:
-    key = EpisodeKey(scene=7, seed=3, agent="reference", budget=20)
+    key = episode_key(seed=3, agent="reference")
     played = []
     with anyio.fail_after(60):
         for folder in (None, exported):
             async with LocalHost(folder) as host, host.open(7, 3) as client:
                 agent = ReferenceAgent()
-                played.append(await play_episode(agent, client, key, Versions(physment="0", protocol="0", pack="0")))
+                played.append(await play_episode(agent, client, key, VERSIONS))
     one, other = played
     assert one.outcome is Outcome.ANSWERED
     assert (one.prompt, one.answer) == (other.prompt, other.answer)

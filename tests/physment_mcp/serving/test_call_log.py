@@ -5,7 +5,7 @@ import json
 import math
 import subprocess
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from typing import Any
 
 import anyio
@@ -16,6 +16,7 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolRequestParams
 
 from physment_mcp.serving.call_log import CallLog
+from tests.builders.laboratory import Command, OpenHost
 
 BASE = "http://127.0.0.1"
 
@@ -43,7 +44,7 @@ async def client_of(http: httpx.AsyncClient, episode: dict[str, str]) -> AsyncGe
         yield client
 
 
-async def test_the_log_holds_what_was_called_and_what_came_back(inside: Callable[..., Any]) -> None:
+async def test_the_log_holds_what_was_called_and_what_came_back(inside: OpenHost) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 10)
         assert await log_of(http, episode) == {"ended": False, "calls": []}
@@ -67,7 +68,7 @@ async def test_the_log_holds_what_was_called_and_what_came_back(inside: Callable
         assert (await log_of(http, episode, start=3))["calls"] == []
 
 
-async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside: Callable[..., Any]) -> None:
+async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside: OpenHost) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 2)
         async with client_of(http, episode) as client:
@@ -85,13 +86,19 @@ async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside
 
 
 async def test_whoever_has_only_the_url_can_neither_read_the_log_nor_close_the_episode(
-    inside: Callable[..., Any],
+    inside: OpenHost,
 ) -> None:
     async with inside() as (host, http):
         episode, other = await opened(http, 5), await opened(http, 5)
         path = f"/episodes/{episode['episode_id']}"
         assert episode["owner_token"] not in episode["mcp_url"]
-        for headers in ({}, owner(other), {"Authorization": "Bearer "}, {"Authorization": "Bearer é".encode()}):
+        unauthorised: list[dict[str, str] | dict[bytes, bytes]] = [
+            {},
+            owner(other),
+            {"Authorization": "Bearer "},
+            {b"Authorization": "Bearer é".encode()},
+        ]
+        for headers in unauthorised:
             assert (await http.get(f"{path}/calls", headers=headers)).status_code == 401
             assert (await http.delete(path, headers=headers)).status_code == 401
         assert len(host._episodes) == 2
@@ -99,7 +106,7 @@ async def test_whoever_has_only_the_url_can_neither_read_the_log_nor_close_the_e
         assert (await http.get(f"{path}/calls", headers=owner(episode))).status_code == 404
 
 
-async def test_nothing_an_agent_can_read_names_the_token(inside: Callable[..., Any]) -> None:
+async def test_nothing_an_agent_can_read_names_the_token(inside: OpenHost) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 5)
         async with client_of(http, episode) as client:
@@ -112,7 +119,7 @@ async def test_nothing_an_agent_can_read_names_the_token(inside: Callable[..., A
         assert episode["owner_token"] not in said
 
 
-async def test_an_episode_opened_without_a_limit_has_no_log(inside: Callable[..., Any]) -> None:
+async def test_an_episode_opened_without_a_limit_has_no_log(inside: OpenHost) -> None:
     async with inside() as (_, http):
         episode = (await http.post("/episodes", json={"scene": 7})).json()
         assert "owner_token" not in episode
@@ -121,7 +128,7 @@ async def test_an_episode_opened_without_a_limit_has_no_log(inside: Callable[...
 
 
 @pytest.mark.parametrize("limit", [0, -1, 10_001, "5", 2.5, True])
-async def test_a_limit_that_is_none_opens_nothing(inside: Callable[..., Any], limit: object) -> None:
+async def test_a_limit_that_is_none_opens_nothing(inside: OpenHost, limit: object) -> None:
     async with inside() as (host, http):
         refused = await http.post("/episodes", json={"scene": 7, "max_calls": limit})
         assert refused.status_code == 400
@@ -130,7 +137,7 @@ async def test_a_limit_that_is_none_opens_nothing(inside: Callable[..., Any], li
 
 
 @pytest.mark.parametrize("start", ["-1", "x", "1" * 5000, "٣x"])
-async def test_a_start_that_is_none_is_refused(inside: Callable[..., Any], start: str) -> None:
+async def test_a_start_that_is_none_is_refused(inside: OpenHost, start: str) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 5)
         path = f"/episodes/{episode['episode_id']}/calls"
@@ -144,7 +151,7 @@ def test_numbers_that_json_does_not_know_leave_the_log_readable() -> None:
     assert call["arguments"] == {"duration": "NaN", "more": ["Infinity", {"x": "-Infinity"}]}
 
 
-async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(inside: Callable[..., Any]) -> None:
+async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(inside: OpenHost) -> None:
     async with inside() as (host, http):
         episode = await opened(http, 5)
         slot = host._episodes[episode["episode_id"]].slot
@@ -163,7 +170,7 @@ async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(insid
         assert (call["content"], call["text"]) == (None, "")
 
 
-async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: Callable[..., Any]) -> None:
+async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: OpenHost) -> None:
     async with inside(token="ours") as (host, http):
         for headers in ({}, {"Authorization": "Bearer theirs"}, {"Authorization": "Bearer "}):
             refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
@@ -178,7 +185,7 @@ async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: C
             assert not (await client.call_tool("step", {"duration": 0.1})).is_error
 
 
-def test_a_variable_that_holds_no_token_is_misuse(command: Callable[..., list[str]]) -> None:
+def test_a_variable_that_holds_no_token_is_misuse(command: Command) -> None:
     words = command("serve", "--port", 0, "--token-env", "NO_SUCH_TOKEN")
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2

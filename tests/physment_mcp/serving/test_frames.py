@@ -6,8 +6,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import mcp_types as types
@@ -22,6 +21,7 @@ from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
+from tests.builders.laboratory import OpenLab, WritePack
 
 pytestmark = pytest.mark.anyio
 Pixels = np.ndarray
@@ -69,14 +69,14 @@ def images(result: types.CallToolResult) -> list[bytes]:
     return [base64.b64decode(one.data) for one in shown if isinstance(one, types.ImageContent)]
 
 
-async def test_results_are_text_alone_unless_asked_for_otherwise(open_lab: Callable[..., Any]) -> None:
+async def test_results_are_text_alone_unless_asked_for_otherwise(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         for tool, arguments in (("step", {"duration": 0.1}), ("find_objects", {})):
             assert images(await lab.client.call_tool(tool, arguments)) == []
 
 
 async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
-    painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+    painter: Painter, pack: dict[str, Any], xml: str, write_pack: WritePack
 ) -> None:
     folder = write_pack(pack, xml)
     slot = EpisodeSlot(
@@ -145,7 +145,7 @@ def test_a_body_moves_in_the_picture_only_if_it_may_be_read(
     painter: Painter,
     pack: dict[str, Any],
     xml: str,
-    write_pack: Callable[..., Path],
+    write_pack: WritePack,
 ) -> None:
     pack["object_permissions"]["object_1_permissions"].update(withheld)
     session = Session(load_scene(7, 0, write_pack(pack, xml)))
@@ -158,7 +158,7 @@ def test_a_body_moves_in_the_picture_only_if_it_may_be_read(
 
 @pytest.mark.parametrize("readable", [True, False])
 def test_turning_shows_only_if_the_orientation_may_be_read(
-    readable: bool, painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+    readable: bool, painter: Painter, pack: dict[str, Any], xml: str, write_pack: WritePack
 ) -> None:
     pack["object_permissions"]["object_2_permissions"]["body_quat"] = readable
     pack["object_permissions"]["object_8_permissions"]["body_quat"] = readable
@@ -175,7 +175,7 @@ def test_turning_shows_only_if_the_orientation_may_be_read(
 
 
 def test_what_the_seed_changes_is_not_shown(
-    painter: Painter, pack: dict[str, Any], xml: str, write_pack: Callable[..., Path]
+    painter: Painter, pack: dict[str, Any], xml: str, write_pack: WritePack
 ) -> None:
     session = Session(load_scene(7, 0, write_pack(pack, xml)))
     other = xml.replace('name="object_9" pos="6 0 1"', 'name="object_9" pos="6 0 1.01"')

@@ -16,6 +16,7 @@ import pytest
 from mcp import Client
 
 from physment_mcp.serving.host import MAX_BODY
+from tests.builders.laboratory import Command, OpenHost, WritePack
 
 BASE = "http://127.0.0.1"
 
@@ -35,7 +36,7 @@ def serving(command: list[str], cwd: Path) -> Generator[str]:
 
 @pytest.fixture
 def started(
-    command: Callable[..., list[str]], write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, tmp_path: Path
+    command: Command, write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path
 ) -> Callable[..., Any]:
     folder = write_pack(pack, xml)
     work = tmp_path / "work"
@@ -95,7 +96,7 @@ async def test_an_unused_episode_expires_and_makes_room(started: Callable[..., A
             assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
 
 
-async def test_the_cap_holds_also_for_requests_at_once(inside: Callable[..., Any]) -> None:
+async def test_the_cap_holds_also_for_requests_at_once(inside: OpenHost) -> None:
     codes: list[int] = []
     async with inside(max_episodes=3) as (_, http):
 
@@ -111,7 +112,7 @@ async def test_the_cap_holds_also_for_requests_at_once(inside: Callable[..., Any
         assert "3 episodes are open" in full.json()["error"]
 
 
-async def test_a_scene_that_fails_to_open_takes_no_room(inside: Callable[..., Any]) -> None:
+async def test_a_scene_that_fails_to_open_takes_no_room(inside: OpenHost) -> None:
     async with inside(max_episodes=1) as (_, http):
         for _ in range(3):
             assert (await http.post("/episodes", json={"scene": 99})).status_code == 404
@@ -135,7 +136,7 @@ async def test_a_scene_that_fails_to_open_takes_no_room(inside: Callable[..., An
     ],
 )
 async def test_a_bad_request_opens_nothing(
-    inside: Callable[..., Any], tmp_path: Path, body: bytes, status: int, word: str
+    inside: OpenHost, tmp_path: Path, body: bytes, status: int, word: str
 ) -> None:
     async with inside() as (host, http):
         reply = await http.post("/episodes", content=body)
@@ -145,21 +146,21 @@ async def test_a_bad_request_opens_nothing(
         assert not host._episodes
 
 
-async def test_a_deleted_episode_makes_room_and_is_gone(inside: Callable[..., Any]) -> None:
+async def test_a_deleted_episode_makes_room_and_is_gone(inside: OpenHost) -> None:
     async with inside(max_episodes=1) as (_, http):
         opened = (await http.post("/episodes", json={"scene": 7})).json()
         assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
         assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
 
 
-async def test_a_large_body_is_refused_by_an_episode_too(inside: Callable[..., Any]) -> None:
+async def test_a_large_body_is_refused_by_an_episode_too(inside: OpenHost) -> None:
     async with inside() as (_, http):
         url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
         assert (await http.post(url, content=b"x" * (MAX_BODY + 1))).status_code == 413
 
 
 @pytest.mark.parametrize("name", ["evil.example", "127.0.0.1.evil.example", "10.0.0.1"])
-async def test_a_request_to_another_host_name_is_refused(inside: Callable[..., Any], name: str) -> None:
+async def test_a_request_to_another_host_name_is_refused(inside: OpenHost, name: str) -> None:
     async with inside() as (host, http):
         refused = await http.post("/episodes", json={"scene": 7}, headers={"Host": name})
         assert refused.status_code == 400
@@ -168,7 +169,7 @@ async def test_a_request_to_another_host_name_is_refused(inside: Callable[..., A
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "localhost:1", "[::1]:8000", "[::1]"])
-async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], name: str) -> None:
+async def test_a_request_to_this_machine_is_served(inside: OpenHost, name: str) -> None:
     async with inside() as (_, http):
         assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
 
@@ -180,21 +181,19 @@ async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], n
         ("DELETE", "/episodes/x", 404), ("GET", "/episodes/x", 405), ("POST", "/healthz", 405), ("GET", "/docs", 404),
     ],
 )  # fmt: skip
-async def test_other_paths_and_methods_are_refused(
-    inside: Callable[..., Any], method: str, path: str, status: int
-) -> None:
+async def test_other_paths_and_methods_are_refused(inside: OpenHost, method: str, path: str, status: int) -> None:
     async with inside() as (_, http):
         assert (await http.request(method, path)).status_code == status
 
 
-async def test_closing_the_host_closes_its_episodes(inside: Callable[..., Any]) -> None:
+async def test_closing_the_host_closes_its_episodes(inside: OpenHost) -> None:
     with anyio.fail_after(10):
         async with inside() as (_, http):
             for _ in range(3):
                 await http.post("/episodes", json={"scene": 7})
 
 
-async def test_expiry_spares_an_episode_in_use(inside: Callable[..., Any]) -> None:
+async def test_expiry_spares_an_episode_in_use(inside: OpenHost) -> None:
     async with inside(idle_timeout_s=0.05) as (host, _):
         busy = await host.open_episode(7, 0)
         await host.open_episode(7, 0)

@@ -15,6 +15,7 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp.__main__ import main
 from physment_mcp.serving.gate import is_loopback
 from physment_mcp.serving.host import Host
+from tests.builders.laboratory import OpenHost, WritePack
 
 BASE = "http://127.0.0.1"
 OURS = {"Authorization": "Bearer ours"}
@@ -29,7 +30,7 @@ STRANGERS: tuple[dict[str, str], ...] = (
 
 
 @pytest.fixture
-def inside(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Callable[..., Any]:
+def inside(write_pack: WritePack, pack: dict[str, Any], xml: str) -> Callable[..., Any]:
     """A host in this process, spoken to without sockets."""
     folder = write_pack(pack, xml)
 
@@ -60,9 +61,7 @@ async def open_episode(http: httpx.AsyncClient, **wanted: int) -> dict[str, str]
 
 
 @pytest.mark.parametrize("exposed", [False, True])
-async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(
-    inside: Callable[..., Any], exposed: bool
-) -> None:
+async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(inside: OpenHost, exposed: bool) -> None:
     async with inside(token="ours", exposed=exposed) as (host, http):
         for headers in STRANGERS:
             refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
@@ -78,7 +77,7 @@ async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(
         assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=OURS)).status_code == 204
 
 
-async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside: Callable[..., Any]) -> None:
+async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside: OpenHost) -> None:
     async with inside(token="ours", exposed=True) as (_, http):
         mine = await open_episode(http)
         for path in (mine["mcp_url"], "/episodes/unknown/mcp"):
@@ -90,7 +89,7 @@ async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside
             assert not (await client.call_tool("step", {"duration": 0.1})).is_error
 
 
-async def test_who_was_handed_an_episode_needs_its_address_alone(inside: Callable[..., Any]) -> None:
+async def test_who_was_handed_an_episode_needs_its_address_alone(inside: OpenHost) -> None:
     async with inside(token="ours", exposed=True) as (_, http):
         theirs = await open_episode(http, max_calls=5)
         async with playing(http, theirs["mcp_url"]) as client:
@@ -105,7 +104,7 @@ async def test_who_was_handed_an_episode_needs_its_address_alone(inside: Callabl
             assert (await http.get(calls, headers={"Authorization": f"Bearer {good}"})).status_code == 200
 
 
-async def test_on_this_machine_an_episode_is_played_by_its_address(inside: Callable[..., Any]) -> None:
+async def test_on_this_machine_an_episode_is_played_by_its_address(inside: OpenHost) -> None:
     async with inside(token="ours") as (_, http):
         opened = await open_episode(http)
         async with playing(http, opened["mcp_url"]) as client:
@@ -116,7 +115,7 @@ async def test_on_this_machine_an_episode_is_played_by_its_address(inside: Calla
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
 @pytest.mark.parametrize("known", [False, True])
-async def test_an_episode_that_is_gone_says_how_to_open_one(inside: Callable[..., Any], mode: str, known: bool) -> None:
+async def test_an_episode_that_is_gone_says_how_to_open_one(inside: OpenHost, mode: str, known: bool) -> None:
     async with inside() as (_, http):
         opened = await open_episode(http)
         url = opened["mcp_url"] if known else f"{BASE}/episodes/unknown/mcp"
@@ -144,9 +143,7 @@ async def test_an_episode_that_is_gone_says_how_to_open_one(inside: Callable[...
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_client_that_stays_connected_does_not_keep_an_unused_episode(
-    inside: Callable[..., Any], mode: str
-) -> None:
+async def test_a_client_that_stays_connected_does_not_keep_an_unused_episode(inside: OpenHost, mode: str) -> None:
     async with inside(idle_timeout_s=0.2) as (host, http):
         opened = await open_episode(http)
         with anyio.fail_after(20):
@@ -161,7 +158,7 @@ async def test_a_client_that_stays_connected_does_not_keep_an_unused_episode(
     ["evil.example", "127.0.0.1.evil.example", "evil.example:8000", "10.0.0.2", "", "a@localhost", "localhost:port",
      "localhost/x", "[::1", "[::2]", "0.0.0.0"],
 )  # fmt: skip
-async def test_a_request_for_another_name_is_refused(inside: Callable[..., Any], name: str) -> None:
+async def test_a_request_for_another_name_is_refused(inside: OpenHost, name: str) -> None:
     async with inside() as (host, http):
         for method, path in (("POST", "/episodes"), ("GET", "/healthz"), ("POST", "/episodes/x/mcp")):
             refused = await http.request(method, path, json={"scene": 7}, headers={"Host": name})
@@ -171,12 +168,12 @@ async def test_a_request_for_another_name_is_refused(inside: Callable[..., Any],
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "LOCALHOST:1", "[::1]:8000", "[::1]"])
-async def test_a_request_to_this_machine_is_served(inside: Callable[..., Any], name: str) -> None:
+async def test_a_request_to_this_machine_is_served(inside: OpenHost, name: str) -> None:
     async with inside() as (_, http):
         assert (await http.get("/healthz", headers={"Host": name})).status_code == 200
 
 
-async def test_a_host_answers_to_its_address_and_to_the_names_it_was_given(inside: Callable[..., Any]) -> None:
+async def test_a_host_answers_to_its_address_and_to_the_names_it_was_given(inside: OpenHost) -> None:
     options = {"token": "ours", "exposed": True, "names": ("Lab.example",)}
     async with inside("http://10.1.2.3", **options) as (_, http):
         for name, status in (
@@ -198,7 +195,7 @@ async def test_a_host_answers_to_its_address_and_to_the_names_it_was_given(insid
         ("http://localhost@evil.example", 403), ("file://", 403),
     ],
 )  # fmt: skip
-async def test_a_page_of_another_site_is_refused(inside: Callable[..., Any], origin: str, status: int) -> None:
+async def test_a_page_of_another_site_is_refused(inside: OpenHost, origin: str, status: int) -> None:
     async with inside() as (host, http):
         assert (await http.get("/healthz", headers={"Origin": origin})).status_code == status
         opened = await http.post("/episodes", json={"scene": 7}, headers={"Origin": origin})
@@ -240,7 +237,7 @@ def test_a_host_others_can_reach_does_not_start_without_a_token(
 
 
 @pytest.mark.parametrize("scene", ["../Scene7", "/etc/passwd", "Scene7", "7/../8", "", None, [7], {"path": "x"}])
-async def test_a_scene_is_a_number_and_never_a_path(inside: Callable[..., Any], scene: Any) -> None:
+async def test_a_scene_is_a_number_and_never_a_path(inside: OpenHost, scene: Any) -> None:
     async with inside() as (host, http):
         refused = await http.post("/episodes", json={"scene": scene})
         assert refused.status_code == 400
@@ -250,7 +247,7 @@ async def test_a_scene_is_a_number_and_never_a_path(inside: Callable[..., Any], 
 
 @pytest.mark.parametrize("what", ["Scene8", "scene8.json", "scene8.xml"])
 async def test_a_link_out_of_the_folder_of_scenes_is_refused(
-    write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, tmp_path: Path, what: str
+    write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path, what: str
 ) -> None:
     folder = write_pack(pack, xml)
     outside = write_pack(pack, xml, 8) / "Scene8"
@@ -278,7 +275,7 @@ async def test_a_link_out_of_the_folder_of_scenes_is_refused(
     ['<include file="/etc/passwd"/>', "<asset><mesh name='m' file='../m.obj'/></asset>", '<include\nfile = "x"/>'],
 )
 async def test_a_model_that_names_a_file_is_refused(
-    write_pack: Callable[..., Path], pack: dict[str, Any], xml: str, planted: str
+    write_pack: WritePack, pack: dict[str, Any], xml: str, planted: str
 ) -> None:
     host = Host(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")), token="ours")
     app = host.app()

@@ -14,11 +14,10 @@ from evaluator.episode.connect import TOKEN_VARIABLE, HostLaboratory, LocalHost,
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError
-from evaluator.records import EpisodeKey, ToolCall, Versions
+from evaluator.records import EpisodeKey
+from tests.builders.records import STEP, VERSIONS, episode_key
 
-KEY = EpisodeKey(scene=7, seed=0, agent="test", budget=3)
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
-STEP = ToolCall(tool="step", arguments={"duration": 0.1})
+KEY = episode_key(budget=3)
 
 GUARDED = """
 from physment_mcp.serving.host import Host, serve

@@ -5,7 +5,6 @@ Where a value could leave in another guise, two packs that differ in private val
 
 import json
 import re
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,6 +12,7 @@ from mcp_types import PromptReference
 
 from scenes import CANARY
 from tests.builders.bench import PUBLIC
+from tests.builders.laboratory import OpenLab
 
 IDS = [f"object_{number}" for number in range(1, 10)]
 
@@ -172,7 +172,7 @@ def leaks(texts: list[str]) -> list[tuple[str, str]]:
     return found
 
 
-async def test_nothing_published_contains_the_private_half(open_lab: Callable[..., Any]) -> None:
+async def test_nothing_published_contains_the_private_half(open_lab: OpenLab) -> None:
     async with open_lab(canary_pack(), XML) as lab:
         before = await published(lab)
         await lab.call("step", duration=0.01)
@@ -181,7 +181,7 @@ async def test_nothing_published_contains_the_private_half(open_lab: Callable[..
     assert not leaks(after)
 
 
-async def test_the_answer_tool_tells_nothing_about_right_and_wrong(open_lab: Callable[..., Any]) -> None:
+async def test_the_answer_tool_tells_nothing_about_right_and_wrong(open_lab: OpenLab) -> None:
     told = []
     for answer in (76.5432123, -1.0, "canary-accept"):
         async with open_lab(canary_pack(), XML) as lab:
@@ -190,7 +190,7 @@ async def test_the_answer_tool_tells_nothing_about_right_and_wrong(open_lab: Cal
     assert told[:2] == told[2:4] == told[4:]
 
 
-async def test_what_is_hidden_stays_withheld_after_it_is_found(open_lab: Callable[..., Any]) -> None:
+async def test_what_is_hidden_stays_withheld_after_it_is_found(open_lab: OpenLab) -> None:
     pack = canary_pack()
     pack["object_permissions"]["object_5_permissions"] = {"hidden": True, "geom_type": True}
     async with open_lab(pack, XML) as lab:
@@ -204,7 +204,7 @@ async def test_what_is_hidden_stays_withheld_after_it_is_found(open_lab: Callabl
             assert "withheld" in await lab.refused(tool, object_id="object_5")
 
 
-async def test_seeds_that_differ_in_private_values_publish_the_same_at_the_start(open_lab: Callable[..., Any]) -> None:
+async def test_seeds_that_differ_in_private_values_publish_the_same_at_the_start(open_lab: OpenLab) -> None:
     transcripts = []
     for seed in (0, 1, 2):
         async with open_lab(canary_pack(), XML, seed=seed) as lab:
@@ -235,7 +235,7 @@ def one_object(**permissions: bool) -> dict[str, Any]:
     return pack
 
 
-async def test_the_true_mass_does_not_show_in_energies_and_momenta(open_lab: Callable[..., Any]) -> None:
+async def test_the_true_mass_does_not_show_in_energies_and_momenta(open_lab: OpenLab) -> None:
     transcripts = []
     for mass in (2.0, 8.0):  # powers of two, so that scaling rounds nothing
         async with open_lab(one_object(body_pos=True), SPINNING.format(mass=mass)) as lab:
@@ -256,7 +256,7 @@ async def test_the_true_mass_does_not_show_in_energies_and_momenta(open_lab: Cal
     )
 
 
-async def test_a_local_shift_does_not_show_a_withheld_orientation(open_lab: Callable[..., Any]) -> None:
+async def test_a_local_shift_does_not_show_a_withheld_orientation(open_lab: OpenLab) -> None:
     async with open_lab(one_object(body_pos=True), SPINNING.format(mass=1)) as lab:
         assert (await lab.call("get_position", object_id=1))["orientation"] is None
         shift = {"object_id": 1, "dx": 0.5, "dy": 0, "dz": 0}
@@ -280,7 +280,7 @@ PARENT = """
 """
 
 
-async def test_setting_a_velocity_does_not_show_a_withheld_one(open_lab: Callable[..., Any]) -> None:
+async def test_setting_a_velocity_does_not_show_a_withheld_one(open_lab: OpenLab) -> None:
     pack = one_object(velocity=False, body_pos=True)
     pack["objects"]["object_2"] = {"name": "carrier", "object_id": "2"}
     pack["object_permissions"]["object_2_permissions"] = {"velocity": False}
@@ -318,7 +318,7 @@ TOUCHING = """
     ],
 )
 async def test_a_collision_shows_only_what_both_objects_show(
-    open_lab: Callable[..., Any], withheld: list[str], kind: str, null: set[str]
+    open_lab: OpenLab, withheld: list[str], kind: str, null: set[str]
 ) -> None:
     pack = one_object(**PUBLIC)
     pack["objects"]["object_2"] = {"name": "other", "object_id": "2"}
@@ -332,7 +332,7 @@ async def test_a_collision_shows_only_what_both_objects_show(
             assert {key for key, value in seen.items() if value is None} == expected
 
 
-async def test_an_overlap_is_not_measured_for_the_agent(open_lab: Callable[..., Any]) -> None:
+async def test_an_overlap_is_not_measured_for_the_agent(open_lab: OpenLab) -> None:
     sentences = set()
     for place in ("0.5 0 1", "0.53217 0 1"):
         xml = TOUCHING.format(kind="sphere").replace("0.1995 0 1", place)
@@ -350,7 +350,7 @@ async def test_an_overlap_is_not_measured_for_the_agent(open_lab: Callable[..., 
     assert "overlap object_2" in sentences.pop()
 
 
-async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: Callable[..., Any]) -> None:
+async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: OpenLab) -> None:
     async with open_lab(canary_pack(), XML) as lab:
         on_ghost = {"x": 31.4, "y": -27.2, "z": 16.2}
         moved = await lab.call("move_object", object_id="object_1", **on_ghost)
@@ -364,7 +364,7 @@ async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: Callable[.
         assert sunk["note"] is None
 
 
-async def test_hidden_and_masked_objects_do_not_weigh_in_the_centre_of_mass(open_lab: Callable[..., Any]) -> None:
+async def test_hidden_and_masked_objects_do_not_weigh_in_the_centre_of_mass(open_lab: OpenLab) -> None:
     async with open_lab(canary_pack(), XML) as lab:
         seen = await lab.call("get_center_of_mass")
     ball, box = 1000 * 4 / 3 * 3.141592653589793 * 0.1**3, 500 * 0.2 * 0.4 * 0.6

@@ -3,8 +3,6 @@
 import base64
 import json
 import struct
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import anyio
@@ -17,6 +15,7 @@ from physment_mcp.scene import list_scenes, load_scene
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import KEPT_CALLS, EpisodeSlot
 from physment_mcp.session import Session
+from tests.builders.laboratory import OpenLab, WritePack
 
 PROMPTING = ("zero-shot", "one-shot-cot", "few-shot-cot")
 
@@ -28,7 +27,7 @@ async def prompt_text(client: Client, **arguments: str) -> str:
 
 
 @pytest.fixture
-def idle(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> EpisodeSlot:
+def idle(write_pack: WritePack, pack: dict[str, Any], xml: str) -> EpisodeSlot:
     folder = write_pack(pack, xml, 7)
     write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
     write_pack({**pack, "answer": None}, xml, 8)
@@ -36,16 +35,16 @@ def idle(write_pack: Callable[..., Path], pack: dict[str, Any], xml: str) -> Epi
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_instructions_are_the_opening_prompt(open_lab: Callable[..., Any], mode: str) -> None:
+async def test_instructions_are_the_opening_prompt(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
-        assert lab.client.server_info.name == "physment-mcp"
-        assert lab.client.instructions == await prompt_text(lab.client)
-        assert lab.client.instructions == await prompt_text(lab.client, scene_id="7")
+        assert lab.server_info.name == "physment-mcp"
+        assert lab.instructions == await prompt_text(lab.client)
+        assert lab.instructions == await prompt_text(lab.client, scene_id="7")
 
 
-async def test_the_opening_prompt_shows_what_the_permissions_show(open_lab: Callable[..., Any]) -> None:
+async def test_the_opening_prompt_shows_what_the_permissions_show(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
-        text = lab.client.instructions
+        text = lab.instructions
     assert "How heavy is the ball?" in text
     # Mass of a ball: 1000 · 4/3 π 0.1³ = 4.18879 kg.
     ball = "| object_1 | ball | sphere | 1000 | 4.18879 | [0.2, 0.2, 0.2] | 0.1 | [0, 0, 1] | [1, 0, 0, 0] |"
@@ -61,9 +60,7 @@ async def test_the_opening_prompt_shows_what_the_permissions_show(open_lab: Call
 @pytest.mark.parametrize("prompting", PROMPTING)
 @pytest.mark.parametrize("protocol", ["native", "text"])
 @pytest.mark.parametrize("budget", [None, "1", "15"])
-async def test_every_prompt_option_shows(
-    open_lab: Callable[..., Any], prompting: str, protocol: str, budget: str | None
-) -> None:
+async def test_every_prompt_option_shows(open_lab: OpenLab, prompting: str, protocol: str, budget: str | None) -> None:
     options = {"prompting": prompting, "protocol": protocol} | ({} if budget is None else {"budget": budget})
     async with open_lab() as lab:
         text = await prompt_text(lab.client, **options)
@@ -95,30 +92,30 @@ async def test_every_prompt_option_shows(
     ],
 )
 async def test_the_opening_prompt_says_what_an_answer_looks_like(
-    open_lab: Callable[..., Any], pack: dict[str, Any], spec: dict[str, Any] | None, problem_type: str, told: str
+    open_lab: OpenLab, pack: dict[str, Any], spec: dict[str, Any] | None, problem_type: str, told: str
 ) -> None:
     pack["answer_spec"] = spec
     pack["metadata"]["problem_type"] = problem_type
     async with open_lab(pack) as lab:
-        assert told in lab.client.instructions
+        assert told in lab.instructions
 
 
-async def test_a_scene_of_hidden_objects_alone_shows_none(open_lab: Callable[..., Any], pack: dict[str, Any]) -> None:
+async def test_a_scene_of_hidden_objects_alone_shows_none(open_lab: OpenLab, pack: dict[str, Any]) -> None:
     for permissions in pack["object_permissions"].values():
         permissions["hidden"] = True
     async with open_lab(pack) as lab:
-        assert "You see no object that you could name." in lab.client.instructions
+        assert "You see no object that you could name." in lab.instructions
         assert "you can use are none yet" in await lab.refused("get_position", object_id=1)
 
 
-async def test_the_opening_prompt_stays_what_it_was_at_the_start(open_lab: Callable[..., Any]) -> None:
+async def test_the_opening_prompt_stays_what_it_was_at_the_start(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.call("step", duration=0.3)
         await lab.call("find_objects")
         await lab.call("delete_objects", object_id="object_2")
-        assert await prompt_text(lab.client) == lab.client.instructions
+        assert await prompt_text(lab.client) == lab.instructions
         await lab.call("answer", answer=1)
-        assert await prompt_text(lab.client) == lab.client.instructions
+        assert await prompt_text(lab.client) == lab.instructions
 
 
 @pytest.mark.parametrize(
@@ -130,7 +127,7 @@ async def test_the_opening_prompt_stays_what_it_was_at_the_start(open_lab: Calla
 )  # fmt: skip
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
 async def test_a_bad_prompt_option_is_an_error_that_says_what_is_good(
-    open_lab: Callable[..., Any], options: dict[str, str], mode: str
+    open_lab: OpenLab, options: dict[str, str], mode: str
 ) -> None:
     async with open_lab(mode=mode) as lab:
         before = lab.state()
@@ -142,15 +139,15 @@ async def test_a_bad_prompt_option_is_an_error_that_says_what_is_good(
             await lab.client.get_prompt("seed")
 
 
-async def test_the_prompt_is_listed_with_its_arguments(open_lab: Callable[..., Any]) -> None:
+async def test_the_prompt_is_listed_with_its_arguments(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         (prompt,) = (await lab.client.list_prompts()).prompts
     assert prompt.name == "scene"
-    assert [one.name for one in prompt.arguments] == ["scene_id", "prompting", "protocol", "budget"]
-    assert not any(one.required for one in prompt.arguments)
+    assert [one.name for one in prompt.arguments or []] == ["scene_id", "prompting", "protocol", "budget"]
+    assert not any(one.required for one in prompt.arguments or [])
 
 
-async def test_resources_show_the_scene_and_where_the_episode_stands(open_lab: Callable[..., Any]) -> None:
+async def test_resources_show_the_scene_and_where_the_episode_stands(open_lab: OpenLab) -> None:
     async def read(uri: str) -> dict[str, Any]:
         (contents,) = (await lab.client.read_resource(uri)).contents
         assert contents.mime_type == "application/json"
@@ -186,7 +183,7 @@ async def notes_of(client: Client) -> dict[str, Any]:
     return json.loads(contents.text)
 
 
-async def test_the_measurements_are_what_the_agent_has_seen(open_lab: Callable[..., Any]) -> None:
+async def test_the_measurements_are_what_the_agent_has_seen(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         assert await notes_of(lab.client) == {"left_out": 0, "calls": []}
         stepped = await lab.call("step", duration=0.1)
@@ -203,12 +200,12 @@ async def test_the_measurements_are_what_the_agent_has_seen(open_lab: Callable[.
         assert lab.session.calls == 3  # reading costs none
 
 
-async def test_a_call_taken_back_is_noted_as_such(open_lab: Callable[..., Any]) -> None:
+async def test_a_call_taken_back_is_noted_as_such(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         with anyio.move_on_after(20):
             async with anyio.create_task_group() as tasks:
 
-                async def stop(_done: float, _total: float | None, _message: str | None) -> None:
+                async def stop(progress: float, total: float | None, message: str | None) -> None:
                     tasks.cancel_scope.cancel()
 
                 await lab.client.call_tool("step", {"duration": 60}, progress_callback=stop)
@@ -217,7 +214,7 @@ async def test_a_call_taken_back_is_noted_as_such(open_lab: Callable[..., Any]) 
         ]
 
 
-async def test_the_measurements_are_bounded(open_lab: Callable[..., Any]) -> None:
+async def test_the_measurements_are_bounded(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.refused("get_velocity", object_id="x" * 50_000)
         for _ in range(KEPT_CALLS):
@@ -233,7 +230,7 @@ async def test_the_measurements_are_bounded(open_lab: Callable[..., Any]) -> Non
 
 
 async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
-    open_lab: Callable[..., Any], write_pack: Callable[..., Path], pack: dict[str, Any], xml: str
+    open_lab: OpenLab, write_pack: WritePack, pack: dict[str, Any], xml: str
 ) -> None:
     async def catalogue(client: Client) -> list[dict[str, Any]]:
         (contents,) = (await client.read_resource("physment://scenes")).contents
@@ -251,9 +248,7 @@ async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
         assert await catalogue(client) == [card, card | {"scene_id": 70, "name": "Another"}]
 
 
-async def test_what_never_changes_may_be_kept_and_what_does_may_not(
-    open_lab: Callable[..., Any], idle: EpisodeSlot
-) -> None:
+async def test_what_never_changes_may_be_kept_and_what_does_may_not(open_lab: OpenLab, idle: EpisodeSlot) -> None:
     async with open_lab() as lab:
         same = [
             await lab.client.list_tools(), await lab.client.list_prompts(), await lab.client.list_resources()
@@ -271,7 +266,7 @@ async def test_what_never_changes_may_be_kept_and_what_does_may_not(
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_asked_for_templates_it_says_there_are_none(open_lab: Callable[..., Any], mode: str) -> None:
+async def test_asked_for_templates_it_says_there_are_none(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         found = await lab.client.list_resource_templates()
     assert found.resource_templates == []
@@ -280,7 +275,7 @@ async def test_asked_for_templates_it_says_there_are_none(open_lab: Callable[...
         assert found.cache_scope == "public"
 
 
-async def test_an_unknown_resource_is_named_in_the_error(open_lab: Callable[..., Any]) -> None:
+async def test_an_unknown_resource_is_named_in_the_error(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         with pytest.raises(MCPError, match="the resources are physment://scene") as refused:
             await lab.client.read_resource("physment://nothing")
@@ -288,13 +283,14 @@ async def test_an_unknown_resource_is_named_in_the_error(open_lab: Callable[...,
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_clients_are_given_something_to_show(open_lab: Callable[..., Any], mode: str) -> None:
+async def test_clients_are_given_something_to_show(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
-        info = lab.client.server_info
+        info = lab.server_info
         (prompt,) = (await lab.client.list_prompts()).prompts
         assert info.title == "PhysMent laboratory"
         assert info.description
         assert prompt.title
+        assert prompt.arguments
         assert all(one.title for one in prompt.arguments)
         for icons in (info.icons, prompt.icons):
             assert icons is not None
@@ -356,18 +352,18 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: EpisodeSlot) -> None:
         assert not (await client.call_tool("step", {"duration": 1})).is_error
 
 
-async def test_a_scene_on_the_command_line_cannot_be_reopened(open_lab: Callable[..., Any]) -> None:
+async def test_a_scene_on_the_command_line_cannot_be_reopened(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.call("answer", answer=1)
         await prompt_text(lab.client, scene_id="7")
         assert "the episode is over" in await lab.refused("step", duration=1)
 
 
-async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab: Callable[..., Any]) -> None:
+async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab: OpenLab) -> None:
     seen: list[tuple[float, float | None]] = []
 
-    async def note(done: float, total: float | None, _message: str | None) -> None:
-        seen.append((done, total))
+    async def note(progress: float, total: float | None, message: str | None) -> None:
+        seen.append((progress, total))
 
     async with open_lab() as lab:
         await lab.client.call_tool("step", {"duration": 10}, progress_callback=note)
@@ -380,7 +376,7 @@ async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_cancelled_step_leaves_no_trace(open_lab: Callable[..., Any], mode: str) -> None:
+async def test_a_cancelled_step_leaves_no_trace(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         await lab.call("apply_force", object_id=1, force_vector=[1, 2, 3])
         await lab.call("step", duration=0.1)
@@ -388,7 +384,7 @@ async def test_a_cancelled_step_leaves_no_trace(open_lab: Callable[..., Any], mo
         with anyio.fail_after(20):
             async with anyio.create_task_group() as tasks:
 
-                async def stop(_done: float, _total: float | None, _message: str | None) -> None:
+                async def stop(progress: float, total: float | None, message: str | None) -> None:
                     tasks.cancel_scope.cancel()
 
                 await lab.client.call_tool("step", {"duration": 60}, progress_callback=stop)
@@ -398,7 +394,7 @@ async def test_a_cancelled_step_leaves_no_trace(open_lab: Callable[..., Any], mo
         assert lab.state() == before
 
 
-async def test_calls_run_one_at_a_time(open_lab: Callable[..., Any]) -> None:
+async def test_calls_run_one_at_a_time(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         times: list[float] = []
 

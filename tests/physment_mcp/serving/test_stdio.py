@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from mcp_types import PromptReference
 
 from physment_mcp import __version__
 from physment_mcp.__main__ import main
+from tests.builders.laboratory import Command, WritePack
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -35,7 +35,7 @@ async def test_an_episode_is_played_over_stdio(mode: Any) -> None:
                 await client.get_prompt("scene", {"scene_id": "8"})
 
 
-def test_stdout_carries_protocol_lines_only(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_stdout_carries_protocol_lines_only(command: Command, tmp_path: Path) -> None:
     calls = [
         ("apply_force", {"object_id": 1, "force_vector": [1e6, 1e6, 1e6]}),
         ("step", {"duration": 1}),
@@ -100,7 +100,7 @@ def broken(pack: dict[str, Any], xml: str, fault: str) -> tuple[dict[str, Any], 
     [("no task", "metadata.task"), ("no such body", "object_77"), ("not XML", "compile"), ("not a model", "compile")],
 )
 def test_an_unusable_pack_is_one_sentence_on_stderr_and_exit_2(
-    write_pack: Callable[..., Path],
+    write_pack: WritePack,
     pack: dict[str, Any],
     xml: str,
     capsys: pytest.CaptureFixture[str],
@@ -128,7 +128,7 @@ def test_an_unusable_pack_is_one_sentence_on_stderr_and_exit_2(
     ],
 )
 def test_what_cannot_be_served_is_one_sentence_on_stderr_and_exit_2(
-    write_pack: Callable[..., Path],
+    write_pack: WritePack,
     pack: dict[str, Any],
     xml: str,
     capsys: pytest.CaptureFixture[str],
@@ -168,7 +168,7 @@ def test_the_version_is_the_package_version(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out == f"physment-mcp {__version__}\n"
 
 
-def test_a_scene_that_cannot_be_served_ends_the_process(command: Callable[..., list[str]]) -> None:
+def test_a_scene_that_cannot_be_served_ends_the_process(command: Command) -> None:
     ended = subprocess.run(command("--scene", "999999"), capture_output=True, text=True, timeout=30, check=False)
     assert ended.returncode == 2
     assert ended.stdout == ""

@@ -1,13 +1,14 @@
 """Touching and elastic collisions: momentum and energy to rounding, also through joints and off walls."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from tests.builders.bench import ball_mjcf, open_bench
 
 NEAR = "0.1995 0 0"  # the surfaces of two balls of 0.1 m overlap by half a millimetre
 
@@ -21,11 +22,9 @@ async def energy(lab: Any, masses: dict[Any, float]) -> float:
     return sum([await lab.number(kind, one, mass=m) for one, m in masses.items() for kind in kinds])
 
 
-async def test_unequal_masses_exchange_velocities_as_in_the_textbook(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
+async def test_unequal_masses_exchange_velocities_as_in_the_textbook() -> None:
     m1, m2, u1, u2 = 1.0, 3.0, 2.0, -0.5
-    lab = bench(ball(1, "0 0 0", mass=m1) + ball(2, NEAR, mass=m2), gravity="0 0 0")
+    lab = open_bench(ball_mjcf(1, "0 0 0", mass=m1) + ball_mjcf(2, NEAR, mass=m2), gravity="0 0 0")
     await lab("set_velocity", object_id=1, velocity_vector=[u1, 1, 0])
     await lab("set_velocity", object_id=2, velocity_vector=[u2, 0, 2])
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
@@ -44,8 +43,8 @@ async def test_unequal_masses_exchange_velocities_as_in_the_textbook(
     assert again["normal"] == pytest.approx([-1, 0, 0], abs=1e-12)
 
 
-async def test_looking_changes_nothing(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 0") + ball(2, NEAR), gravity="0 0 0")
+async def test_looking_changes_nothing() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 0") + ball_mjcf(2, NEAR), gravity="0 0 0")
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     before = lab.fingerprint()
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2, elastic_response=False)
@@ -54,8 +53,8 @@ async def test_looking_changes_nothing(bench: Callable[..., Any], ball: Callable
     assert lab.fingerprint() == before
 
 
-async def test_what_does_not_touch_does_not_bounce(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 0") + ball(2, "0.2001 0 0"), gravity="0 0 0")
+async def test_what_does_not_touch_does_not_bounce() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 0") + ball_mjcf(2, "0.2001 0 0"), gravity="0 0 0")
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     before = lab.fingerprint()
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
@@ -70,8 +69,8 @@ async def test_what_does_not_touch_does_not_bounce(bench: Callable[..., Any], ba
     assert lab.fingerprint() == before
 
 
-async def test_resting_contact_gets_no_impulse(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench('<body name="object_2"><geom type="plane" size="5 5 1"/></body>' + ball(1, "0 0 0.1"))
+async def test_resting_contact_gets_no_impulse() -> None:
+    lab = open_bench('<body name="object_2"><geom type="plane" size="5 5 1"/></body>' + ball_mjcf(1, "0 0 0.1"))
     await lab("step", duration=2)
     before = lab.fingerprint()
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
@@ -80,11 +79,11 @@ async def test_resting_contact_gets_no_impulse(bench: Callable[..., Any], ball: 
     assert lab.fingerprint() == before
 
 
-async def test_a_ball_bounces_off_what_is_fixed_with_its_speed(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
+async def test_a_ball_bounces_off_what_is_fixed_with_its_speed() -> None:
     wall = '<body name="object_2" pos="0.1995 0 0" euler="0 0 30"><geom type="box" size="0.1 5 5"/></body>'
-    lab = bench(ball(1, f"{0.1995 - 0.1995 * math.cos(math.pi / 6)} {-0.1995 / 2} 0", mass=2) + wall, gravity="0 0 0")
+    lab = open_bench(
+        ball_mjcf(1, f"{0.1995 - 0.1995 * math.cos(math.pi / 6)} {-0.1995 / 2} 0", mass=2) + wall, gravity="0 0 0"
+    )
     await lab("set_velocity", object_id=1, velocity_vector=[3, 0, 1])
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
     normal = np.array([math.cos(math.pi / 6), 0.5, 0])
@@ -95,12 +94,10 @@ async def test_a_ball_bounces_off_what_is_fixed_with_its_speed(
 
 
 @pytest.mark.parametrize("joint", ["weld", "ball", "hinge"])
-async def test_a_body_attached_behind_takes_part_in_a_head_on_collision(
-    bench: Callable[..., Any], ball: Callable[..., str], joint: str
-) -> None:
+async def test_a_body_attached_behind_takes_part_in_a_head_on_collision(joint: str) -> None:
     # The blow passes through all three centres, so nothing turns, whatever the joint: m₁ meets m₂ + m₃.
     masses = {1: 1.0, 2: 2.0, 3: 5.0}
-    lab = bench(ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.6 0 0", 5), gravity="0 0 0")
+    lab = open_bench(ball_mjcf(1, "0 0 0", 1) + ball_mjcf(2, NEAR, 2) + ball_mjcf(3, "0.6 0 0", 5), gravity="0 0 0")
     axis = {"axis": [0, 0, 2]} if joint == "hinge" else {}
     await lab("attach_objects", object1_id=2, object2_id=3, joint=joint, **axis)
     await lab("set_velocity", object_id=1, velocity_vector=[4, 0, 0])
@@ -112,11 +109,9 @@ async def test_a_body_attached_behind_takes_part_in_a_head_on_collision(
     assert await energy(lab, masses) == pytest.approx(8, rel=1e-9)
 
 
-async def test_a_weld_makes_a_rigid_compound_that_also_turns(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
+async def test_a_weld_makes_a_rigid_compound_that_also_turns() -> None:
     # A dumb-bell along y is hit along x at one end: 1/m_eff = 1/m + 1/M + s²/I with s the lever arm.
-    lab = bench(ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.1995 1 0", 2), gravity="0 0 0")
+    lab = open_bench(ball_mjcf(1, "0 0 0", 1) + ball_mjcf(2, NEAR, 2) + ball_mjcf(3, "0.1995 1 0", 2), gravity="0 0 0")
     await lab("attach_objects", object1_id=3, object2_id=2)
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
@@ -129,11 +124,14 @@ async def test_a_weld_makes_a_rigid_compound_that_also_turns(
     assert await energy(lab, {1: 1, 2: 2, 3: 2}) == pytest.approx(0.5, rel=1e-9)
 
 
-async def test_a_ring_of_welds_is_as_rigid_as_a_chain(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
+async def test_a_ring_of_welds_is_as_rigid_as_a_chain() -> None:
     impulses = []
     for pairs in (((2, 3), (3, 4)), ((2, 3), (3, 4), (4, 2))):
-        lab = bench(
-            ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.6 0.3 0", 3) + ball(4, "0.6 -0.3 0.4", 4),
+        lab = open_bench(
+            ball_mjcf(1, "0 0 0", 1)
+            + ball_mjcf(2, NEAR, 2)
+            + ball_mjcf(3, "0.6 0.3 0", 3)
+            + ball_mjcf(4, "0.6 -0.3 0.4", 4),
             gravity="0 0 0",
         )
         for first, second in pairs:
@@ -144,10 +142,10 @@ async def test_a_ring_of_welds_is_as_rigid_as_a_chain(bench: Callable[..., Any],
     assert impulses[1] == pytest.approx(impulses[0], rel=1e-9)
 
 
-async def test_a_body_welded_to_what_is_fixed_does_not_give_way(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.6 0 0", joint=""), gravity="0 0 0")
+async def test_a_body_welded_to_what_is_fixed_does_not_give_way() -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 0", 1) + ball_mjcf(2, NEAR, 2) + ball_mjcf(3, "0.6 0 0", joint=""), gravity="0 0 0"
+    )
     await lab("attach_objects", object1_id=2, object2_id=3)
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     assert (await lab("detect_collision", obj1_id=1, obj2_id=2))["impulse"] == pytest.approx(2, rel=1e-9)
@@ -155,22 +153,22 @@ async def test_a_body_welded_to_what_is_fixed_does_not_give_way(
     assert await lab.velocity(2) == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-async def test_what_is_welded_fast_and_driven_into_a_wall_cannot_bounce(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 0") + ball(2, NEAR, joint="") + ball(3, "-0.6 0 0", joint=""), gravity="0 0 0")
+async def test_what_is_welded_fast_and_driven_into_a_wall_cannot_bounce() -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 0") + ball_mjcf(2, NEAR, joint="") + ball_mjcf(3, "-0.6 0 0", joint=""), gravity="0 0 0"
+    )
     await lab("attach_objects", object1_id=1, object2_id=3)
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     assert "neither of the two can move" in await lab.refused("detect_collision", obj1_id=1, obj2_id=2)
 
 
-async def test_a_crowd_elsewhere_does_not_change_a_collision(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
+async def test_a_crowd_elsewhere_does_not_change_a_collision() -> None:
     # From sixty degrees of freedom on the engine stores its constraints another way.
     impulses = []
     for others in (0, 20):
-        lab = bench(ball(1, "0 0 0", 1) + ball(2, NEAR, 2) + ball(3, "0.1995 1 0", 2), gravity="0 0 0")
+        lab = open_bench(
+            ball_mjcf(1, "0 0 0", 1) + ball_mjcf(2, NEAR, 2) + ball_mjcf(3, "0.1995 1 0", 2), gravity="0 0 0"
+        )
         await lab("attach_objects", object1_id=3, object2_id=2, joint="hinge", axis=[1, 1, 1])
         for number in range(others):
             await lab("create_objects", name=f"p{number}", pos=[number, 0, 9], density=10, rgba=[1, 1, 1, 1])
@@ -180,10 +178,12 @@ async def test_a_crowd_elsewhere_does_not_change_a_collision(
     assert impulses[1] == pytest.approx(impulses[0], rel=1e-9)
 
 
-async def test_a_scene_s_own_equality_transmits_the_blow(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
+async def test_a_scene_s_own_equality_transmits_the_blow() -> None:
     slide = '<joint name="s{}" type="slide" axis="1 0 0"/>'
-    lab = bench(
-        ball(1, "0 0 0", 1) + ball(2, NEAR, 2, joint=slide.format(2)) + ball(3, "0.2 3 0", 1, joint=slide.format(3)),
+    lab = open_bench(
+        ball_mjcf(1, "0 0 0", 1)
+        + ball_mjcf(2, NEAR, 2, joint=slide.format(2))
+        + ball_mjcf(3, "0.2 3 0", 1, joint=slide.format(3)),
         '<equality><joint joint1="s3" joint2="s2" polycoef="0 2 0 0 0"/></equality>',
         gravity="0 0 0",
     )
@@ -194,25 +194,21 @@ async def test_a_scene_s_own_equality_transmits_the_blow(bench: Callable[..., An
     assert await lab.velocity(3) == pytest.approx(2 * await lab.velocity(2), abs=1e-9)
 
 
-async def test_two_fixed_objects_and_a_guided_one_that_cannot_give_way_get_no_impulse(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    guided = ball(1, "0 0 0", joint='<joint type="slide" axis="0 1 0"/>')
-    lab = bench(guided + ball(2, NEAR, joint=""), gravity="0 0 0")
+async def test_two_fixed_objects_and_a_guided_one_that_cannot_give_way_get_no_impulse() -> None:
+    guided = ball_mjcf(1, "0 0 0", joint='<joint type="slide" axis="0 1 0"/>')
+    lab = open_bench(guided + ball_mjcf(2, NEAR, joint=""), gravity="0 0 0")
     await lab("set_velocity", object_id=1, velocity_vector=[0, 1, 0])
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
     assert seen["approach_speed"] == pytest.approx(0, abs=1e-12)
     assert seen["impulse"] == 0
 
 
-async def test_a_multi_geom_pair_touches_by_any_of_its_geoms(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
+async def test_a_multi_geom_pair_touches_by_any_of_its_geoms() -> None:
     fork = (
         '<body name="object_2" pos="1 0 0"><joint type="free"/><geom type="sphere" size="0.1" mass="1" pos="0 0.5 0"/>'
         '<geom type="sphere" size="0.1" mass="1" pos="-0.8005 0 0"/></body>'
     )
-    lab = bench(ball(1, "0 0 0") + fork, gravity="0 0 0")
+    lab = open_bench(ball_mjcf(1, "0 0 0") + fork, gravity="0 0 0")
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     masses = {1: 1.0, 2: 2.0}
     before = await momentum(lab, masses), await energy(lab, masses)
@@ -232,11 +228,11 @@ vectors = st.tuples(speeds, speeds, speeds).map(list)
     velocities=st.tuples(vectors, vectors, vectors),
     joint=st.sampled_from([None, "weld", "ball", "hinge"]),
 )
-async def test_any_elastic_response_keeps_momentum_and_energy(
-    bench: Callable[..., Any], ball: Callable[..., str], masses: Any, velocities: Any, joint: str | None
-) -> None:
-    lab = bench(
-        ball(1, "0 0 0", masses[0]) + ball(2, "0.15 0.1 0.08", masses[1]) + ball(3, "0.6 0.3 0", masses[2]),
+async def test_any_elastic_response_keeps_momentum_and_energy(masses: Any, velocities: Any, joint: str | None) -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 0", masses[0])
+        + ball_mjcf(2, "0.15 0.1 0.08", masses[1])
+        + ball_mjcf(3, "0.6 0.3 0", masses[2]),
         gravity="0 0 0",
     )
     weights = dict(enumerate(masses, 1))

@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import jsonschema
 import pytest
 
 from physment_mcp.serving.server import published_tools
+from tests.builders.laboratory import OpenLab
 
 ORDER = [
     "step",
@@ -98,7 +98,7 @@ def put(arguments: dict[str, Any], argument: str, index: int | None, value: obje
     return {**arguments, argument: vector}
 
 
-async def test_the_26_tools_are_published_in_their_order(open_lab: Callable[..., Any]) -> None:
+async def test_the_26_tools_are_published_in_their_order(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         listed = await lab.client.list_tools()
         again = await lab.client.list_tools()
@@ -108,7 +108,7 @@ async def test_the_26_tools_are_published_in_their_order(open_lab: Callable[...,
     assert sorted(GOOD) == sorted(ORDER)
 
 
-async def test_published_schemas_match_the_golden_file(open_lab: Callable[..., Any], *, update_goldens: bool) -> None:
+async def test_published_schemas_match_the_golden_file(open_lab: OpenLab, *, update_goldens: bool) -> None:
     async with open_lab() as lab:
         listed = await lab.client.list_tools()
     published = [tool.model_dump(mode="json", by_alias=True, exclude_none=True) for tool in listed.tools]
@@ -157,7 +157,7 @@ def test_every_number_argument_is_bounded_in_its_published_schema() -> None:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_every_good_call_returns_what_its_schema_says(open_lab: Callable[..., Any], mode: str) -> None:
+async def test_every_good_call_returns_what_its_schema_says(open_lab: OpenLab, mode: str) -> None:
     schemas = {tool.name: tool for tool in published_tools()}
     async with open_lab(mode=mode) as lab:
         for name, arguments in GOOD.items():
@@ -172,7 +172,7 @@ async def test_every_good_call_returns_what_its_schema_says(open_lab: Callable[.
             assert result.structured_content["sim_time"] == lab.session.world.time
 
 
-async def test_ids_may_be_written_as_numbers_and_come_back_canonical(open_lab: Callable[..., Any]) -> None:
+async def test_ids_may_be_written_as_numbers_and_come_back_canonical(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         places = [await lab.call("get_position", object_id=one) for one in ("object_2", "2", 2)]
         pushed = await lab.call("apply_force", object_id=2, force_vector=[1, 0, 0])
@@ -185,7 +185,7 @@ async def test_ids_may_be_written_as_numbers_and_come_back_canonical(open_lab: C
 @pytest.mark.parametrize("tool", WITH_OBJECT)
 @pytest.mark.parametrize("unknown", ["object_99", "nobody", 5, "object_5", 0, -1, "world", "unnamed_bodies_0", "１"])
 async def test_an_unknown_or_hidden_id_is_refused_with_the_ids_there_are(
-    open_lab: Callable[..., Any], tool: str, unknown: object
+    open_lab: OpenLab, tool: str, unknown: object
 ) -> None:
     async with open_lab() as lab:
         await lab.call("step", duration=0.01)
@@ -200,7 +200,7 @@ async def test_an_unknown_or_hidden_id_is_refused_with_the_ids_there_are(
 )
 @pytest.mark.parametrize("unknown", [5, "object_5", "object_99"])
 async def test_an_unknown_or_hidden_id_in_a_pair_is_refused(
-    open_lab: Callable[..., Any], tool: str, first: str, second: str, unknown: object
+    open_lab: OpenLab, tool: str, first: str, second: str, unknown: object
 ) -> None:
     async with open_lab() as lab:
         assert "there is no object" in await lab.refused(tool, **{first: "object_1", second: unknown})
@@ -208,7 +208,7 @@ async def test_an_unknown_or_hidden_id_in_a_pair_is_refused(
 
 
 @pytest.mark.parametrize("name", ORDER)
-async def test_an_argument_too_many_or_too_few_is_refused_by_name(open_lab: Callable[..., Any], name: str) -> None:
+async def test_an_argument_too_many_or_too_few_is_refused_by_name(open_lab: OpenLab, name: str) -> None:
     async with open_lab() as lab:
         assert "'extra'" in await lab.refused(name, **GOOD[name], extra=1)
         for argument in GOOD[name]:
@@ -217,9 +217,7 @@ async def test_an_argument_too_many_or_too_few_is_refused_by_name(open_lab: Call
 
 
 @pytest.mark.parametrize(("name", "argument", "index"), NUMBERS)
-async def test_what_is_not_a_number_is_refused(
-    open_lab: Callable[..., Any], name: str, argument: str, index: int | None
-) -> None:
+async def test_what_is_not_a_number_is_refused(open_lab: OpenLab, name: str, argument: str, index: int | None) -> None:
     async with open_lab() as lab:
         for wrong in NOT_NUMBERS:
             assert argument in await lab.refused(name, **put(GOOD[name], argument, index, wrong))
@@ -228,7 +226,7 @@ async def test_what_is_not_a_number_is_refused(
 @pytest.mark.parametrize(("name", "argument", "index"), NUMBERS)
 @pytest.mark.parametrize("too_big", [1.1e6, -1.1e6, 1e300, 10**400])
 async def test_a_number_out_of_bounds_is_refused(
-    open_lab: Callable[..., Any], name: str, argument: str, index: int | None, too_big: float
+    open_lab: OpenLab, name: str, argument: str, index: int | None, too_big: float
 ) -> None:
     async with open_lab() as lab:
         assert argument in await lab.refused(name, **put(GOOD[name], argument, index, too_big))
@@ -237,7 +235,7 @@ async def test_a_number_out_of_bounds_is_refused(
 @pytest.mark.parametrize(
     ("name", "argument"), sorted({(name, argument) for name, argument, index in NUMBERS if index is not None})
 )
-async def test_a_vector_of_the_wrong_length_is_refused(open_lab: Callable[..., Any], name: str, argument: str) -> None:
+async def test_a_vector_of_the_wrong_length_is_refused(open_lab: OpenLab, name: str, argument: str) -> None:
     right = GOOD[name].get(argument, [0, 1, 0])
     async with open_lab() as lab:
         for wrong in ([], right[:-1], [*right, 0], dict(enumerate(right)), "[1, 2, 3]", 1.0):
@@ -245,7 +243,7 @@ async def test_a_vector_of_the_wrong_length_is_refused(open_lab: Callable[..., A
 
 
 @pytest.mark.parametrize("name", ORDER)
-async def test_after_the_answer_every_call_is_refused(open_lab: Callable[..., Any], name: str) -> None:
+async def test_after_the_answer_every_call_is_refused(open_lab: OpenLab, name: str) -> None:
     async with open_lab() as lab:
         assert await lab.call("answer", answer="first") == {"sim_time": 0.0, "acknowledged": True}
         assert (await lab.refused(name, **GOOD[name])).startswith("the episode is over")
@@ -254,12 +252,12 @@ async def test_after_the_answer_every_call_is_refused(open_lab: Callable[..., An
 
 
 @pytest.mark.parametrize("name", ACTUATIONS)
-async def test_a_sealed_object_is_not_acted_on(open_lab: Callable[..., Any], name: str) -> None:
+async def test_a_sealed_object_is_not_acted_on(open_lab: OpenLab, name: str) -> None:
     async with open_lab() as lab:
         assert "sealed" in await lab.refused(name, **(GOOD[name] | {"object_id": "object_4"}))
 
 
-async def test_a_sealed_object_is_neither_attached_nor_bounced(open_lab: Callable[..., Any]) -> None:
+async def test_a_sealed_object_is_neither_attached_nor_bounced(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         for pair in (("object_1", "object_4"), ("object_4", "object_1")):
             assert "sealed" in await lab.refused("attach_objects", object1_id=pair[0], object2_id=pair[1])
@@ -284,14 +282,14 @@ async def test_a_sealed_object_is_neither_attached_nor_bounced(open_lab: Callabl
         ("get_angular_momentum", "velocity"),
     ],
 )
-async def test_a_withheld_attribute_is_not_read(open_lab: Callable[..., Any], name: str, attribute: str) -> None:
+async def test_a_withheld_attribute_is_not_read(open_lab: OpenLab, name: str, attribute: str) -> None:
     async with open_lab() as lab:
         await lab.call("step", duration=0.01)
         sentence = await lab.refused(name, **(GOOD[name] | {"object_id": "object_6"}))
     assert f"the {attribute} of object_6 is withheld" in sentence
 
 
-async def test_withheld_parameters_are_null_and_named(open_lab: Callable[..., Any]) -> None:
+async def test_withheld_parameters_are_null_and_named(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         seen = await lab.call("get_parameters", object_id=6)
     assert seen == {
@@ -304,7 +302,7 @@ async def test_withheld_parameters_are_null_and_named(open_lab: Callable[..., An
 
 
 async def test_a_withheld_orientation_is_null_beside_a_permitted_position(
-    open_lab: Callable[..., Any], pack: dict[str, Any]
+    open_lab: OpenLab, pack: dict[str, Any]
 ) -> None:
     pack["object_permissions"]["object_2_permissions"]["body_quat"] = False
     async with open_lab(pack) as lab:
@@ -323,7 +321,7 @@ async def test_a_withheld_orientation_is_null_beside_a_permitted_position(
     ],
 )
 async def test_density_and_size_together_tell_the_mass(
-    open_lab: Callable[..., Any], pack: dict[str, Any], permissions: dict[str, bool], *, mass: bool, box: bool
+    open_lab: OpenLab, pack: dict[str, Any], permissions: dict[str, bool], *, mass: bool, box: bool
 ) -> None:
     pack["object_permissions"]["object_1_permissions"] = permissions
     async with open_lab(pack) as lab:
@@ -333,18 +331,16 @@ async def test_density_and_size_together_tell_the_mass(
 
 
 @pytest.mark.parametrize("name", ORDER)
-async def test_a_disabled_tool_stays_published_and_says_so(
-    open_lab: Callable[..., Any], pack: dict[str, Any], name: str
-) -> None:
+async def test_a_disabled_tool_stays_published_and_says_so(open_lab: OpenLab, pack: dict[str, Any], name: str) -> None:
     pack["disabled_tools"] = {name: "it would give the game away"}
     async with open_lab(pack) as lab:
         assert name in [tool.name for tool in (await lab.client.list_tools()).tools]
         assert await lab.refused(name, **GOOD[name]) == f"{name} is not available in this scene"
-        assert f"Not available in this scene: {name}." in lab.client.instructions
+        assert f"Not available in this scene: {name}." in lab.instructions
 
 
 @pytest.mark.parametrize("name", ["move_object", "change_position", "set_velocity", "apply_force", "apply_torque"])
-async def test_what_is_fixed_is_not_acted_on(open_lab: Callable[..., Any], name: str) -> None:
+async def test_what_is_fixed_is_not_acted_on(open_lab: OpenLab, name: str) -> None:
     async with open_lab() as lab:
         for fixed in ("object_3", "object_9"):
             assert "fixed" in await lab.refused(name, **(GOOD[name] | {"object_id": fixed}))
@@ -352,7 +348,7 @@ async def test_what_is_fixed_is_not_acted_on(open_lab: Callable[..., Any], name:
 
 
 async def test_a_tool_that_does_not_exist_is_an_error_result_with_the_names_there_are(
-    open_lab: Callable[..., Any],
+    open_lab: OpenLab,
 ) -> None:
     async with open_lab() as lab:
         sentence = await lab.refused("teleport", object_id="object_1")
@@ -361,20 +357,20 @@ async def test_a_tool_that_does_not_exist_is_an_error_result_with_the_names_ther
 
 
 @pytest.mark.parametrize("duration", [0, -1, 60.0001, 1e-320 * 0])
-async def test_a_duration_out_of_range_is_refused(open_lab: Callable[..., Any], duration: float) -> None:
+async def test_a_duration_out_of_range_is_refused(open_lab: OpenLab, duration: float) -> None:
     async with open_lab() as lab:
         assert "duration" in await lab.refused("step", duration=duration)
 
 
 @pytest.mark.parametrize("mass", [0, -1])
 @pytest.mark.parametrize("name", [name for name in ORDER if "mass" in GOOD[name]])
-async def test_a_mass_to_compute_with_is_positive(open_lab: Callable[..., Any], name: str, mass: float) -> None:
+async def test_a_mass_to_compute_with_is_positive(open_lab: OpenLab, name: str, mass: float) -> None:
     async with open_lab() as lab:
         await lab.call("step", duration=0.01)
         assert "mass" in await lab.refused(name, object_id=1, mass=mass)
 
 
-async def test_the_zero_quaternion_is_refused(open_lab: Callable[..., Any]) -> None:
+async def test_the_zero_quaternion_is_refused(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         assert "zero quaternion" in await lab.refused("quat_to_rot_matrix", q=[0, 0, 0, 0])
         assert "zero quaternion" in await lab.refused("quat_to_rot_matrix", q=[0, -0.0, 0, 0])
@@ -387,12 +383,12 @@ async def test_the_zero_quaternion_is_refused(open_lab: Callable[..., Any]) -> N
         "Object_2", "world", "object", "laboratory", "object_5", "object_ghost",
     ],
 )  # fmt: skip
-async def test_a_bad_or_reserved_name_is_refused(open_lab: Callable[..., Any], name: str) -> None:
+async def test_a_bad_or_reserved_name_is_refused(open_lab: OpenLab, name: str) -> None:
     async with open_lab() as lab:
         await lab.refused("create_objects", **(GOOD["create_objects"] | {"name": name}))
 
 
-async def test_a_name_is_not_given_twice(open_lab: Callable[..., Any]) -> None:
+async def test_a_name_is_not_given_twice(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.call("create_objects", **GOOD["create_objects"])
         again = GOOD["create_objects"] | {"pos": [0, 6, 1]}
@@ -406,14 +402,12 @@ async def test_a_name_is_not_given_twice(open_lab: Callable[..., Any]) -> None:
         ("rgba", [1, 1, 1, 1.1]), ("rgba", [1, 1, 1, -0.1]), ("rgba", [1, 1, 1]), ("name", 5), ("name", None),
     ],
 )  # fmt: skip
-async def test_a_sphere_out_of_bounds_is_not_created(
-    open_lab: Callable[..., Any], argument: str, value: object
-) -> None:
+async def test_a_sphere_out_of_bounds_is_not_created(open_lab: OpenLab, argument: str, value: object) -> None:
     async with open_lab() as lab:
         assert argument in await lab.refused("create_objects", **(GOOD["create_objects"] | {argument: value}))
 
 
-async def test_a_sphere_too_light_to_simulate_is_not_created(open_lab: Callable[..., Any]) -> None:
+async def test_a_sphere_too_light_to_simulate_is_not_created(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         feather = GOOD["create_objects"] | {"density": 1e-5, "radius": 1e-3}
         assert "larger density or radius" in await lab.refused("create_objects", **feather)
@@ -421,7 +415,7 @@ async def test_a_sphere_too_light_to_simulate_is_not_created(open_lab: Callable[
         await lab.call("create_objects", **(feather | {"density": 0.6}))
 
 
-async def test_a_sphere_is_not_created_inside_something_visible(open_lab: Callable[..., Any]) -> None:
+async def test_a_sphere_is_not_created_inside_something_visible(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         inside = await lab.refused("create_objects", **(GOOD["create_objects"] | {"pos": [0.1, 0, 1]}))
         assert "overlap object_1" in inside
@@ -429,7 +423,7 @@ async def test_a_sphere_is_not_created_inside_something_visible(open_lab: Callab
         assert "overlap object_3" in below
 
 
-async def test_no_more_than_64_objects_are_created(open_lab: Callable[..., Any]) -> None:
+async def test_no_more_than_64_objects_are_created(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         for index in range(64):
             await lab.call("create_objects", name=f"p{index}", pos=[index, 9, 1], density=1, rgba=[1, 1, 1, 1])
@@ -449,21 +443,19 @@ async def test_no_more_than_64_objects_are_created(open_lab: Callable[..., Any])
         ({"joint": "ball", "axis": [0, 0, 1]}, "axis"),
     ],
 )
-async def test_a_joint_that_makes_no_sense_is_refused(
-    open_lab: Callable[..., Any], arguments: dict[str, Any], word: str
-) -> None:
+async def test_a_joint_that_makes_no_sense_is_refused(open_lab: OpenLab, arguments: dict[str, Any], word: str) -> None:
     async with open_lab() as lab:
         assert word in await lab.refused("attach_objects", **(GOOD["attach_objects"] | arguments))
 
 
-async def test_attaching_twice_is_refused_in_either_order(open_lab: Callable[..., Any]) -> None:
+async def test_attaching_twice_is_refused_in_either_order(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.call("attach_objects", **GOOD["attach_objects"])
         assert "already" in await lab.refused("attach_objects", object1_id="object_1", object2_id="object_2")
         assert "already" in await lab.refused("attach_objects", object1_id=2, object2_id=1, joint="ball")
 
 
-async def test_an_object_does_not_collide_with_itself(open_lab: Callable[..., Any]) -> None:
+async def test_an_object_does_not_collide_with_itself(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         assert "itself" in await lab.refused("detect_collision", obj1_id="1", obj2_id="object_1")
 
@@ -473,7 +465,7 @@ async def test_an_object_does_not_collide_with_itself(open_lab: Callable[..., An
     ["", "text", "[1, 2, 3]", "3.50", 3, 3.5, -0.0, 10**30, [1, "a", 2.5], [], ["1"], [3, 3.0]],
     ids=repr,
 )
-async def test_an_answer_is_taken_down_verbatim(open_lab: Callable[..., Any], answer: object) -> None:
+async def test_an_answer_is_taken_down_verbatim(open_lab: OpenLab, answer: object) -> None:
     async with open_lab() as lab:
         await lab.call("answer", answer=answer)
         assert repr(lab.session.state.answer) == repr(answer)
@@ -483,7 +475,7 @@ async def test_an_answer_is_taken_down_verbatim(open_lab: Callable[..., Any], an
     "answer", [None, True, math.nan, math.inf, {"a": 1}, [[1]], [None], [math.nan], [True]], ids=repr
 )
 async def test_an_answer_of_the_wrong_form_is_refused_and_does_not_end_the_episode(
-    open_lab: Callable[..., Any], answer: object
+    open_lab: OpenLab, answer: object
 ) -> None:
     async with open_lab() as lab:
         await lab.refused("answer", answer=answer)
@@ -491,7 +483,7 @@ async def test_an_answer_of_the_wrong_form_is_refused_and_does_not_end_the_episo
 
 
 async def test_a_crash_of_ours_is_an_error_result_that_changes_nothing_and_tells_nothing(
-    open_lab: Callable[..., Any], caplog: pytest.LogCaptureFixture
+    open_lab: OpenLab, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with open_lab() as lab:
         state = lab.session.state

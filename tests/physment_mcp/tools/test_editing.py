@@ -1,11 +1,12 @@
 """Creating, deleting, revealing and attaching: what is edited is as told, and everything else keeps its state."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+
+from tests.builders.bench import Bench, ball_mjcf, open_bench
 
 G = 9.81
 SPHERE = {"pos": [0, 0, 9], "density": 1000, "rgba": [1, 0, 0, 1]}
@@ -35,22 +36,18 @@ BUSY_REST = """
 """
 
 
-async def motion(lab: Any, ids: list[Any]) -> list[Any]:
+async def motion(lab: Bench, ids: list[Any]) -> list[Any]:
     return [await lab(tool, object_id=one) for one in ids for tool in ("get_position", "get_velocity", "get_torque")]
 
 
-@pytest.fixture
-def busy(bench: Callable[..., Any]) -> Callable[..., Any]:
-    async def opened() -> Any:
-        lab = bench(BUSY, BUSY_REST)
-        await lab("apply_force", object_id=3, force_vector=[1, 2, 25])
-        await lab("apply_torque", object_id=3, torque_vector=[0.1, 0.2, 0.3])
-        await lab("apply_force", object_id=6, force_vector=[0.5, 0, 0])
-        await lab("apply_torque", object_id=2, torque_vector=[0.1, 0, 0])
-        await lab("step", duration=0.2)
-        return lab
-
-    return opened
+async def busy() -> Bench:
+    lab = open_bench(BUSY, BUSY_REST)
+    await lab("apply_force", object_id=3, force_vector=[1, 2, 25])
+    await lab("apply_torque", object_id=3, torque_vector=[0.1, 0.2, 0.3])
+    await lab("apply_force", object_id=6, force_vector=[0.5, 0, 0])
+    await lab("apply_torque", object_id=2, torque_vector=[0.1, 0, 0])
+    await lab("step", duration=0.2)
+    return lab
 
 
 EDITS = {
@@ -66,7 +63,7 @@ EDITS = {
 
 
 @pytest.mark.parametrize("edits", EDITS.values(), ids=EDITS.keys())
-async def test_an_edit_keeps_the_state_loads_and_clock_of_everything_else(busy: Callable[..., Any], edits: Any) -> None:
+async def test_an_edit_keeps_the_state_loads_and_clock_of_everything_else(edits: Any) -> None:
     ids = [1, 2, 3, 4, 6]
     lab, untouched = await busy(), await busy()
     before = await motion(lab, ids)
@@ -82,7 +79,7 @@ async def test_an_edit_keeps_the_state_loads_and_clock_of_everything_else(busy: 
     assert await untouched.position(4) != pytest.approx([4, 0, 3], abs=0.01)
 
 
-async def test_an_edit_keeps_what_readings_do_not_show(busy: Callable[..., Any]) -> None:
+async def test_an_edit_keeps_what_readings_do_not_show() -> None:
     lab = await busy()
 
     def inner() -> tuple[Any, ...]:
@@ -101,8 +98,8 @@ async def test_an_edit_keeps_what_readings_do_not_show(busy: Callable[..., Any])
     assert inner()[0] == before[0]
 
 
-async def test_a_created_ball_has_the_mass_of_its_density_and_is_free(bench: Callable[..., Any]) -> None:
-    lab = bench(BUSY, BUSY_REST.replace('qvel="1', 'qvel="0'))
+async def test_a_created_ball_has_the_mass_of_its_density_and_is_free() -> None:
+    lab = open_bench(BUSY, BUSY_REST.replace('qvel="1', 'qvel="0'))
     told = await lab("create_objects", name="probe-1", pos=[0, 1, 9], density=700, rgba=[0, 0.5, 1, 1], radius=0.2)
     assert told == {
         "sim_time": 0, "status": "created", "name": "probe-1", "object_id": "probe-1", "position": [0, 1, 9],
@@ -118,14 +115,14 @@ async def test_a_created_ball_has_the_mass_of_its_density_and_is_free(bench: Cal
     assert "probe-1" in (await lab("get_center_of_mass"))["included"]
 
 
-async def test_deleting_takes_what_is_jointed_to_it_and_its_constraints(bench: Callable[..., Any]) -> None:
+async def test_deleting_takes_what_is_jointed_to_it_and_its_constraints() -> None:
     rest = """
     <tendon><spatial name="rope" limited="true" range="0 1"><site site="a"/><site site="b"/></spatial></tendon>
     <equality><weld body1="object_1" body2="object_3"/></equality>
     <actuator><motor tendon="rope"/></actuator>
     <sensor><tendonpos tendon="rope"/></sensor>
     """
-    lab = bench(
+    lab = open_bench(
         '<body name="object_1" pos="0 0 5"><joint type="free"/><geom size="0.1"/><site name="a"/>'
         '<body name="object_2" pos="0 0 -0.5"><joint type="hinge" axis="0 1 0"/><geom size="0.1"/></body></body>'
         '<body name="object_3" pos="0.5 0 5"><joint type="free"/><geom size="0.1" mass="2"/></body>'
@@ -146,15 +143,13 @@ async def test_deleting_takes_what_is_jointed_to_it_and_its_constraints(bench: C
 
 
 @pytest.mark.parametrize("child", [{"hidden": True}, {"actuate": False}])
-async def test_nothing_hidden_or_sealed_is_deleted_with_its_parent(
-    bench: Callable[..., Any], child: dict[str, bool]
-) -> None:
-    lab = bench(BUSY, BUSY_REST, permissions={2: child})
+async def test_nothing_hidden_or_sealed_is_deleted_with_its_parent(child: dict[str, bool]) -> None:
+    lab = open_bench(BUSY, BUSY_REST, permissions={2: child})
     assert await lab.refused("delete_objects", object_id=1) == "object_1 cannot be deleted in this scene"
 
 
-async def test_a_name_is_free_again_after_deletion(bench: Callable[..., Any]) -> None:
-    lab = bench(BUSY, BUSY_REST)
+async def test_a_name_is_free_again_after_deletion() -> None:
+    lab = open_bench(BUSY, BUSY_REST)
     for _ in range(3):
         await lab("create_objects", name="p", **SPHERE)
         await lab("attach_objects", object1_id="p", object2_id=3)
@@ -164,18 +159,16 @@ async def test_a_name_is_free_again_after_deletion(bench: Callable[..., Any]) ->
         await lab("move_object", object_id=4, x=4, y=0, z=4)  # released
 
 
-async def test_fixtures_and_statics_can_be_deleted(bench: Callable[..., Any]) -> None:
-    lab = bench(BUSY, BUSY_REST)
+async def test_fixtures_and_statics_can_be_deleted() -> None:
+    lab = open_bench(BUSY, BUSY_REST)
     await lab("delete_objects", object_id=5)
     await lab("step", duration=0.5)
     assert (await lab.position(6))[2] == pytest.approx(0.1 - G / 8, rel=1e-9)
 
 
-async def test_finding_reveals_what_was_hidden_and_again_tells_the_same(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    ghost = ball(2, "1 0 5", geom='rgba="1 0 0 0"')
-    lab = bench(ball(1, "0 0 5") + ghost, permissions={2: {"hidden": True}})
+async def test_finding_reveals_what_was_hidden_and_again_tells_the_same() -> None:
+    ghost = ball_mjcf(2, "1 0 5", geom='rgba="1 0 0 0"')
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ghost, permissions={2: {"hidden": True}})
     before = lab.session.world._state().tobytes(), lab.session.world._model
     first = await lab("find_objects")
     assert [one["object_id"] for one in first["revealed"]] == ["object_2"]
@@ -188,8 +181,8 @@ async def test_finding_reveals_what_was_hidden_and_again_tells_the_same(
     assert lab.session.world._model.geom_rgba[:, 3].min() == 1  # still opaque
 
 
-async def test_finding_where_nothing_is_hidden_says_so(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5"))
+async def test_finding_where_nothing_is_hidden_says_so() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
     assert await lab("find_objects") == {"sim_time": 0, "status": "there is nothing hidden here", "revealed": []}
 
 
@@ -198,7 +191,7 @@ async def test_finding_where_nothing_is_hidden_says_so(bench: Callable[..., Any]
 MILLIMETRE = 1e-3
 
 
-async def gap(lab: Any, first: Any, second: Any) -> np.ndarray:
+async def gap(lab: Bench, first: Any, second: Any) -> np.ndarray:
     return await lab.position(second) - await lab.position(first)
 
 
@@ -206,9 +199,9 @@ async def gap(lab: Any, first: Any, second: Any) -> np.ndarray:
 @pytest.mark.parametrize("joint", ["weld", "ball", "hinge"])
 @pytest.mark.parametrize("mass", [0.05, 1, 5])
 async def test_an_attachment_holds_a_swinging_weight_within_a_millimetre(
-    bench: Callable[..., Any], ball: Callable[..., str], joint: str, mass: float, integrator: str
+    joint: str, mass: float, integrator: str
 ) -> None:
-    lab = bench(ball(1, "0 0 5", joint="") + ball(2, "0.5 0 5", mass), integrator=integrator)
+    lab = open_bench(ball_mjcf(1, "0 0 5", joint="") + ball_mjcf(2, "0.5 0 5", mass), integrator=integrator)
     axis = {"axis": [0, 1, 0]} if joint == "hinge" else {}
     await lab("attach_objects", object1_id=2, object2_id=1, joint=joint, **axis)
     lowest = 5.0
@@ -224,10 +217,8 @@ async def test_an_attachment_holds_a_swinging_weight_within_a_millimetre(
 
 
 @pytest.mark.parametrize("joint", ["weld", "ball", "hinge"])
-async def test_an_attachment_holds_a_weight_pulled_up_at_three_g(
-    bench: Callable[..., Any], ball: Callable[..., str], joint: str
-) -> None:
-    lab = bench(ball(1, "0 0 5", mass=1) + ball(2, "0.05 0 4.5", mass=5))
+async def test_an_attachment_holds_a_weight_pulled_up_at_three_g(joint: str) -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5", mass=1) + ball_mjcf(2, "0.05 0 4.5", mass=5))
     axis = {"axis": [0, 1, 0]} if joint == "hinge" else {}
     await lab("attach_objects", object1_id=1, object2_id=2, joint=joint, **axis)
     await lab("apply_force", object_id=1, force_vector=[30, 0, 6 * G * 3])
@@ -240,10 +231,8 @@ async def test_an_attachment_holds_a_weight_pulled_up_at_three_g(
     assert centre["z"] - (5 * 4.5 + 5) / 6 == pytest.approx(2 * G / 2, rel=1e-6)
 
 
-async def test_a_welded_pair_is_one_rigid_body_under_a_torque(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 0", mass=2) + ball(2, "1 0 0", mass=2), gravity="0 0 0")
+async def test_a_welded_pair_is_one_rigid_body_under_a_torque() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 0", mass=2) + ball_mjcf(2, "1 0 0", mass=2), gravity="0 0 0")
     await lab("attach_objects", object1_id=1, object2_id=2)
     await lab("apply_torque", object_id=1, torque_vector=[0, 0, 1])
     await lab("step", duration=0.5)
@@ -254,10 +243,8 @@ async def test_a_welded_pair_is_one_rigid_body_under_a_torque(
     assert await lab.velocity(1) == pytest.approx(-await lab.velocity(2), abs=1e-9)
 
 
-async def test_a_ball_pivot_sits_at_the_second_objects_origin_and_lets_everything_turn(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0.5 0 5", mass=1) + ball(2, "0 0 5", mass=1), gravity="0 0 0")
+async def test_a_ball_pivot_sits_at_the_second_objects_origin_and_lets_everything_turn() -> None:
+    lab = open_bench(ball_mjcf(1, "0.5 0 5", mass=1) + ball_mjcf(2, "0 0 5", mass=1), gravity="0 0 0")
     await lab("attach_objects", object1_id=1, object2_id=2, joint="ball")
     await lab("apply_torque", object_id=2, torque_vector=[0, 0.01, 0])
     await lab("step", duration=0.2)
@@ -267,8 +254,8 @@ async def test_a_ball_pivot_sits_at_the_second_objects_origin_and_lets_everythin
     assert await lab.velocity(1) == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-async def test_a_hinge_turns_about_its_axis_only(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0.5 0 5", mass=1) + ball(2, "0 0 5", joint=""), gravity="0 0 0")
+async def test_a_hinge_turns_about_its_axis_only() -> None:
+    lab = open_bench(ball_mjcf(1, "0.5 0 5", mass=1) + ball_mjcf(2, "0 0 5", joint=""), gravity="0 0 0")
     await lab("attach_objects", object1_id=1, object2_id=2, joint="hinge", axis=[0, 1e-200, 0])
     await lab("apply_force", object_id=1, force_vector=[0, 3, 0])  # out of the plane in which it may swing
     await lab("step", duration=1)
@@ -281,10 +268,8 @@ async def test_a_hinge_turns_about_its_axis_only(bench: Callable[..., Any], ball
     assert place[1] == pytest.approx(0, abs=MILLIMETRE)
 
 
-async def test_overlapping_objects_are_attached_where_they_are_and_no_longer_collide(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 5") + ball(2, "0.05 0 5"), gravity="0 0 0")
+async def test_overlapping_objects_are_attached_where_they_are_and_no_longer_collide() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "0.05 0 5"), gravity="0 0 0")
     await lab("attach_objects", object1_id=1, object2_id=2)
     await lab("step", duration=1)
     assert await gap(lab, 1, 2) == pytest.approx([0.05, 0, 0], abs=1e-9)
@@ -292,8 +277,8 @@ async def test_overlapping_objects_are_attached_where_they_are_and_no_longer_col
     assert not (await lab("detect_collision", obj1_id=1, obj2_id=2))["collision_detected"]
 
 
-async def test_turned_and_moving_objects_are_attached_at_their_present_pose(bench: Callable[..., Any]) -> None:
-    lab = bench(
+async def test_turned_and_moving_objects_are_attached_at_their_present_pose() -> None:
+    lab = open_bench(
         '<body name="object_1" pos="0 0 0" euler="10 20 30"><joint type="free"/>'
         '<geom type="box" size="0.1 0.2 0.3" mass="1" pos="0.2 0 0"/></body>'
         '<body name="object_2" pos="1 1 0" euler="50 60 70"><joint type="free"/><geom size="0.1" mass="2"/></body>',
@@ -324,13 +309,11 @@ async def test_turned_and_moving_objects_are_attached_at_their_present_pose(benc
     assert turn_after == pytest.approx(turn, abs=2 * MILLIMETRE)
 
 
-async def test_what_is_attached_is_not_moved_by_itself_nor_by_its_parent(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(
+async def test_what_is_attached_is_not_moved_by_itself_nor_by_its_parent() -> None:
+    lab = open_bench(
         '<body name="object_1" pos="0 0 5"><joint type="free"/><geom size="0.1"/>'
         '<body name="object_2" pos="1 0 0"><joint type="hinge" axis="0 1 0"/><geom size="0.1"/></body></body>'
-        + ball(3, "3 0 5")
+        + ball_mjcf(3, "3 0 5")
     )
     await lab("attach_objects", object1_id=2, object2_id=3)
     for number in (1, 2, 3):
@@ -340,9 +323,9 @@ async def test_what_is_attached_is_not_moved_by_itself_nor_by_its_parent(
     await lab("move_object", object_id=1, x=0, y=5, z=5)
 
 
-async def test_the_ropes_of_a_scene_do_not_hinder_moving(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(
-        ball(1, "0 0 5") + ball(2, "1 0 5"),
+async def test_the_ropes_of_a_scene_do_not_hinder_moving() -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 5") + ball_mjcf(2, "1 0 5"),
         '<equality><connect body1="object_1" body2="object_2" anchor="0 0 0"/></equality>',
     )
     await lab("change_position", object_id=1, dx=0, dy=0.01, dz=0)

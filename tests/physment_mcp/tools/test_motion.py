@@ -5,19 +5,19 @@ swings is accurate to order Δt⁴; readings over contacts carry the softness of
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
+
+from tests.builders.bench import ball_mjcf, open_bench
 
 G = 9.81
 EXACT = 1e-9
 """Relative rounding error of some hundred steps."""
 
 
-async def test_a_dropped_ball_falls_as_galileo_says(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 30"))
+async def test_a_dropped_ball_falls_as_galileo_says() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 30"))
     await lab("step", duration=0.8)
     assert await lab.velocity(1) == pytest.approx([0, 0, -G * 0.8], rel=EXACT)
     assert await lab.position(1) == pytest.approx([0, 0, 30 - G * 0.8**2 / 2], rel=EXACT)
@@ -32,8 +32,8 @@ async def test_a_dropped_ball_falls_as_galileo_says(bench: Callable[..., Any], b
     assert await lab.number("get_rotational_energy", 1, mass=2) == 0
 
 
-async def test_a_force_accelerates_by_newtons_second_law(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 0", mass=2.5), gravity="0 0 0")
+async def test_a_force_accelerates_by_newtons_second_law() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 0", mass=2.5), gravity="0 0 0")
     await lab("apply_force", object_id=1, force_vector=[5, -10, 2.5])
     await lab("step", duration=0.4)
     assert await lab.velocity(1) == pytest.approx([0.8, -1.6, 0.4], rel=EXACT)
@@ -50,8 +50,8 @@ OFFSET = """
 """
 
 
-async def test_a_force_acts_at_the_centre_of_mass_of_an_offset_body(bench: Callable[..., Any]) -> None:
-    lab = bench(OFFSET, gravity="0 0 0")
+async def test_a_force_acts_at_the_centre_of_mass_of_an_offset_body() -> None:
+    lab = open_bench(OFFSET, gravity="0 0 0")
     await lab("apply_force", object_id=1, force_vector=[4, 8, 12])
     await lab("step", duration=0.5)
     assert await lab.velocity(1) == pytest.approx([0.5, 1, 1.5], rel=EXACT)
@@ -60,8 +60,8 @@ async def test_a_force_acts_at_the_centre_of_mass_of_an_offset_body(bench: Calla
     assert await lab.number("get_displacement", 1) == pytest.approx(np.linalg.norm([1, 2, 3]) / 8, rel=EXACT)
 
 
-async def test_the_height_in_potential_energy_is_that_of_the_centre_of_mass(bench: Callable[..., Any]) -> None:
-    lab = bench(OFFSET)
+async def test_the_height_in_potential_energy_is_that_of_the_centre_of_mass() -> None:
+    lab = open_bench(OFFSET)
     w, x, y, z = np.array([0.9, 0.1, 0.3, 0.2]) / math.sqrt(0.95)
     # Bottom row of the rotation matrix on the centre of mass (0.125, 0.3, 0).
     height = 3 + 2 * (x * z - w * y) * 0.125 + 2 * (y * z + w * x) * 0.3
@@ -70,10 +70,10 @@ async def test_the_height_in_potential_energy_is_that_of_the_centre_of_mass(benc
     assert centre["z"] == pytest.approx(height, rel=EXACT)
 
 
-async def test_small_swings_of_a_pendulum_have_huygens_period(bench: Callable[..., Any]) -> None:
+async def test_small_swings_of_a_pendulum_have_huygens_period() -> None:
     # A physical pendulum: I_pivot = m l² + 2/5 m r².
     length, radius, start = 0.5, 0.1, math.radians(2)
-    lab = bench(
+    lab = open_bench(
         f'<body name="object_1" pos="0 0 2" euler="0 {math.degrees(start)} 0"><joint type="hinge" axis="0 1 0"/>'
         f'<geom type="sphere" size="{radius}" mass="3" pos="0 0 {-length}"/></body>'
     )
@@ -95,9 +95,9 @@ async def test_small_swings_of_a_pendulum_have_huygens_period(bench: Callable[..
     assert max(map(abs, speeds)) == pytest.approx(bottom, rel=(omega * 0.005) ** 2)
 
 
-async def test_a_spring_stretches_by_hooke_and_swings_with_its_period(bench: Callable[..., Any]) -> None:
+async def test_a_spring_stretches_by_hooke_and_swings_with_its_period() -> None:
     stiffness, mass = 40.0, 2.5
-    lab = bench(
+    lab = open_bench(
         '<body name="object_1" pos="0 0 1"><joint type="slide" axis="0 0 1" stiffness="40"/>'
         '<geom type="box" size="0.1 0.1 0.1" mass="2.5"/></body>'
     )
@@ -110,12 +110,12 @@ async def test_a_spring_stretches_by_hooke_and_swings_with_its_period(bench: Cal
         assert (await lab.position(1))[2] == pytest.approx(expected, abs=1e-7)
 
 
-async def test_a_rolling_ball_is_slowed_by_its_inertia_and_a_shell_more(bench: Callable[..., Any]) -> None:
+async def test_a_rolling_ball_is_slowed_by_its_inertia_and_a_shell_more() -> None:
     slope = math.radians(20)
     # A floor tilted about y; the balls touch it. A shell has 2/3 m r² instead of 2/5.
     up = (math.sin(slope), math.cos(slope))
     place = f"{0.1 * up[0]:.9f} {{y}} {0.1 * up[1]:.9f}"
-    lab = bench(
+    lab = open_bench(
         f'<body name="object_3" euler="0 20 0"><geom type="plane" size="50 50 1" friction="1 0 0"/></body>'
         f'<body name="object_1" pos="{place.format(y=0)}"><joint type="free"/>'
         '<geom type="sphere" size="0.1" mass="2" friction="1 0 0" condim="3"/></body>'
@@ -132,12 +132,12 @@ async def test_a_rolling_ball_is_slowed_by_its_inertia_and_a_shell_more(bench: C
         assert energy == pytest.approx(share * await lab.number("get_kinetic_energy", number, mass=2), rel=0.02)
 
 
-async def test_masses_tied_by_an_equality_move_like_atwoods(bench: Callable[..., Any]) -> None:
+async def test_masses_tied_by_an_equality_move_like_atwoods() -> None:
     body = (
         '<body name="object_{n}" pos="{n} 0 5"><joint name="s{n}" type="slide" axis="0 0 1"/>'
         '<geom size="0.1" mass="{m}"/></body>'
     )
-    lab = bench(
+    lab = open_bench(
         body.format(n=1, m=3) + body.format(n=2, m=2),
         '<equality><joint joint1="s1" joint2="s2" polycoef="0 -1 0 0 0" solimp="0.9999 0.9999 0.001"/></equality>',
     )
@@ -169,8 +169,8 @@ def brick_inertia() -> np.ndarray:
     return turn @ local @ turn.T
 
 
-async def test_a_torque_spins_a_turned_brick_by_eulers_equations(bench: Callable[..., Any]) -> None:
-    lab = bench(BRICK, gravity="0 0 0", dt=1e-4)
+async def test_a_torque_spins_a_turned_brick_by_eulers_equations() -> None:
+    lab = open_bench(BRICK, gravity="0 0 0", dt=1e-4)
     torque = np.array([0.3, -0.2, 0.5])
     await lab("apply_torque", object_id=1, torque_vector=torque.tolist())
     assert await lab.vector("get_torque", 1) == pytest.approx(torque, rel=1e-15)
@@ -183,8 +183,8 @@ async def test_a_torque_spins_a_turned_brick_by_eulers_equations(bench: Callable
     assert await lab.number("get_rotational_energy", 1, mass=6) == pytest.approx(energy, rel=1e-3)
 
 
-async def test_the_agents_mass_scales_spin_readings(bench: Callable[..., Any]) -> None:
-    lab = bench(BRICK, gravity="0 0 0")
+async def test_the_agents_mass_scales_spin_readings() -> None:
+    lab = open_bench(BRICK, gravity="0 0 0")
     await lab("apply_torque", object_id=1, torque_vector=[0.3, -0.2, 0.5])
     await lab("step", duration=0.1)
     for tool in ("get_angular_momentum", "get_momentum"):
@@ -193,11 +193,11 @@ async def test_the_agents_mass_scales_spin_readings(bench: Callable[..., Any]) -
     assert await lab.number("get_rotational_energy", 1, mass=7) == pytest.approx(7 * one, rel=1e-14)
 
 
-async def test_a_free_brick_keeps_its_angular_momentum_and_energy_while_it_tumbles(bench: Callable[..., Any]) -> None:
+async def test_a_free_brick_keeps_its_angular_momentum_and_energy_while_it_tumbles() -> None:
     start = '<keyframe><key name="start" qpos="0 0 0 0.8 0.2 -0.4 0.4" qvel="0 0 0 1 2 3"/></keyframe>'
     drifts = []
     for dt in (2e-3, 1e-3):
-        lab = bench(BRICK, start, gravity="0 0 0", dt=dt)
+        lab = open_bench(BRICK, start, gravity="0 0 0", dt=dt)
         momentum = await lab.vector("get_angular_momentum", 1, mass=6)
         energy = await lab.number("get_rotational_energy", 1, mass=6)
         assert energy > 1
@@ -222,8 +222,8 @@ DOUBLE = """
 """
 
 
-async def test_velocities_in_a_double_pendulum_are_those_of_its_centres_of_mass(bench: Callable[..., Any]) -> None:
-    lab = bench(DOUBLE, flags='<flag contact="disable"/>', dt=0.001)
+async def test_velocities_in_a_double_pendulum_are_those_of_its_centres_of_mass() -> None:
+    lab = open_bench(DOUBLE, flags='<flag contact="disable"/>', dt=0.001)
     await lab("step", duration=0.4)
     world = lab.session.world
     for number in (1, 2):
@@ -237,8 +237,8 @@ async def test_velocities_in_a_double_pendulum_are_those_of_its_centres_of_mass(
         assert np.linalg.norm(speed) > 0.5
 
 
-async def test_a_double_pendulum_keeps_its_energy(bench: Callable[..., Any]) -> None:
-    lab = bench(DOUBLE, flags='<flag contact="disable"/>', dt=0.001)
+async def test_a_double_pendulum_keeps_its_energy() -> None:
+    lab = open_bench(DOUBLE, flags='<flag contact="disable"/>', dt=0.001)
 
     async def energy() -> float:
         kinds = ("get_kinetic_energy", "get_potential_energy", "get_rotational_energy")
@@ -250,10 +250,8 @@ async def test_a_double_pendulum_keeps_its_energy(bench: Callable[..., Any]) -> 
     assert await energy() == pytest.approx(start, abs=1e-5)
 
 
-async def test_there_is_no_acceleration_before_a_step_or_after_a_disturbance(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(ball(1, "0 0 5") + ball(2, "1 0 5"))
+async def test_there_is_no_acceleration_before_a_step_or_after_a_disturbance() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "1 0 5"))
     sphere = {"name": "p", "pos": [2, 0, 5], "density": 100, "rgba": [1, 1, 1, 1]}
     for tool, more in (("get_acceleration", {}), ("compute_force", {"mass": 1})):
         assert "call step first" in await lab.refused(tool, object_id=1, **more)
@@ -283,8 +281,8 @@ async def test_there_is_no_acceleration_before_a_step_or_after_a_disturbance(
     assert await lab.vector("get_acceleration", "p") == pytest.approx([0, 0, -G], rel=EXACT)
 
 
-async def test_acceleration_does_not_look_ahead(bench: Callable[..., Any], ball: Callable[..., str]) -> None:
-    lab = bench(ball(1, "0 0 5", mass=1))
+async def test_acceleration_does_not_look_ahead() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5", mass=1))
     await lab("step", duration=0.1)
     await lab("apply_force", object_id=1, force_vector=[100, 0, 0])
     assert await lab.vector("get_acceleration", 1) == pytest.approx([0, 0, -G], rel=EXACT)
@@ -309,18 +307,18 @@ async def test_acceleration_does_not_look_ahead(bench: Callable[..., Any], ball:
     ],
 )
 async def test_set_velocity_gives_the_nearest_velocity_the_joints_allow(
-    bench: Callable[..., Any], name: str, body: str, asked: list[float], obtained: list[float]
+    name: str, body: str, asked: list[float], obtained: list[float]
 ) -> None:
     assert name
-    lab = bench(f'<body name="object_1" pos="0 0 2">{body}</body>')
+    lab = open_bench(f'<body name="object_1" pos="0 0 2">{body}</body>')
     told = await lab("set_velocity", object_id=1, velocity_vector=asked)
     assert told["velocity"] == pytest.approx(obtained, rel=1e-12, abs=1e-12)
     assert await lab.velocity(1) == pytest.approx(obtained, rel=1e-12, abs=1e-12)
 
 
-async def test_set_velocity_keeps_the_spin_of_a_free_offset_body(bench: Callable[..., Any]) -> None:
+async def test_set_velocity_keeps_the_spin_of_a_free_offset_body() -> None:
     start = '<keyframe><key name="start" qpos="1 2 3 0.9 0.1 0.3 0.2" qvel="4 5 6 1 2 3"/></keyframe>'
-    lab = bench(OFFSET, start, gravity="0 0 0")
+    lab = open_bench(OFFSET, start, gravity="0 0 0")
     spin = await lab.vector("get_angular_momentum", 1, mass=4)
     told = await lab("set_velocity", object_id=1, velocity_vector=[-1, 0, 2])
     assert told["velocity"] == pytest.approx([-1, 0, 2], abs=1e-12)
@@ -330,19 +328,19 @@ async def test_set_velocity_keeps_the_spin_of_a_free_offset_body(bench: Callable
     assert lab.session.world.centre("object_1") - centre == pytest.approx([-0.1, 0, 0.2], abs=1e-6)
 
 
-async def test_set_velocity_of_a_child_leaves_its_parent_alone(bench: Callable[..., Any]) -> None:
-    lab = bench(DOUBLE, flags='<flag contact="disable"/>')
+async def test_set_velocity_of_a_child_leaves_its_parent_alone() -> None:
+    lab = open_bench(DOUBLE, flags='<flag contact="disable"/>')
     await lab("set_velocity", object_id=2, velocity_vector=[1, 0, 1])
     assert await lab.velocity(1) == pytest.approx([0, 0, 0], abs=1e-12)
 
 
-async def test_a_body_whose_joints_cannot_move_its_centre_is_refused_a_velocity(bench: Callable[..., Any]) -> None:
-    lab = bench('<body name="object_1"><joint type="hinge" axis="0 1 0"/><geom size="0.1" mass="1"/></body>')
+async def test_a_body_whose_joints_cannot_move_its_centre_is_refused_a_velocity() -> None:
+    lab = open_bench('<body name="object_1"><joint type="hinge" axis="0 1 0"/><geom size="0.1" mass="1"/></body>')
     assert "centre of mass" in await lab.refused("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
 
 
-async def test_a_static_body_reads_as_at_rest(bench: Callable[..., Any]) -> None:
-    lab = bench('<body name="object_1" pos="0 0 2"><geom type="box" size="0.1 0.2 0.3" mass="2"/></body>')
+async def test_a_static_body_reads_as_at_rest() -> None:
+    lab = open_bench('<body name="object_1" pos="0 0 2"><geom type="box" size="0.1 0.2 0.3" mass="2"/></body>')
     await lab("step", duration=0.1)
     for tool, more in (("get_velocity", {}), ("get_acceleration", {}), ("get_momentum", {"mass": 1})):
         assert await lab.vector(tool, 1, **more) == pytest.approx([0, 0, 0], abs=0)
@@ -351,11 +349,10 @@ async def test_a_static_body_reads_as_at_rest(bench: Callable[..., Any]) -> None
     assert "no movable object" in await lab.refused("get_center_of_mass")
 
 
-async def test_momentum_and_centre_of_mass_of_several_bodies_add_up(
-    bench: Callable[..., Any], ball: Callable[..., str]
-) -> None:
-    lab = bench(
-        ball(1, "0 0 0", mass=1) + ball(2, "3 0 0", mass=2) + ball(3, "0 6 3", mass=3, joint=""), gravity="0 0 0"
+async def test_momentum_and_centre_of_mass_of_several_bodies_add_up() -> None:
+    lab = open_bench(
+        ball_mjcf(1, "0 0 0", mass=1) + ball_mjcf(2, "3 0 0", mass=2) + ball_mjcf(3, "0 6 3", mass=3, joint=""),
+        gravity="0 0 0",
     )
     await lab("set_velocity", object_id=1, velocity_vector=[3, 0, 0])
     seen = await lab("get_center_of_mass")

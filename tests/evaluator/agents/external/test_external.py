@@ -19,10 +19,10 @@ from evaluator.agents.external.environment import child_environment, without_sec
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Versions
+from evaluator.records import Episode, Outcome
 from tests.builders.paths import ROOT
+from tests.builders.records import VERSIONS, episode_key
 
-VERSIONS = Versions(physment="0", protocol="0", pack="0")
 Words = Callable[..., list[str]]
 
 SOLVE = """
@@ -41,7 +41,7 @@ def agent_of(words: list[str], **options: float) -> ExternalAgent:
 
 async def play(host: HostLaboratory, words: list[str], budget: int = 20, **options: float) -> Episode:
     agent = agent_of(words, **options)
-    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=budget)
+    key = episode_key(agent=agent.name, budget=budget)
     with anyio.fail_after(60):
         episode = await agent.play(host, key, VERSIONS, [])
     assert Episode.model_validate_json(episode.model_dump_json()) == episode
@@ -113,7 +113,7 @@ async def test_one_that_lingers_after_its_answer_is_stopped_and_its_answer_stand
 ) -> None:
     body = 'await client.call_tool("answer", {"answer": 1})\nprint("done", flush=True)\nawait anyio.sleep(600)'
     agent = replace(agent_of(client(body)), grace_s=0.1)
-    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    key = episode_key(agent=agent.name, budget=5)
     with anyio.fail_after(30):
         episode = await agent.play(host, key, VERSIONS, [])
     assert (episode.outcome, episode.answer, episode.turns[-1].reasoning) == (Outcome.ANSWERED, 1, "done")
@@ -159,7 +159,7 @@ async def test_interruption_ends_the_program_and_closes_the_episode(
     note = tmp_path / "pid"
     words = program(f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
     agent = agent_of(words)
-    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    key = episode_key(agent=agent.name, budget=5)
     with anyio.fail_after(30):
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(agent.play, host, key, VERSIONS, [])
@@ -274,7 +274,7 @@ time.sleep(600)
 
 async def test_a_laboratory_without_an_address_is_misuse(program: Words) -> None:
     agent = agent_of(program("pass"))
-    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=5)
+    key = episode_key(agent=agent.name, budget=5)
     with pytest.raises(UsageError, match="needs a laboratory with an address"):
         await agent.play(ProcessLaboratory(("x",)), key, VERSIONS, [])
 

@@ -13,9 +13,10 @@ from evaluator.agents.external.command import parse_external
 from evaluator.episode.connect import HostLaboratory
 from evaluator.episode.player import ToolDescription
 from evaluator.protocols.typed import parse_line
-from evaluator.records import EpisodeKey, Outcome, Versions
+from evaluator.records import Outcome
 from physment_mcp.serving.server import published_tools
 from tests.builders.paths import DOCS
+from tests.builders.records import VERSIONS, episode_key
 
 TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in published_tools())
 PAGE = (DOCS / "how-to" / "external-agents.md").read_text(encoding="utf-8")
@@ -26,8 +27,8 @@ async def test_the_smallest_agent_of_the_page_solves_its_scene(
 ) -> None:
     (source,) = re.findall(r"```python file=my_agent\.py\n(.*?)```", PAGE, re.DOTALL)
     agent = parse_external(program(source, "{mcp_url}"), "host", None)
-    key = EpisodeKey(scene=7, seed=0, agent=agent.name, budget=20)
-    episode = await agent.play(host, key, Versions(physment="0", protocol="0", pack="0"), [])
+    key = episode_key(agent=agent.name)
+    episode = await agent.play(host, key, VERSIONS, [])
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=0.05))
 
 
