@@ -1,1 +1,1 @@
-"""How calls are written down: as JSON in prose, or typed by a person."""
+"""Formats in which calls are written: JSON in prose, and typed commands of a person."""

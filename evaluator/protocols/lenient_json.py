@@ -1,8 +1,8 @@
-"""JSON as models write it in prose: values found in any text, with the place where a broken one breaks.
+"""Finds JSON values in prose, as models write them, and reports where a broken value breaks. Knows no calls.
 
-Beyond the standard: comments, trailing commas, a comma forgotten between two objects or lists, single quotes, Python's
-True, False and None, and numbers such as `+1`, `.5` and `1.`. Each has one possible meaning. Not read: NaN and
-infinities, unquoted keys, arithmetic, repeated keys, strings that run over a line end. Knows nothing of calls.
+It accepts some deviations from the standard, each with only one possible meaning: comments, trailing commas, a missing
+comma between two objects or lists, single quotes, Python's True, False and None, and numbers such as `+1`, `.5` and
+`1.`. It rejects NaN and infinities, unquoted keys, arithmetic, repeated keys, and strings with line breaks.
 """
 
 import re
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pydantic import JsonValue
 
 MAX_NESTING = 64
-"""Levels of lists and objects that are read."""
+"""Deepest accepted nesting of lists and objects."""
 
-# No pattern here may backtrack: a megabyte of anything must be read in the time it takes to look at it.
+# No pattern here may backtrack: the parser must take linear time, also for a megabyte of any text.
 _START = re.compile(r"""\[(?=\s*+\{)|\{(?=\s*+(?:["']|tool\b|name\b|function\b))""")
 _GAP = re.compile(r"(?:\s++|//[^\n]*+|/\*[^*\n]*+\*/)*+")
 _NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])", re.ASCII)
@@ -28,38 +28,38 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A list of objects, or an object, that stands in a text."""
+    """A list of objects, or an object, found in a text."""
 
     start: int
     end: int
     value: JsonValue = None
     problem: str = ""
-    """What is wrong at `problem_at`; then there is no value."""
+    """What is wrong at `problem_at`; empty if there is a value."""
     problem_at: int = 0
 
 
 class _BrokenError(Exception):
-    """The text is no JSON from here on."""
+    """The text is not JSON from this position on."""
 
     def __init__(self, at: int, problem: str) -> None:
         super().__init__(problem)
         self.at = at
         self.problem = problem
         self.open = 0
-        """How many lists and objects are open there."""
+        """Number of lists and objects that are open there."""
 
 
 def find_json(text: str, start: int = 0) -> Iterator[Found]:
-    """All lists of objects and objects in a text from `start` on, whole or broken, outermost only, in order.
+    """Yield the outermost objects and lists of objects in a text from `start` on, valid or broken, in order.
 
-    A bare list of numbers or words is none of them. Takes time in proportion to the length of the text.
+    Lists of numbers or words are left out. Takes linear time.
     """
     while (match := _START.search(text, start)) is not None:
         try:
             value, end = _value(text, match.start(), 0)
             found = Found(match.start(), end, value)
         except _BrokenError as error:
-            # The rest of a broken list must not pass for a shorter list of its own.
+            # Skip the rest of a broken list, so that it is not taken for a shorter list.
             end = _end_of_broken(text, error.at, error.open)
             found = Found(match.start(), end, None, error.problem, error.at)
         yield found
@@ -67,10 +67,10 @@ def find_json(text: str, start: int = 0) -> Iterator[Found]:
 
 
 def read_json(text: str) -> JsonValue:
-    """The value that a text consists of.
+    """Parse a text that is one JSON value.
 
     Raises:
-        ValueError: It is no JSON, or something follows it.
+        ValueError: The text is not JSON, or something follows the value.
     """
     try:
         value, end = _value(text, _skip(text, 0), 0)
@@ -89,13 +89,13 @@ def _skip(text: str, at: int) -> int:
 def _value(text: str, at: int, depth: int) -> tuple[JsonValue, int]:
     if depth > MAX_NESTING:
         raise _BrokenError(at, f"more than {MAX_NESTING} levels of lists and objects")
-    sign = text[at : at + 1]
-    if sign in {'"', "'"}:
+    character = text[at : at + 1]
+    if character in {'"', "'"}:
         return _string(text, at)
-    if sign not in {"[", "{"}:
+    if character not in {"[", "{"}:
         return _scalar(text, at)
     try:
-        return _list(text, at, depth) if sign == "[" else _object(text, at, depth)
+        return _list(text, at, depth) if character == "[" else _object(text, at, depth)
     except _BrokenError as error:
         error.open += 1
         raise
@@ -130,14 +130,14 @@ def _object(text: str, at: int, depth: int) -> tuple[JsonValue, int]:
 
 
 def _after_item(text: str, at: int, closing: str, *, may_omit: bool) -> int:
-    """Where the next item or the closing bracket stands."""
+    """Position of the next item or of the closing bracket."""
     at = _skip(text, at)
-    sign = text[at : at + 1]
-    if sign == ",":
+    character = text[at : at + 1]
+    if character == ",":
         return _skip(text, at + 1)
-    if sign == closing or (may_omit and sign in {"[", "{"}):
+    if character == closing or (may_omit and character in {"[", "{"}):
         return at
-    raise _BrokenError(at, f"a comma or {closing} is expected" if sign else f"it breaks off before its {closing}")
+    raise _BrokenError(at, f"a comma or {closing} is expected" if character else f"it breaks off before its {closing}")
 
 
 def _string(text: str, at: int) -> tuple[str, int]:
@@ -145,13 +145,13 @@ def _string(text: str, at: int) -> tuple[str, int]:
     at += 1
     while True:
         plain = _PLAIN[quote].match(text, at)
-        assert plain is not None  # the pattern fits nothing too
+        assert plain is not None  # the pattern also matches the empty string
         parts.append(plain.group())
         at = plain.end()
-        sign = text[at : at + 1]
-        if sign == quote:
+        character = text[at : at + 1]
+        if character == quote:
             return _joined("".join(parts)), at + 1
-        if sign != "\\" or text[at + 1 : at + 2] in {"", "\n"}:
+        if character != "\\" or text[at + 1 : at + 2] in {"", "\n"}:
             raise _BrokenError(start, "this string does not end on its line")
         escaped = text[at + 1]
         if escaped == "u":
@@ -161,14 +161,14 @@ def _string(text: str, at: int) -> tuple[str, int]:
             parts.append(chr(int(digits, 16)))
             at += 6
             continue
-        # A backslash before any other sign is what LaTeX leaves in a string: it stands for itself.
+        # A backslash before any other character, such as from LaTeX, is kept literally.
         parts.append(_ESCAPES.get(escaped, escaped if escaped in "\"'\\/" else f"\\{escaped}"))
         at += 2
 
 
 def _joined(text: str) -> str:
-    """Text whose halves of surrogate pairs, written one by one, are joined."""
-    if not any("\ud800" <= sign <= "\udfff" for sign in text):
+    """Join surrogate pairs that were written as two escapes."""
+    if not any("\ud800" <= character <= "\udfff" for character in text):
         return text
     return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
 
@@ -185,7 +185,7 @@ def _scalar(text: str, at: int) -> tuple[JsonValue, int]:
 
 def _number(written: str, at: int) -> int | float:
     if re.fullmatch(r"[+-]?\d+", written):
-        # Python refuses to read longer integers, and no quantity needs them.
+        # Python refuses to parse very long integers, and no quantity needs them.
         if len(written) > 300:
             raise _BrokenError(at, "this number has more than 300 digits")
         return int(written)
@@ -196,17 +196,17 @@ def _number(written: str, at: int) -> int | float:
 
 
 def _end_of_broken(text: str, at: int, depth: int) -> int:
-    """Where a value that broke at `at`, `depth` levels deep, ends: at its bracket, a blank line or a fence."""
+    """End of a value that broke at `at` and nesting `depth`: its closing bracket, a blank line or a code fence."""
     while (match := _RECOVERY.search(text, at)) is not None:
-        sign, at = match.group(), match.end()
-        if sign in {"[", "{"}:
+        character, at = match.group(), match.end()
+        if character in {"[", "{"}:
             depth += 1
-        elif sign in {"]", "}"}:
+        elif character in {"]", "}"}:
             depth -= 1
-            # A bracket forgotten or too many ends the count early, but not the list: a comma or bracket tells.
+            # With a missing or extra bracket the count reaches 0 too early; a following comma or bracket shows this.
             if depth <= 0 and not _MORE.match(text, at):
                 return at
-        elif sign in _PLAIN:
+        elif character in _PLAIN:
             at = _end_of_string(text, match.start())
         else:
             return match.start()
@@ -214,7 +214,7 @@ def _end_of_broken(text: str, at: int, depth: int) -> int:
 
 
 def _end_of_string(text: str, at: int) -> int:
-    """The end of a string, or of the line if it does not end on it."""
+    """End of a string, or of its line if the string is not closed on it."""
     try:
         return _string(text, at)[1]
     except _BrokenError:

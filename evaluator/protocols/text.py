@@ -1,15 +1,15 @@
-"""The paper's protocol: a reply is prose with one JSON list of calls, the returns come back as text.
+"""The paper's text protocol: a reply is prose with one JSON list of calls, and results are returned as text.
 
-How a reply is read, from the most certain sign to the least:
+The calls of a reply are searched for in this order:
 
-1. Only what follows the last `</think>` can be a call.
-2. The last fenced block that holds calls counts; if its JSON is broken, the reply is malformed, and no other is run.
-3. Else the last well-formed list of call objects in the prose, or single call objects one after the other.
-4. Else calls in the markup that some models fall back to (`<|tool_call_begin|> functions.step:0 …`).
+1. Only text after the last `</think>` can contain calls.
+2. The last fenced block with calls counts. If its JSON is broken, the reply is malformed and nothing runs.
+3. Otherwise the last well-formed list of call objects in the prose, or a sequence of single call objects.
+4. Otherwise calls in the markup that some models fall back to (`<|tool_call_begin|> functions.step:0 …`).
 
-A call names its tool as `tool`, `name` or `function`, its arguments as `parameters`, `arguments`, `args` or `input`. A
-list of numbers is no call. What the JSON may look like is said in `lenient_json`. Meanings are never guessed: a list
-with an item that is no call, arguments outside `parameters`, or broken JSON run nothing, and the agent reads why.
+The key of the tool is `tool`, `name` or `function`; the key of the arguments is `parameters`, `arguments`, `args` or
+`input`. `lenient_json` describes the accepted JSON. The parser never guesses: if an item of the list is not a call, if
+arguments are outside `parameters`, or if the JSON is broken, nothing runs and the agent is told why.
 """
 
 import json
@@ -41,7 +41,7 @@ _NATIVE_SIGNS = re.compile(r"<\|tool_calls_section_(?:begin|end)\|>")
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """A place in a reply where calls stand, or were meant to."""
+    """A part of a reply that contains calls, or broken calls."""
 
     start: int
     end: int
@@ -50,21 +50,19 @@ class _Attempt:
     problem_at: int = 0
 
 
-class _NoCallError(Exception):
-    """A JSON value among calls is none; says why."""
+class _NotACallError(Exception):
+    """A JSON value among calls is not a call; the message says why."""
 
 
 def parse_reply(text: str) -> Reply:
-    """Read a reply of the text protocol.
-
-    Never raises, whatever the text; takes time in proportion to its length.
+    """Parse a reply of the text protocol. Never raises; takes linear time.
 
     Args:
         text: The reply as the model wrote it.
 
     Returns:
-        The prose as `reasoning` and the calls. Where calls were meant but cannot be read, the whole text as reasoning
-        and the reason in `malformed`; where there are none, just the text.
+        The prose as `reasoning`, and the calls. If the calls cannot be parsed, `reasoning` is the whole text and
+        `malformed` is the reason. If there are no calls, `reasoning` is the whole text.
     """
     start = _end_of_thought(text)
     if start == 0 and text.lstrip().startswith("<think>"):
@@ -74,13 +72,15 @@ def parse_reply(text: str) -> Reply:
         problem = "calls stand in markup where a JSON list of calls is needed" if _MARKUP.search(text, start) else ""
         return Reply(reasoning=text, malformed=problem)
     if chosen.problem:
-        return Reply(reasoning=text, malformed=f"{chosen.problem} ({_place(text, chosen.problem_at)} of your reply)")
+        return Reply(
+            reasoning=text, malformed=f"{chosen.problem} ({_line_and_column(text, chosen.problem_at)} of your reply)"
+        )
     return Reply(reasoning=_prose(text, chosen), calls=chosen.calls)
 
 
 def feedback_text(feedback: Feedback) -> str:
-    """What the agent reads after a turn: each call with its return, what the loop notes, the iterations left."""
-    lines = [f"{number}. {_told(one)}" for number, one in enumerate(feedback.exchanges, start=1)]
+    """The text that the agent gets after a turn: each call with its result, the loop's note, the iterations left."""
+    lines = [f"{number}. {_exchange_text(exchange)}" for number, exchange in enumerate(feedback.exchanges, start=1)]
     blocks = ["Returns:\n" + "\n".join(lines)] if lines else []
     if feedback.note:
         blocks.append(feedback.note)
@@ -89,11 +89,11 @@ def feedback_text(feedback: Feedback) -> str:
     return "\n\n".join(blocks)
 
 
-def _told(exchange: Exchange) -> str:
+def _exchange_text(exchange: Exchange) -> str:
     call = exchange.call
-    written = ", ".join(f"{name}={_json(value)}" for name, value in call.arguments.items())
-    said = f"error: {exchange.text}" if exchange.is_error else exchange.text
-    return f"{call.tool}({written}) -> {said if exchange.returned or exchange.is_error else 'not run'}"
+    arguments = ", ".join(f"{name}={_json(value)}" for name, value in call.arguments.items())
+    result = f"error: {exchange.text}" if exchange.is_error else exchange.text
+    return f"{call.tool}({arguments}) -> {result if exchange.returned or exchange.is_error else 'not run'}"
 
 
 def _json(value: object) -> str:
@@ -101,37 +101,37 @@ def _json(value: object) -> str:
 
 
 def _end_of_thought(text: str) -> int:
-    """The place after the last `</think>` that is none of the text of a call; 0 if there is none."""
+    """Position after the last `</think>` that is not inside a call; 0 if there is none."""
     at = text.rfind(_END_OF_THOUGHT)
     if at < 0:
         return 0
-    quoting = [one for one in _attempts(text, 0) if not one.problem]
-    while quoting and at >= 0:
-        one = quoting.pop()
-        if one.start < at < one.end:
-            at = text.rfind(_END_OF_THOUGHT, 0, one.start)
+    with_calls = [attempt for attempt in _attempts(text, 0) if not attempt.problem]
+    while with_calls and at >= 0:
+        attempt = with_calls.pop()
+        if attempt.start < at < attempt.end:
+            at = text.rfind(_END_OF_THOUGHT, 0, attempt.start)
     return at + len(_END_OF_THOUGHT) if at >= 0 else 0
 
 
 def _chosen(attempts: Sequence[_Attempt], fenced: Sequence[tuple[int, int]]) -> _Attempt | None:
     """The attempt that counts; None if there is none."""
     starts = [start for start, _ in fenced]
-    for one in reversed(attempts):
-        block = bisect_right(starts, one.start) - 1
-        if block >= 0 and one.start < fenced[block][1]:
-            return one
-    whole = (one for one in reversed(attempts) if not one.problem)
-    return next(whole, attempts[-1] if attempts else None)
+    for attempt in reversed(attempts):
+        block = bisect_right(starts, attempt.start) - 1
+        if block >= 0 and attempt.start < fenced[block][1]:
+            return attempt
+    well_formed = (attempt for attempt in reversed(attempts) if not attempt.problem)
+    return next(well_formed, attempts[-1] if attempts else None)
 
 
 def _fenced_spans(text: str, start: int) -> list[tuple[int, int]]:
-    """Where the JSON blocks are, in order; one that is not closed ends with the next, or with the text."""
+    """Start and end of the fenced blocks, in order; an unclosed block ends at the next one or at the end of text."""
     spans: list[tuple[int, int]] = []
     opened: re.Match[str] | None = None
     for fence in _FENCE.finditer(text, start):
         if opened is not None:
             spans.append((opened.end(), fence.start()))
-        # A fence that names a language opens a block, even where the one before was left open.
+        # A fence with a language opens a block, even if the previous block is not closed.
         opened = fence if opened is None or fence.group(1) else None
     if opened is not None:
         spans.append((opened.end(), len(text)))
@@ -139,7 +139,7 @@ def _fenced_spans(text: str, start: int) -> list[tuple[int, int]]:
 
 
 def _attempts(text: str, start: int) -> list[_Attempt]:
-    """All places with calls; single call objects that follow each other are one place."""
+    """All parts with calls; consecutive single call objects form one part."""
     places: list[list[_Attempt]] = []
     for found in find_json(text, start):
         attempt = _attempt(text, found)
@@ -150,7 +150,7 @@ def _attempts(text: str, start: int) -> list[_Attempt]:
         if gap.strip(" \t\r\n,;]}") or (are_lists and not gap.strip()):
             places.append([attempt])
             continue
-        # A bracket too few or too many leaves parts of a list side by side: none of them is the whole.
+        # A missing or extra bracket splits a list into adjacent pieces; none of them is the whole list.
         are_objects = text[places[-1][0].start] == "{" == text[attempt.start]
         if not are_objects or gap.strip(" \t\r\n,;"):
             attempt = replace(attempt, problem=attempt.problem or _UNMATCHED, problem_at=attempt.start)
@@ -160,16 +160,16 @@ def _attempts(text: str, start: int) -> list[_Attempt]:
 
 def _joined(text: str, place: Sequence[_Attempt]) -> _Attempt:
     start, end = place[0].start, place[-1].end
-    broken = next((one for one in place if one.problem), None)
+    broken = next((attempt for attempt in place if attempt.problem), None)
     if broken is not None:
         return replace(broken, start=start, end=end, calls=())
     if text[start] == "{" and _CLOSING.match(text, end):
         return _Attempt(start, end, (), _UNMATCHED, end)
-    return _Attempt(start, end, tuple(call for one in place for call in one.calls))
+    return _Attempt(start, end, tuple(call for attempt in place for call in attempt.calls))
 
 
 def _attempt(text: str, found: Found) -> _Attempt | None:
-    """What a JSON value means as calls; None if it does not look like any."""
+    """The calls of a JSON value, or its problem; None if it does not look like calls."""
     if found.problem:
         if not _NAMED.search(text, found.start, found.end):
             return None
@@ -178,20 +178,20 @@ def _attempt(text: str, found: Found) -> _Attempt | None:
         return _Attempt(found.start, found.end, (), problem, found.problem_at)
     try:
         calls = _calls(found.value)
-    except _NoCallError as error:
+    except _NotACallError as error:
         return _Attempt(found.start, found.end, (), str(error), found.start)
     return _Attempt(found.start, found.end, calls) if calls else None
 
 
-def _place(text: str, at: int) -> str:
+def _line_and_column(text: str, at: int) -> str:
     return f"line {text.count(chr(10), 0, at) + 1}, column {at - text.rfind(chr(10), 0, at)}"
 
 
 def _calls(value: JsonValue) -> tuple[ToolCall, ...]:
-    """The calls a value stands for; none if it is other data.
+    """The calls in a value; none if it is other data.
 
     Raises:
-        _NoCallError: Some of it is calls and some is not, or a call is incomplete.
+        _NotACallError: Only some items are calls, or a call is incomplete.
     """
     if isinstance(value, dict):
         if _is_call(value):
@@ -206,7 +206,7 @@ def _calls(value: JsonValue) -> tuple[ToolCall, ...]:
 def _is_call(value: Mapping[str, JsonValue]) -> bool:
     if "tool" in value:
         return True
-    # Objects of the laboratory have names too: only with arguments is a name that of a tool.
+    # Other data, such as the laboratory's objects, may have a `name`; only with arguments is it the name of a tool.
     named = "name" in value and any(name in value for name in _PARAMETERS)
     return named or (
         "function" in value and (isinstance(value["function"], dict) or any(name in value for name in _PARAMETERS))
@@ -215,18 +215,18 @@ def _is_call(value: Mapping[str, JsonValue]) -> bool:
 
 def _call(value: JsonValue, number: int) -> ToolCall:
     if not isinstance(value, dict) or not _is_call(value):
-        raise _NoCallError(f"item {number} of the list of calls is no call")
+        raise _NotACallError(f"item {number} of the list of calls is no call")
     inner = value.get("function")
     if isinstance(inner, dict) and "tool" not in value:
         return _call({"tool": inner.get("name"), **{key: part for key, part in inner.items() if key != "name"}}, number)
     tool = next(value[name] for name in ("tool", "name", "function") if name in value)
     if not isinstance(tool, str) or not tool.strip():
-        raise _NoCallError(f"call {number} does not name its tool")
+        raise _NotACallError(f"call {number} does not name its tool")
     given = [name for name in _PARAMETERS if name in value]
     if len(given) > 1:
-        raise _NoCallError(f'call {number} has both "{given[0]}" and "{given[1]}"')
+        raise _NotACallError(f'call {number} has both "{given[0]}" and "{given[1]}"')
     if not given and len(value) > 1:
-        raise _NoCallError(f'call {number} has no "parameters"')
+        raise _NotACallError(f'call {number} has no "parameters"')
     return ToolCall(tool=tool.strip(), arguments=_arguments(value[given[0]] if given else {}, number))
 
 
@@ -235,18 +235,18 @@ def _arguments(value: JsonValue, number: int) -> dict[str, JsonValue]:
         try:
             value = read_json(value)
         except ValueError as error:
-            raise _NoCallError(f"the parameters of call {number} are a text that is no JSON: {error}") from None
+            raise _NotACallError(f"the parameters of call {number} are a text that is no JSON: {error}") from None
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise _NoCallError(f"the parameters of call {number} are no JSON object")
+        raise _NotACallError(f"the parameters of call {number} are no JSON object")
     return value
 
 
 def _native(text: str, start: int) -> _Attempt | None:
-    """Calls in a model's own markup: it names tool and JSON arguments, so its meaning is certain."""
+    """Calls in a model's native markup, which names the tool and JSON arguments and so is unambiguous."""
     matches = list(_NATIVE.finditer(text, start))
-    # Any sign left over means that some of the markup is damaged, and perhaps a call with it.
+    # If any markup is left over, a part of it is damaged and a call may be missing.
     rest = _NATIVE.sub("", text[start:])
     sections = len(_NATIVE_SIGNS.findall(rest))
     if not matches or sections % 2 or "<|" in _NATIVE_SIGNS.sub("", rest):
@@ -255,13 +255,13 @@ def _native(text: str, start: int) -> _Attempt | None:
     for number, match in enumerate(matches, start=1):
         try:
             calls.append(ToolCall(tool=match[1], arguments=_arguments(match[2], number)))
-        except _NoCallError as error:
+        except _NotACallError as error:
             return _Attempt(match.start(), match.end(), (), str(error), match.start())
     return _Attempt(matches[0].start(), matches[-1].end(), tuple(calls))
 
 
 def _prose(text: str, chosen: _Attempt) -> str:
-    """The reply without its calls, and without the signs that only enclose them."""
+    """The reply without its calls and the fences or markup around them."""
     before, after = text[: chosen.start].rstrip(), text[chosen.end :].lstrip()
     opening = before.rfind("```")
     if opening >= 0 and _FENCE.fullmatch(before[opening:]):

@@ -1,6 +1,6 @@
-"""Calls as a person types them: `step 0.5`, `apply_force object_1 [1,0,0]`, several separated by `;`.
+"""Parses calls typed by a person: `step 0.5`, `apply_force object_1 [1,0,0]`; `;` separates several calls.
 
-Pure: text and published tools in, calls out. What is mistyped is refused here with a sentence, before it is a call.
+Pure functions of the text and the published tools. A typing error raises one sentence, and no call is made.
 """
 
 import difflib
@@ -18,14 +18,15 @@ _OPENING, _CLOSING = "[{", "]}"
 
 
 class TypingError(ValueError):
-    """What was typed is no call; one sentence that says what would be."""
+    """The typed text is not a call; the message says what is accepted."""
 
 
 def parse_line(line: str, tools: Sequence[ToolDescription]) -> tuple[ToolCall, ...]:
-    """The calls of a line, in order; none if it is empty.
+    """Parse the calls of a line, in order; an empty line has none.
 
-    A call is a tool's name and its arguments in the order of `signature`, or as `name=value`. A tool with one argument
-    takes all that follows its name. Text needs quotes only where it holds `;`, or spaces among other arguments.
+    A call is a tool's name and its arguments in the order of `signature`, or as `name=value`. A tool with only one
+    argument takes the rest of the line. A text needs quotes if it has `;`, or if it has spaces and is not the only
+    argument.
 
     Raises:
         TypingError: There is no such tool, or its arguments do not fit.
@@ -35,11 +36,11 @@ def parse_line(line: str, tools: Sequence[ToolDescription]) -> tuple[ToolCall, .
 
 
 def signature(tool: ToolDescription) -> str:
-    """How a tool is typed: `compute_force object_id mass`, what may be left out in brackets with its default."""
-    needed = tool.input_schema.get("required", [])
+    """How to type a tool: `compute_force object_id mass`; optional arguments are in brackets with their default."""
+    required = tool.input_schema.get("required", [])
     words = [
-        name if name in needed else f"[{name}={json.dumps(one.get('default'))}]"
-        for name, one in tool.input_schema.get("properties", {}).items()
+        name if name in required else f"[{name}={json.dumps(schema.get('default'))}]"
+        for name, schema in tool.input_schema.get("properties", {}).items()
     ]
     return " ".join([tool.name, *words])
 
@@ -64,7 +65,7 @@ def _arguments(text: str, tool: ToolDescription) -> dict[str, Any]:
     for word in words:
         name, equals, value = word.partition("=")
         if not (equals and name in schemas):
-            name, value = next((one for one in schemas if one not in found), ""), word
+            name, value = next((name for name in schemas if name not in found), ""), word
         if not name:
             raise TypingError(f"{word!r} is too much; the form is: {signature(tool)}")
         if name in found:
@@ -80,9 +81,9 @@ def _arguments(text: str, tool: ToolDescription) -> dict[str, Any]:
 
 
 def _value(text: str, schema: Mapping[str, Any]) -> Any:
-    """What a word means where a schema says what may stand there."""
+    """The value of a typed word, of a type that the schema allows."""
     forms: list[Mapping[str, Any]] = schema.get("anyOf", [schema])
-    kinds = {str(one.get("type")): one for one in forms}
+    kinds = {str(form.get("type")): form for form in forms}
     if text.startswith('"'):
         return _json(text)
     if "null" in kinds and text.lower() in {"null", "none"}:
@@ -104,7 +105,7 @@ def _value(text: str, schema: Mapping[str, Any]) -> Any:
 
 
 def _number(text: str) -> float | int | None:
-    """A finite number as people write it, `.5` and `+1e-3` included; None if it is none."""
+    """Parse a finite number such as `.5` or `+1e-3`; None if it is not one."""
     try:
         return int(text)
     except ValueError:
@@ -130,26 +131,26 @@ def _wanted(kinds: Mapping[str, Any]) -> str:
 
 
 def _split(text: str, separator: str | None) -> list[str]:
-    """The parts between separators, or between spaces if None; not within quotes and brackets.
+    """Split at a separator, or at spaces if it is None, but not inside quotes and brackets.
 
     Raises:
         TypingError: A quote or bracket is left open, or closed twice.
     """
     parts, part, depth, quoted, escaped = list[str](), "", 0, False, False
-    for sign in text:
-        escaped, was_escaped = quoted and sign == "\\" and not escaped, escaped
-        if sign == '"' and not was_escaped:
+    for character in text:
+        escaped, was_escaped = quoted and character == "\\" and not escaped, escaped
+        if character == '"' and not was_escaped:
             quoted = not quoted
         if not quoted:
-            depth += (sign in _OPENING) - (sign in _CLOSING)
+            depth += (character in _OPENING) - (character in _CLOSING)
         if depth < 0:
-            raise TypingError(f"{sign} closes nothing")
-        if not quoted and depth == 0 and (sign.isspace() if separator is None else sign == separator):
+            raise TypingError(f"{character} closes nothing")
+        if not quoted and depth == 0 and (character.isspace() if separator is None else character == separator):
             parts.append(part)
             part = ""
         else:
-            part += sign
+            part += character
     if quoted or depth:
         raise TypingError("a quote or bracket is not closed")
-    stripped = [one.strip() for one in (*parts, part)]
-    return [one for one in stripped if one] if separator is None else stripped
+    stripped = [text.strip() for text in (*parts, part)]
+    return [text for text in stripped if text] if separator is None else stripped

@@ -1,4 +1,4 @@
-"""The text protocol: what of a reply is a call, what is prose, and what the agent reads back."""
+"""The text protocol: which parts of a reply are calls or prose, and the text that the agent gets back."""
 
 import json
 import time
@@ -24,7 +24,7 @@ JSON = st.recursive(
     | st.booleans()
     | st.integers(-(10**9), 10**9)
     | st.floats(allow_nan=False, allow_infinity=False)
-    # A reply is text: it holds no half of a surrogate pair.
+    # A reply is valid Unicode text, without lone surrogates.
     | st.text(st.characters(codec="utf-8"), max_size=12),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4),
     max_leaves=10,
@@ -39,7 +39,7 @@ def written(calls: list[ToolCall], indent: int | None = None) -> str:
 
 
 @given(calls=CALLS, before=PROSE, after=PROSE, fenced=st.booleans(), indent=st.sampled_from([None, 2]))
-def test_calls_written_in_prose_are_found_again(
+def test_calls_in_prose_are_found(
     calls: list[ToolCall], before: str, after: str, fenced: bool, indent: int | None
 ) -> None:
     listed = written(calls, indent)
@@ -50,28 +50,28 @@ def test_calls_written_in_prose_are_found_again(
 
 @given(st.text() | st.text(alphabet="[]{}\":,'\\ \n`/*1e-.tol<|>", max_size=400))
 @settings(max_examples=300)
-def test_no_text_makes_the_parser_fail(text: str) -> None:
+def test_the_parser_never_raises(text: str) -> None:
     reply = parse_reply(text)
     assert not (reply.malformed and reply.calls)
     assert reply.calls or reply.reasoning == text
 
 
 @given(CALLS, st.data())
-def test_a_list_cut_off_runs_nothing_or_is_whole(calls: list[ToolCall], data: st.DataObject) -> None:
+def test_a_truncated_list_runs_nothing(calls: list[ToolCall], data: st.DataObject) -> None:
     text = written(calls)
     cut = data.draw(st.integers(0, len(text) - 1))
     assert parse_reply(text[:cut]).calls == ()
 
 
 @given(CALLS, st.data())
-def test_a_list_with_one_bracket_too_few_or_too_many_never_runs_a_part_of_it(
+def test_a_list_with_a_missing_or_extra_bracket_never_runs_only_a_part(
     calls: list[ToolCall], data: st.DataObject
 ) -> None:
     text = written([call(f"{listed.tool}{number}", x=[number]) for number, listed in enumerate(calls)])
     at = data.draw(st.sampled_from([index for index, sign in enumerate(text) if sign in "[]{}"]))
     changed = text[:at] + text[at + 1 :] if data.draw(st.booleans()) else text[:at] + text[at] + text[at:]
     run = parse_reply(f"I look.\n{changed}\nAnd see.").calls
-    # Only the outer brackets of the list can be missed without harm.
+    # Only the outer brackets of the list may be missing or doubled.
     assert run == () or len(run) == len(calls)
 
 
@@ -134,7 +134,7 @@ def test_time_grows_with_the_length_and_no_faster(unit: str) -> None:
         f'It returned {{"tool": "step", "parameters": {{...}}}}.\n\n[{STEP_TEXT}, {LOOK_TEXT}]',
     ],
 )
-def test_a_certain_meaning_is_read(text: str) -> None:
+def test_an_unambiguous_reply_is_parsed(text: str) -> None:
     reply = parse_reply(text)
     assert (reply.malformed, reply.calls) == ("", (STEP, LOOK))
 
@@ -169,7 +169,7 @@ def test_a_certain_meaning_is_read(text: str) -> None:
         ),
         ("<tool>get_position</tool><parameter>object_1</parameter>", "markup"),
         (f"<think>I could write [{STEP_TEXT}]", "inside <think>"),
-        # What is left of a broken list is not a shorter list, wherever its brackets seem to close.
+        # The rest of a broken list is not a shorter list, even if its brackets seem to match.
         (f'[{STEP_TEXT}, "tool": "step", "parameters": {{}}}}, {LOOK_TEXT}, {ANSWER_TEXT}]', "a comma or ]"),
         (f"[{STEP_TEXT}}}, {LOOK_TEXT},\n {ANSWER_TEXT}]", "a comma or ]"),
         (f"[{STEP_TEXT}], {LOOK_TEXT}, {ANSWER_TEXT}]", "do not match"),
@@ -179,7 +179,7 @@ def test_a_certain_meaning_is_read(text: str) -> None:
         (f'[{{"tool": "step", "parameters": {{"duration": 2*3}}}}, {ANSWER_TEXT}]', "a comma or }"),
     ],
 )
-def test_an_uncertain_one_runs_nothing_and_says_why(text: str, said: str) -> None:
+def test_an_ambiguous_reply_runs_nothing_and_says_why(text: str, said: str) -> None:
     reply = parse_reply(text)
     assert said in reply.malformed
     assert (reply.calls, reply.reasoning) == ((), text)
@@ -196,23 +196,23 @@ def test_an_uncertain_one_runs_nothing_and_says_why(text: str, said: str) -> Non
         f"[{STEP_TEXT}] </think> I think that is all.",
     ],
 )
-def test_data_and_vectors_are_no_calls(text: str) -> None:
+def test_data_and_vectors_are_not_calls(text: str) -> None:
     reply = parse_reply(text)
     assert (reply.calls, reply.malformed, reply.reasoning) == ((), "", text)
 
 
-def test_a_thought_ends_where_the_sign_stands_outside_calls() -> None:
+def test_a_think_tag_inside_a_call_does_not_end_the_thought() -> None:
     quoted = answer("</think>")
     text = f"I think. </think> I answer. {written([quoted])}"
     assert parse_reply(text).calls == (quoted,)
     assert parse_reply(f"{text} </think> No.").calls == ()
 
 
-def test_a_call_without_arguments_needs_none_written() -> None:
+def test_a_call_without_arguments_may_omit_them() -> None:
     assert parse_reply('[{"tool": "find_objects"}]').calls == (call("find_objects"),)
 
 
-def test_the_agent_reads_each_return_the_note_and_what_is_left() -> None:
+def test_the_agent_gets_each_result_the_note_and_the_iterations_left() -> None:
     exchanges = [
         returned("step", {"sim_time": 0.5}, duration=0.5),
         refused("get_position", "no such object", object_id="object_1"),

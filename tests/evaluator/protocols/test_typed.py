@@ -1,4 +1,4 @@
-"""What a person types, read against the published tools."""
+"""Typed commands, parsed with the published tools."""
 
 import json
 
@@ -69,7 +69,7 @@ TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_sche
         ("answer nan", [call("answer", answer="nan")]),
     ],
 )  # fmt: skip
-def test_a_line_is_read_as_it_is_meant(line: str, calls: list[ToolCall]) -> None:
+def test_a_typed_line_is_parsed_into_calls(line: str, calls: list[ToolCall]) -> None:
     assert list(parse_line(line, TOOLS)) == calls
 
 
@@ -101,14 +101,14 @@ def test_a_line_is_read_as_it_is_meant(line: str, calls: list[ToolCall]) -> None
         ("step 1; stp 1", "there is no tool 'stp'"),
     ],
 )
-def test_what_is_mistyped_gets_one_sentence_that_helps(line: str, said: str) -> None:
+def test_a_typing_error_is_answered_with_one_helpful_sentence(line: str, said: str) -> None:
     with pytest.raises(TypingError) as refused:
         parse_line(line, TOOLS)
     assert said in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
-def test_every_tool_shows_how_it_is_typed() -> None:
+def test_every_tool_has_a_signature() -> None:
     shown = [signature(tool) for tool in TOOLS]
     assert "get_potential_energy object_id mass [gravity=9.81]" in shown
     assert "find_objects" in shown
@@ -119,22 +119,22 @@ NUMBERS = st.one_of(st.integers(-1000, 1000), st.floats(-1000, 1000))
 
 
 @given(st.lists(NUMBERS, min_size=3, max_size=3), st.text(max_size=30))
-def test_whatever_json_says_can_be_typed(vector: list[float], text: str) -> None:
+def test_any_json_string_and_vector_can_be_typed(vector: list[float], text: str) -> None:
     line = f"apply_force {json.dumps(text or 'a')} {json.dumps(vector)}; answer {json.dumps(text)}"
     try:
         force, answer = parse_line(line, TOOLS)
     except TypingError as error:
-        assert "object_id" in str(error)  # noqa: PT017 - only an id too long is refused
+        assert "object_id" in str(error)  # noqa: PT017 - only an id that is too long is refused
         return
     assert force.arguments == {"object_id": text or "a", "force_vector": vector}
     assert answer.arguments == {"answer": text}
 
 
 @given(st.text(max_size=60))
-def test_any_line_is_calls_or_one_sentence(line: str) -> None:
+def test_any_line_gives_calls_or_an_error_sentence(line: str) -> None:
     try:
         calls = parse_line(line, TOOLS)
     except TypingError as error:
         assert str(error)  # noqa: PT017 - either outcome is right
     else:
-        assert all(isinstance(one, ToolCall) for one in calls)
+        assert all(isinstance(parsed, ToolCall) for parsed in calls)
