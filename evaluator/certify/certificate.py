@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.certify import models
+from evaluator.certify import compiled_model
 from evaluator.certify.difficulty import check_difficulty
 from evaluator.certify.in_memory import MemoryLaboratory
 from evaluator.certify.keys import check_constant, check_key
@@ -67,9 +67,9 @@ def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
     """Certificate 6: nothing that reading the pack shows is wrong; no deep contact; no energy from nowhere."""
     reasons = list(faults)
     drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
-    depth = max(models.deepest_contact(mjcf) for mjcf in drawn)
-    gain = max(models.energy_gain(mjcf) for mjcf in drawn)
-    if depth > models.DEEPEST_M:
+    depth = max(compiled_model.deepest_contact(mjcf) for mjcf in drawn)
+    gain = max(compiled_model.energy_gain(mjcf) for mjcf in drawn)
+    if depth > compiled_model.DEEPEST_M:
         reasons.append(f"a contact is {1000 * depth:.2g} mm deep at the start; at most 1 mm may be")
     if gain > 1:
         reasons.append("untouched for 10 s the scene gains mechanical energy")

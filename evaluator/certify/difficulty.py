@@ -1,4 +1,4 @@
-"""Certificate 5: a scene is as hard as its category says, and a Hard one cannot be solved by rote."""
+"""Certificate 5: a scene is as hard as its category says, and a Hard scene cannot be solved by fixed interventions."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,11 @@ from evaluator.records import Episode
 from scenes import Category
 
 EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
+"""Greatest number of interventions and of iterations in an Easy scene, and of iterations in any scene."""
 
 
 async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Length of the reference protocol, number of concepts, and whether a Hard scene forces to adapt."""
+    """Check the length of the reference protocol, the number of concepts, and that a Hard scene forces adaptation."""
     category = subject.pack.category
     assert category is not None
     interventions = [_interventions(episode) for episode in episodes]
@@ -41,7 +42,7 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
             f"{category.value} scenes have {'two or more concepts' if several else 'one concept'};"
             f" this one lists {len(subject.pack.concepts)}"
         )
-    called = {one.call.tool for episode in episodes for turn in episode.turns for one in turn.exchanges}
+    called = {exchange.call.tool for episode in episodes for turn in episode.turns for exchange in turn.exchanges}
     reasons += [
         f"requires names {tool}, but the reference never calls it"
         for tool in subject.pack.requires
@@ -65,11 +66,12 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
 
 
 def _interventions(episode: Episode) -> int:
-    return sum(is_intervention(one.call.tool, one.call.arguments) for turn in episode.turns for one in turn.exchanges)
+    calls = (exchange.call for turn in episode.turns for exchange in turn.exchanges)
+    return sum(is_intervention(call.tool, call.arguments) for call in calls)
 
 
 async def _wrong_by_rote(subject: Subject, seeds: int) -> int:
-    """On how many seeds the interventions of seed 0, with the seed's own readings, end in a wrong answer."""
+    """Number of seeds on which the interventions of seed 0, with the seed's own readings, give a wrong answer."""
     solve = subject.solution.solve
     assert solve is not None
     first = await drive(subject.session(subject.draw(0)), solve)

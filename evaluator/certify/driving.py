@@ -1,4 +1,4 @@
-"""Driving a reference protocol at the laboratory's own door, with its interventions replaced if wanted."""
+"""Runs a reference protocol on a session, without MCP; its interventions can be replaced."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,22 +13,22 @@ MAX_ITERATIONS = 20
 
 @dataclass(slots=True)
 class Drive:
-    """What was called, and what came of it."""
+    """The calls of a protocol and its result."""
 
     calls: list[Call] = field(default_factory=list[Call])
     answer: object = None
     failure: str = ""
-    """What the protocol raised, if it did."""
+    """Why the protocol failed; empty if it answered."""
 
 
 async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Sequence[Call] = ()) -> Drive:
-    """Let a protocol run its course in a session.
+    """Run a protocol to its end in a session.
 
     Args:
-        session: A fresh session.
+        session: A new session.
         solve: The protocol.
-        replaced: The first interventions get the arguments of these, one for one where the tool is the same; the
-            protocol goes on with what is really read.
+        replaced: Calls that take the place of the first interventions, in order, where the tool is the same. The
+            protocol continues with the real readings.
     """
     driven, spare = Drive(), list(replaced)
     protocol = solve(opening_prompt(session))
@@ -49,6 +49,6 @@ async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Se
             batch = protocol.send(readings)
     except StopIteration:
         driven.failure = "the protocol ended without an answer"
-    except Exception as error:  # noqa: BLE001 - a protocol fed with strange readings may raise anything
+    except Exception as error:  # noqa: BLE001 - a protocol may raise anything if its readings are unexpected
         driven.failure = repr(error)
     return driven

@@ -1,4 +1,4 @@
-"""A laboratory in this process: the same server and client, without a process or a socket between them."""
+"""A laboratory in this process: the usual server and client, connected in memory."""
 
 import contextlib
 from collections.abc import AsyncGenerator
@@ -20,7 +20,7 @@ class MemoryLaboratory:
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
-        """A connected client of a fresh episode."""
+        """A client connected to a new episode."""
         server = open_episode(scene, seed, scenes_dir=self.folder).server()
         async with Client(server, cache=None) as client:
             yield client

@@ -1,4 +1,4 @@
-"""Certificates 1 and 4: the key is what physics, engine and experimenter agree on, and no constant hits it often."""
+"""Certificates 1 and 4: theory, engine and reference agent agree on the key, and no constant answer is often right."""
 
 from collections.abc import Sequence
 
@@ -10,13 +10,13 @@ from evaluator.records import Episode, Outcome
 from scenes.protocol import AnswerValue
 
 HALVED_SEEDS = 3
-"""Seeds on which the time step is halved."""
-FREE_DRAWS, ENGINE_DRAWS = 200, 30
-"""Draws against which constants are tried: many where theory gives the key, fewer where each needs an engine run."""
+"""Number of seeds on which the time step is halved."""
+THEORY_DRAWS, ENGINE_DRAWS = 200, 30
+"""Number of draws on which constants are tried; fewer if each key needs an engine run."""
 
 
 def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Theory, engine, half time step and the reference's answers agree, each to its share of the tolerance.
+    """Check that theory, engine, halved time step and the reference's answers agree within shares of the tolerance.
 
     Args:
         subject: The scene.
@@ -63,15 +63,15 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 def _refusals(episode: Episode) -> list[str]:
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)
-    refused = next((one for one in exchanges if one.is_error), None)
+    refused = next((exchange for exchange in exchanges if exchange.is_error), None)
     if refused is None:
         return []
     return [f"seed {episode.key.seed}: the reference's {refused.call.tool} was refused: {refused.text}"]
 
 
 def check_constant(subject: Subject) -> Check:
-    """No constant answer, the best one included, is right more often than luck may be."""
-    count = FREE_DRAWS if subject.solution.theory else ENGINE_DRAWS
+    """Check that even the best constant answer is not right more often than allowed."""
+    count = THEORY_DRAWS if subject.solution.theory else ENGINE_DRAWS
     keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
     share = best_constant(subject, keys)
     options = subject.spec.options
@@ -85,7 +85,7 @@ def check_constant(subject: Subject) -> Check:
 
 
 def best_constant(subject: Subject, keys: Sequence[AnswerValue]) -> float:
-    """Share of keys that the best constant hits; tried are every key and the middles of all of them."""
+    """Largest share of keys that one constant matches; the candidates are all keys, their means and their median."""
     try:
         table = np.array([np.atleast_1d(np.asarray(key, dtype=float)) for key in keys])
     except ValueError:
@@ -97,5 +97,5 @@ def best_constant(subject: Subject, keys: Sequence[AnswerValue]) -> float:
     tried = [*table, table.mean(axis=0), np.median(table, axis=0)]
     if (table > 0).all():
         tried.append(np.exp(np.log(table).mean(axis=0)))
-    reach = subject.spec.abs_tol + subject.spec.rel_tol * np.abs(table)
-    return max(float((np.abs(table - one) <= reach).all(axis=1).mean()) for one in tried)
+    tolerance = subject.spec.abs_tol + subject.spec.rel_tol * np.abs(table)
+    return max(float((np.abs(table - constant) <= tolerance).all(axis=1).mean()) for constant in tried)

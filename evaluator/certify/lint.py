@@ -9,7 +9,7 @@ from typing import Any, cast
 from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
-from evaluator.certify import models
+from evaluator.certify import compiled_model
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
@@ -109,7 +109,7 @@ def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
         yield f"objects are numbered {', '.join(sorted(listed))}; number them from object_1 on without gaps"
     yield from (
         f"body {one} can move but is no object: list it, so that agents can name it"
-        for one in sorted(models.movable(mjcf) - listed)
+        for one in sorted(compiled_model.movable(mjcf) - listed)
         if one.startswith("object_")
     )
     for key in pack.object_permissions:
@@ -177,15 +177,16 @@ def _knobs(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
-    if abs(models.timestep(mjcf) - models.TIMESTEP_S) > 1e-12:
-        yield f'the time step is {models.timestep(mjcf)} s; scenes use timestep="{models.TIMESTEP_S}"'
+    if abs(compiled_model.timestep(mjcf) - compiled_model.TIMESTEP_S) > 1e-12:
+        yield f'the time step is {compiled_model.timestep(mjcf)} s; scenes use timestep="{compiled_model.TIMESTEP_S}"'
     if "<!--" in mjcf:
         yield "the XML has comments: they could hold hints, so put what readers should know into reasoning"
-    yield from models.jointless_parts(mjcf)
-    yield from models.overridden(mjcf, balls_may_come="create_objects" in pack.requires)
+    yield from compiled_model.jointless_parts(mjcf)
+    yield from compiled_model.overridden(mjcf, balls_may_come="create_objects" in pack.requires)
     rewritten = write_values(files, pack, draw_knobs(files, pack, 0), mjcf)
     yield from (
-        f"the XML as written differs from the canonical knobs in {name}" for name in models.differences(mjcf, rewritten)
+        f"the XML as written differs from the canonical knobs in {name}"
+        for name in compiled_model.differences(mjcf, rewritten)
     )
 
 

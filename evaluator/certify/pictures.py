@@ -1,4 +1,4 @@
-"""Pictures of scenes at their start, drawn off-screen; call this in a process of its own, see `drawing`."""
+"""Draws scenes at their start, off-screen. Call it in a separate process; `drawing` says why."""
 
 # MuJoCo ships no type stubs.
 # pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
@@ -12,9 +12,9 @@ __all__ = ["check_renderer", "draw_picture", "draw_png"]
 
 
 def draw_picture(files: PackFiles, seed: int = 0) -> Pixels | None:
-    """A scene at its start as (height, width, 3); None if nothing of it may be shown.
+    """A scene at its start as (height, width, 3); None if no part of it may be shown.
 
-    Lights, camera and colours depend on nothing but what is drawn, and so the picture is the same for every seed.
+    Lights, camera and colours depend only on the visible parts, so the picture is the same for every seed.
 
     Raises:
         PackError: The pack cannot be read or drawn from.
@@ -29,6 +29,6 @@ def draw_picture(files: PackFiles, seed: int = 0) -> Pixels | None:
 
 
 def draw_png(files: PackFiles) -> bytes | None:
-    """The same at seed 0 as a PNG file."""
+    """The picture at seed 0 as a PNG file."""
     pixels = draw_picture(files)
     return None if pixels is None else png_of(pixels)

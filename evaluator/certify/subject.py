@@ -1,4 +1,4 @@
-"""A pack under examination: its draws, its true values, and what counts as agreement."""
+"""The pack that is being certified: its draws, its keys, and the test for agreement with a key."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from scenes.protocol import AnswerValue, Solution, load_solution
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One drawing of the hidden values, and the model that holds them."""
+    """Hidden values drawn for one seed, and the model that contains them."""
 
     knobs: Mapping[str, KnobValue]
     mjcf: str
@@ -33,7 +33,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Subject:
-    """A pack with everything its certificates need."""
+    """A pack with all that its certificates need."""
 
     files: PackFiles
     pack: Pack
@@ -45,7 +45,7 @@ class Subject:
         """Read a pack and run its `solution.py`.
 
         Raises:
-            PackError: A file is missing or malformed, or something a certificate needs is not declared.
+            PackError: A file is missing or malformed, or the pack does not declare something a certificate needs.
         """
         pack, solution = read_pack(files), load_solution(files)
         if pack.answer_spec is None or pack.category is None:
@@ -59,15 +59,15 @@ class Subject:
         return {}
 
     def draw(self, seed: int) -> Draw:
-        """The scene at a seed."""
+        """The draw of a seed."""
         return self._draw(seed, "", 0)
 
     def twin(self, knob: str, seed: int) -> Draw:
-        """The canonical scene with this one knob drawn anew."""
+        """The canonical scene with only this knob redrawn."""
         return self._draw(0, knob, seed)
 
     def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
-        """Draws are kept: the certificates share them."""
+        """Cached, because the certificates share draws."""
         wanted = (seed, knob, reseed)
         if wanted not in self._drawn:
             knobs = draw_knobs(self.files, self.pack, seed, reseed={knob: reseed} if knob else None)
@@ -75,16 +75,16 @@ class Subject:
         return self._drawn[wanted]
 
     def rewritten(self) -> str:
-        """The model with the canonical values written over it; says the same as the XML if both agree."""
+        """The XML with the canonical values written into it; equivalent to the original if the pack is consistent."""
         draw = self.draw(0)
         return write_values(self.files, self.pack, draw.knobs, draw.mjcf)
 
     def session(self, draw: Draw) -> Session:
-        """A fresh session of a draw."""
+        """A new session of a draw."""
         return session_of(self.files, draw.mjcf)
 
     def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
-        """What the engine gives at the true values; None where the pack has no `measure`."""
+        """The answer that the engine gives for a draw; None if the pack has no `measure`."""
         if self.solution.measure is None:
             return None
         return self.solution.measure(drawn_world(draw.mjcf, timestep), draw.knobs)
@@ -94,7 +94,7 @@ class Subject:
         return {}
 
     def truth(self, draw: Draw) -> AnswerValue:
-        """The answer key of a draw: `theory`, or `measure` where there is no closed form."""
+        """The answer key of a draw: from `theory`, or from `measure` if there is no closed form."""
         if self.solution.theory is not None:
             return self.solution.theory(draw.knobs)
         if draw.mjcf not in self._truths:
@@ -102,7 +102,7 @@ class Subject:
         return self._truths[draw.mjcf]
 
     def agrees(self, value: object, key: AnswerValue, share: float = 1.0) -> bool:
-        """Whether a value agrees with the key to this share of the tolerance; words must be the same."""
+        """Whether a value agrees with the key within this share of the tolerance; words must be equal."""
         pairs = list(zip_longest(_parts(value), _parts(key)))
         return all(self._part_agrees(got, want, share) for got, want in pairs)
 
@@ -113,7 +113,7 @@ class Subject:
 
 
 def gap(value: object, key: AnswerValue) -> float:
-    """Greatest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
+    """Largest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
     gaps = [
         abs(got - want) / max(abs(want), 1e-12)
         if isinstance(got, int | float) and isinstance(want, int | float)

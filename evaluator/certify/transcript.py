@@ -1,4 +1,4 @@
-"""What a reference protocol does in a scene at a seed, turn by turn, at the laboratory's own door."""
+"""The transcript of a reference protocol in a scene at a seed, played on a session in this process."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from scenes.protocol import Call, Protocol, Reading
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
-    """One iteration: calls, and what came of each. The last turn, which answers, has no readings."""
+class ReferenceTurn:
+    """One iteration of a reference protocol: its calls and their results. The answering turn has no results."""
 
     calls: tuple[Call, ...]
     readings: tuple[Reading, ...] = ()
@@ -23,20 +23,20 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Transcript:
-    """A whole run."""
+    """All turns of a reference protocol."""
 
-    turns: tuple[Turn, ...]
+    turns: tuple[ReferenceTurn, ...]
     method: str
-    """The docstring of the protocol."""
+    """The docstring of the protocol's `solve`."""
 
     @property
     def interventions(self) -> int:
-        """How many calls changed the world."""
+        """Number of calls that changed the world."""
         return sum(is_intervention(call.tool, call.arguments) for turn in self.turns for call in turn.calls)
 
 
 def play(files: PackFiles, seed: int) -> Transcript:
-    """Let the reference protocol of a pack run its course. This executes the pack's `solution.py`.
+    """Run the reference protocol of a pack to its end. This executes the pack's `solution.py`.
 
     Raises:
         PackError: The pack is malformed, or its protocol failed.
@@ -44,30 +44,30 @@ def play(files: PackFiles, seed: int) -> Transcript:
     subject = Subject.open(files)
     solve = subject.solution.solve
     assert solve is not None
-    turns: list[Turn] = []
+    turns: list[ReferenceTurn] = []
     try:
         session = subject.session(subject.draw(seed))
     except SceneError as error:
         raise PackError(files.mjcf, str(error)) from error
-    driven = anyio.run(drive, session, _overheard(solve, turns))
+    driven = anyio.run(drive, session, _recorded(solve, turns))
     if driven.failure:
         raise PackError(files.solution, f"the reference protocol failed at seed {seed}: {driven.failure}")
     return Transcript(tuple(turns), (solve.__doc__ or "").strip())
 
 
-def _overheard(solve: Callable[[str], Protocol], turns: list[Turn]) -> Callable[[str], Protocol]:
-    """The same protocol, with its turns noted down."""
+def _recorded(solve: Callable[[str], Protocol], turns: list[ReferenceTurn]) -> Callable[[str], Protocol]:
+    """The same protocol, which also appends its turns to a list."""
 
-    def overheard(task: str) -> Protocol:
+    def recorded(task: str) -> Protocol:
         protocol = solve(task)
         batch = next(protocol)
         while True:
-            turns.append(Turn(tuple(batch)))
+            turns.append(ReferenceTurn(tuple(batch)))
             readings = yield batch
-            turns[-1] = Turn(tuple(batch), tuple(readings))
+            turns[-1] = ReferenceTurn(tuple(batch), tuple(readings))
             try:
                 batch = protocol.send(readings)
             except StopIteration:
                 return
 
-    return overheard
+    return recorded

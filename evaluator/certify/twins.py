@@ -1,4 +1,7 @@
-"""Certificates 2 and 3: twins cannot be told apart at the start, nor without the modality that the scene is about."""
+"""Certificates 2 and 3: twins are indistinguishable at the start, and without the tool that the scene is about.
+
+Twins are two draws of the same scene, with different hidden values.
+"""
 
 import math
 import random
@@ -15,23 +18,24 @@ from scenes import Category
 from scenes.protocol import Call, Reading
 
 RESEEDS = 3
-"""How often each knob is drawn anew, on its own."""
+"""How often each knob is redrawn on its own."""
 RANDOM_SEQUENCES = 20
+"""Number of random call sequences tried on twins."""
 _EDITS = ("create_objects", "delete_objects", "attach_objects")
 _EPSILON = 1e-9
-"""Below this, twins differ by the order of sums in the engine alone."""
+"""Smaller differences come from the order of additions in the engine."""
 
 
 async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """One opening prompt for all seeds, and the same readings at the start; but different keys."""
+    """Check that all seeds have the same prompt and the same readings at the start, but not all the same key."""
     reasons: list[str] = []
     if len({episode.prompt for episode in episodes}) > 1:
         reasons.append("the opening prompt depends on the seed")
     first = await all_readings(subject.session(subject.draw(0)))
     for seed in range(1, len(episodes)):
-        told = _difference(first, await all_readings(subject.session(subject.draw(seed))))
-        if told:
-            reasons.append(f"at the start {told} tells seed {seed} from seed 0")
+        revealing = _difference(first, await all_readings(subject.session(subject.draw(seed))))
+        if revealing:
+            reasons.append(f"at the start {revealing} tells seed {seed} from seed 0")
             break
     if len({str(subject.truth(subject.draw(seed))) for seed in range(len(episodes))}) == 1:
         reasons.append("all seeds have the same key")
@@ -52,7 +56,7 @@ def modalities(subject: Subject) -> list[str]:
 
 
 async def check_modality(subject: Subject) -> Check:
-    """With the modality's tool refused, twins in some one knob read the same, whatever else is done to them."""
+    """Check that without the modality's tool, twins in at least one knob give the same readings in all sequences."""
     tools = modalities(subject)
     reasons: list[str] = []
     figures: dict[str, list[str]] = {}
@@ -62,28 +66,28 @@ async def check_modality(subject: Subject) -> Check:
         if tool not in subject.pack.requires:
             reasons.append(f"{tool} is missing from requires")
         sequences = await _sequences(subject, tool)
-        load_bearing: list[str] = []
-        told: list[str] = []
+        needing: list[str] = []
+        revealed: list[str] = []
         for knob in subject.pack.knobs:
-            verdict = await _told_without(subject, tool, knob, sequences)
-            if verdict == "":
-                load_bearing.append(knob)
-            elif verdict is not None:
-                told.append(f"{knob} by {verdict}")
-        figures[tool] = load_bearing
-        if not load_bearing:
-            how = "; ".join(told) or "no single knob changes the key"
+            revealing = await _revealing_without(subject, tool, knob, sequences)
+            if revealing == "":
+                needing.append(knob)
+            elif revealing is not None:
+                revealed.append(f"{knob} by {revealing}")
+        figures[tool] = needing
+        if not needing:
+            how = "; ".join(revealed) or "no single knob changes the key"
             reasons.append(f"{tool} is decoration: without it twins are told apart in {how}")
     return check("modality", reasons, **figures)
 
 
 async def _sequences(subject: Subject, tool: str) -> list[list[Call]]:
-    """The reference's interventions without the tool, and random ones."""
+    """The reference's interventions without the tool, and random sequences."""
     assert subject.solution.solve is not None
     reference = await drive(subject.session(subject.draw(0)), subject.solution.solve)
     own = [call for call in reference.calls if is_intervention(call.tool, call.arguments) and call.tool != tool]
     source = random.Random(f"{subject.files.scene_id}:{tool}")  # noqa: S311 - reproducible, not secret
-    known = [one.object_id for one in subject.session(subject.draw(0)).known()]
+    known = [listed.object_id for listed in subject.session(subject.draw(0)).known()]
     return [[*own, _step(1.0)], *(_random_calls(source, known) for _ in range(RANDOM_SEQUENCES))]
 
 
@@ -92,7 +96,7 @@ def _step(duration: float) -> Call:
 
 
 def _random_calls(source: random.Random, known: Sequence[str]) -> list[Call]:
-    """Six calls that push, turn, place and make things, with time between them."""
+    """Six calls that push, turn, place, create or delete objects, with a step after each."""
     calls: list[Call] = []
     for _ in range(6):
         vector = [source.uniform(-5, 5) for _ in range(3)]
@@ -116,8 +120,8 @@ def _random_calls(source: random.Random, known: Sequence[str]) -> list[Call]:
     return calls
 
 
-async def _told_without(subject: Subject, tool: str, knob: str, sequences: Sequence[Sequence[Call]]) -> str | None:
-    """What tells twins in a knob apart without a tool: nothing is "", and None if the knob does not matter."""
+async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: Sequence[Sequence[Call]]) -> str | None:
+    """The first call that distinguishes twins in a knob without a tool; "" if none does, None if the key is equal."""
     base = subject.draw(0)
     matters = False
     for seed in range(1, RESEEDS + 1):
@@ -126,38 +130,39 @@ async def _told_without(subject: Subject, tool: str, knob: str, sequences: Seque
             continue
         matters = True
         for sequence in sequences:
-            told = await _told_apart(subject, (base, twin), tool, sequence)
-            if told:
-                return told
+            revealing = await _revealing(subject, (base, twin), tool, sequence)
+            if revealing:
+                return revealing
     return "" if matters else None
 
 
-async def _told_apart(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequence: Sequence[Call]) -> str:
-    one, other = (subject.session(draw) for draw in twins)
+async def _revealing(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequence: Sequence[Call]) -> str:
+    """The first call of a sequence, or the first reading after it, that distinguishes twins; empty if none does."""
+    first, second = (subject.session(draw) for draw in twins)
     for asked in sequence:
-        told = _difference(
-            [(asked.tool, await run(one, asked, {tool}))], [(asked.tool, await run(other, asked, {tool}))]
+        revealing = _difference(
+            [(asked.tool, await run(first, asked, {tool}))], [(asked.tool, await run(second, asked, {tool}))]
         )
-        if told:
-            return told
-    return _difference(await all_readings(one), await all_readings(other))
+        if revealing:
+            return revealing
+    return _difference(await all_readings(first), await all_readings(second))
 
 
-def _difference(one: Sequence[tuple[str, Reading]], other: Sequence[tuple[str, Reading]]) -> str:
-    """The first call that reads differently; empty if none does."""
-    if [call for call, _ in one] != [call for call, _ in other]:
+def _difference(first: Sequence[tuple[str, Reading]], second: Sequence[tuple[str, Reading]]) -> str:
+    """The first call whose results differ; empty if none do."""
+    if [call for call, _ in first] != [call for call, _ in second]:
         return "the list of objects"
-    return next((call for (call, a), (_, b) in zip(one, other, strict=True) if not same(a, b)), "")
+    return next((call for (call, a), (_, b) in zip(first, second, strict=True) if not same(a, b)), "")
 
 
-def same(one: Any, other: Any) -> bool:
-    """Equal, numbers to the noise of arithmetic."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        mine, yours = cast("dict[str, Any]", one), cast("dict[str, Any]", other)
-        return mine.keys() == yours.keys() and all(same(mine[key], yours[key]) for key in mine)
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        pairs = list(zip_longest(cast("Sequence[Any]", one), cast("Sequence[Any]", other)))
-        return all(same(a, b) for a, b in pairs)
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=_EPSILON, abs_tol=_EPSILON)
-    return bool(one == other)
+def same(a: Any, b: Any) -> bool:
+    """Whether two results are equal, except for rounding of numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        first, second = cast("dict[str, Any]", a), cast("dict[str, Any]", b)
+        return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        pairs = zip_longest(cast("Sequence[Any]", a), cast("Sequence[Any]", b))
+        return all(same(left, right) for left, right in pairs)
+    if isinstance(a, float) and isinstance(b, float):
+        return math.isclose(a, b, rel_tol=_EPSILON, abs_tol=_EPSILON)
+    return bool(a == b)

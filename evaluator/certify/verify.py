@@ -1,4 +1,4 @@
-"""Certificates of many scenes: processes side by side, one warm host, and the file they end in."""
+"""Certifies many scenes in parallel processes with one shared host, and writes the certificates file."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -18,24 +18,24 @@ from scenes import PackFiles, list_packs
 async def verify(
     packs: Sequence[PackFiles], seeds: int, jobs: int, host: str, on_done: Callable[[SceneCertificate], None]
 ) -> list[SceneCertificate]:
-    """Certify scenes, `jobs` at a time, each in a process of its own.
+    """Certify scenes in parallel processes.
 
     Args:
         packs: The scenes.
-        seeds: On how many seeds each, from 0 on.
-        jobs: How many processes.
+        seeds: Number of seeds for each scene, from 0 on.
+        jobs: Number of processes.
         host: Address of the host on which the reference protocols are played.
-        on_done: Told of each certificate as it comes.
+        on_done: Called with each certificate when it is ready.
 
     Returns:
-        The certificates by ascending id.
+        The certificates, ordered by scene id.
 
     Raises:
         InfrastructureError: The host failed.
     """
     limiter, proven = anyio.CapacityLimiter(jobs), dict[int, SceneCertificate]()
 
-    async def one(files: PackFiles) -> None:
+    async def certify_one(files: PackFiles) -> None:
         work = partial(_certify_here, files, seeds, host)
         certificate = await to_process.run_sync(work, cancellable=True, limiter=limiter)
         proven[files.scene_id] = certificate
@@ -43,7 +43,7 @@ async def verify(
 
     async with anyio.create_task_group() as tasks:
         for files in packs:
-            tasks.start_soon(one, files)
+            tasks.start_soon(certify_one, files)
     return [proven[scene] for scene in sorted(proven)]
 
 
@@ -52,9 +52,9 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
 
 
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
-    """Write `certificates.json` into a folder of packs; scenes not proven now keep what the file said of them.
+    """Write `certificates.json` into a folder of packs.
 
-    What was proven with another version of the engine is not kept.
+    Scenes that were not certified now keep their stored certificate, unless it was made with another engine version.
 
     Raises:
         StoreError: The file cannot be written.
@@ -63,7 +63,7 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
     before = read_certificates(folder)
     kept = before.scenes if before and before.engine == engine else ()
     present = {files.scene_id for files in list_packs(folder)}
-    scenes = {one.scene: one for one in (*kept, *proven) if one.scene in present}
+    scenes = {certificate.scene: certificate for certificate in (*kept, *proven) if certificate.scene in present}
     certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
     try:
         file.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")

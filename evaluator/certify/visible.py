@@ -1,8 +1,8 @@
-"""What a picture of a scene may show: parts that are the same for every seed, and nothing hidden or invisible.
+"""What a picture of a scene may show: visible parts that look the same for every seed.
 
-The key changes with the seed, as the certificates prove; a picture that does not change with it tells nothing of the
-key. Objects whose place or size is withheld are therefore drawn exactly where no seed changes them: withholding keeps
-instruments from following what happens to them later, and where they start is told by the task or without consequence.
+The certificates prove that the key depends on the seed, so a picture that does not depend on the seed cannot reveal the
+key. Hence an object whose position or size is withheld may be drawn if no seed changes it. Withholding only keeps tools
+from measuring it later; the task states its start position, or the position does not matter.
 """
 
 # MuJoCo ships no type stubs.
@@ -13,20 +13,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluator.certify.models import started
+from evaluator.certify.compiled_model import started
 from physment_mcp.world.pictures.drawing import Visible
 from physment_mcp.world.pictures.looks import SHAPES, colour, look
 from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
 
 _SEEDS = 24
-"""A choice of two survives so many draws unseen once in 16 million."""
+"""Number of seeds compared. A fair choice of two values stays undetected with a chance of 1 in 8 million."""
 
 
 def visible_parts(files: PackFiles, pack: Pack) -> Visible:
-    """What may be drawn of a pack.
+    """The parts of a pack that a picture may show.
 
     Raises:
-        PackError: The pack cannot be drawn from.
+        PackError: Its hidden values cannot be drawn.
         ValueError: Its model does not compile.
     """
     texts = [drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0) for seed in range(_SEEDS)]
@@ -51,7 +51,7 @@ def visible_parts(files: PackFiles, pack: Pack) -> Visible:
 
 
 def _unseen_bodies(model: mujoco.MjModel, pack: Pack) -> set[int]:
-    """Hidden bodies and everything that hangs on them."""
+    """Hidden bodies and all bodies attached to them."""
     names = {f"object_{listed.object_id}" for key, listed in pack.objects.items() if pack.permissions_of(key).hidden}
     unseen: set[int] = set()
     for body in range(1, model.nbody):
@@ -61,7 +61,7 @@ def _unseen_bodies(model: mujoco.MjModel, pack: Pack) -> set[int]:
 
 
 def _may_show(model: mujoco.MjModel, tendon: int, unseen: set[int]) -> bool:
-    """Whether a tendon runs in space, along points of bodies that are not hidden."""
+    """Whether a tendon is spatial and touches no hidden body."""
     first = int(model.tendon_adr[tendon])
     for wrap in range(first, first + int(model.tendon_num[tendon])):
         kind, index = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
@@ -77,7 +77,7 @@ def _may_show(model: mujoco.MjModel, tendon: int, unseen: set[int]) -> bool:
 
 
 def _tendon(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> NDArray[np.float64]:
-    """Everything that decides how a tendon looks: its path, and its range, to which a slack one sags."""
+    """All that determines how a tendon looks: its path, width, colour, and its range, which sets the sag when slack."""
     first, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
     path = data.wrap_xpos.reshape(-1, 3)[first : first + count].ravel()
     sag = (model.tendon_range[tendon], model.tendon_width[tendon : tendon + 1], model.tendon_rgba[tendon])

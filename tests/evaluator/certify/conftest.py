@@ -1,4 +1,4 @@
-"""The laboratory in memory, for tests that play many episodes."""
+"""Laboratories in memory, for tests that play many episodes."""
 
 import pytest
 
@@ -7,11 +7,11 @@ from evaluator.certify.in_memory import MemoryLaboratory
 
 @pytest.fixture
 def laboratory() -> type[MemoryLaboratory]:
-    """From a folder of packs to what serves them."""
+    """The class of a laboratory that serves a folder of packs in memory."""
     return MemoryLaboratory
 
 
 @pytest.fixture
 def memory() -> MemoryLaboratory:
-    """Serves the suite."""
+    """A laboratory that serves the suite in memory."""
     return MemoryLaboratory()

@@ -1,4 +1,4 @@
-"""Each certificate catches its own fault, planted in a sound scene; the suite's certificates are those of its packs."""
+"""Each certificate detects a fault planted in a sound scene; the stored certificates match the suite's packs."""
 
 import json
 import math
@@ -22,7 +22,7 @@ SEEDS = 4
 
 
 class Author:
-    """Writes a sound scene from the template, with one fault planted in it."""
+    """Writes a sound scene from the template, and plants a fault in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -56,7 +56,7 @@ def failed(certificate: SceneCertificate) -> dict[str, Check]:
 
 
 @pytest.mark.parametrize("category", [Category.EASY_SINGLE, Category.EASY_SINGLE_CREATION, Category.EASY_SINGLE_HIDDEN])
-async def test_a_new_scene_is_sound_as_it_is_written(
+async def test_a_scene_made_from_the_template_is_sound(
     category: Category, author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     certificate = await proven(author.write(category), laboratory)
@@ -70,10 +70,12 @@ async def test_a_wrong_theory_fails_the_key(author: Author, laboratory: Callable
     assert "theory gives" in " ".join(failed(await proven(files, laboratory))["key"].reasons)
 
 
-async def test_a_careless_reference_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+async def test_an_inaccurate_reference_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.replace(files.solution, "yield [answer(FORCE_N", "yield [answer(1.04 * FORCE_N")
-    (reason,) = {one.split(":")[1].split()[1] for one in failed(await proven(files, laboratory))["key"].reasons}
+    (reason,) = {
+        sentence.split(":")[1].split()[1] for sentence in failed(await proven(files, laboratory))["key"].reasons
+    }
     assert reason == "reference"
 
 
@@ -83,13 +85,15 @@ async def test_a_wrong_stored_answer_fails_the_key(author: Author, laboratory: C
     assert "the stored answer is 2.1" in failed(await proven(files, laboratory))["key"].reasons[0]
 
 
-async def test_a_coarse_engine_fails_the_key(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+async def test_a_result_that_depends_on_the_time_step_fails_the_key(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.replace(files.solution, "engine.step(engine.whole_steps(PUSH_S))", "engine.step(round(PUSH_S / 0.005))")
     assert "half the time step" in " ".join(failed(await proven(files, laboratory))["key"].reasons)
 
 
-async def test_an_instrument_that_leaks_fails_the_twins(
+async def test_a_tool_that_reveals_a_hidden_value_at_the_start_fails_the_twins(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.EASY_SINGLE)
@@ -108,28 +112,30 @@ async def test_a_scene_without_hidden_values_fails_the_twins(
     assert "one constant answer is right on 100%" in found["constant"].reasons[0]
 
 
-async def test_a_lucky_constant_fails(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+async def test_a_constant_answer_that_is_often_right_fails_the_constant(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.edit(files, lambda pack: pack["knobs"]["m"].update(log_uniform=[1.8, 2.2]))
     assert set(failed(await proven(files, laboratory))) == {"constant"}
 
 
-async def test_create_objects_as_decoration_fails_the_modality(
+async def test_a_creation_scene_that_can_be_solved_without_creating_fails_the_modality(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.EASY_SINGLE_CREATION)
-    # Unsealed, the pan can be pushed: no ball is needed to weigh its spring.
+    # The pan may now be pushed, so no ball is needed to measure the stiffness of its spring.
     author.edit(files, lambda pack: pack["object_permissions"]["object_1_permissions"].update(actuate=True))
     found = failed(await proven(files, laboratory))
     assert set(found) == {"modality"}
     assert "create_objects is decoration" in found["modality"].reasons[0]
 
 
-async def test_a_hidden_body_that_is_felt_without_being_found_fails_the_modality(
+async def test_a_hidden_body_that_can_be_measured_without_finding_it_fails_the_modality(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.EASY_SINGLE_HIDDEN)
-    # The post now moves as its hidden neighbour does, so it can be pushed to weigh it.
+    # The post is now coupled to the hidden body, so a push on the post measures the hidden mass.
     author.replace(
         files.mjcf,
         '<body name="object_1" pos="0 2 0.5">',
@@ -141,7 +147,7 @@ async def test_a_hidden_body_that_is_felt_without_being_found_fails_the_modality
     assert "find_objects is decoration" in failed(await proven(files, laboratory))["modality"].reasons[0]
 
 
-async def test_a_hard_scene_solved_by_rote_fails_the_difficulty(
+async def test_a_hard_scene_solved_by_fixed_interventions_fails_the_difficulty(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.HARD_SINGLE)
@@ -161,14 +167,14 @@ async def test_a_hard_scene_with_an_easy_protocol_fails_the_difficulty(
     assert "needs only 2 interventions" in found["difficulty"].reasons[0]
 
 
-async def test_one_concept_in_a_multi_scene_fails_the_difficulty(
+async def test_a_multi_scene_with_a_single_concept_fails_the_difficulty(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     found = failed(await proven(author.write(Category.EASY_MULTI), laboratory))
     assert "two or more concepts" in found["difficulty"].reasons[0]
 
 
-async def test_friction_written_on_one_geom_only_is_not_sane(
+async def test_friction_on_only_one_of_two_touching_geoms_is_not_sane(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.EASY_SINGLE)
@@ -189,9 +195,9 @@ async def test_a_deep_contact_at_the_start_is_not_sane(
     assert "a contact is 50 mm deep at the start" in failed(await proven(files, laboratory))["sane"].reasons[0]
 
 
-async def test_energy_from_nowhere_is_not_sane(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+async def test_a_scene_that_gains_energy_is_not_sane(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
     files = author.write(Category.EASY_SINGLE)
-    # Negative damping feeds a swing.
+    # Negative damping adds energy to a swing.
     swing = (
         '<body name="extra" pos="5 5 1"><joint type="hinge" axis="0 1 0" damping="-0.2"/>'
         '<geom name="bob" size="0.1" pos="0.5 0 -0.5" mass="1" contype="0" conaffinity="0"/></body>'
@@ -201,13 +207,15 @@ async def test_energy_from_nowhere_is_not_sane(author: Author, laboratory: Calla
     assert "gains mechanical energy" in reason
 
 
-async def test_whatever_a_solution_raises_is_a_reason(author: Author, laboratory: Callable[[Path], Laboratory]) -> None:
+async def test_an_exception_in_solution_py_is_reported_as_a_reason(
+    author: Author, laboratory: Callable[[Path], Laboratory]
+) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.replace(files.solution, 'return knobs["m"]', 'return knobs["mass"]')
     assert "solution.py failed: KeyError('mass')" in failed(await proven(files, laboratory))["key"].reasons[0]
 
 
-async def test_a_pack_that_cannot_be_read_fails_everything(
+async def test_a_pack_that_cannot_be_read_fails_every_certificate(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
     files = author.write(Category.EASY_SINGLE)
@@ -247,7 +255,9 @@ async def test_a_pack_that_cannot_be_read_fails_everything(
         (lambda pack: pack["knobs"]["m"].update(uniform=[1, 2]), "give exactly one of"),
     ],
 )
-def test_lint_says_what_is_wrong(change: Callable[[dict[str, Any]], None], sentence: str, author: Author) -> None:
+def test_lint_reports_each_fault_of_a_pack(
+    change: Callable[[dict[str, Any]], None], sentence: str, author: Author
+) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.edit(files, change)
     assert any(sentence in fault for fault in lint(files)), lint(files)
@@ -268,7 +278,7 @@ def test_lint_says_what_is_wrong(change: Callable[[dict[str, Any]], None], sente
         ("</mujoco>", "", "does not compile"),
     ],
 )
-def test_lint_says_what_is_wrong_with_the_model(old: str, new: str, sentence: str, author: Author) -> None:
+def test_lint_reports_each_fault_of_the_model(old: str, new: str, sentence: str, author: Author) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.replace(files.mjcf, old, new)
     if "body/>" in new:
@@ -276,7 +286,7 @@ def test_lint_says_what_is_wrong_with_the_model(old: str, new: str, sentence: st
     assert any(sentence in fault for fault in lint(files)), lint(files)
 
 
-def test_lint_knows_that_created_balls_are_rough(author: Author) -> None:
+def test_lint_reports_friction_that_a_created_ball_overrides(author: Author) -> None:
     files = author.write(Category.EASY_SINGLE_CREATION)
     author.replace(
         files.mjcf, "<worldbody>", '<worldbody><geom name="floor" type="plane" size="9 9 0.1" friction="0.2 0 0"/>'
@@ -286,7 +296,7 @@ def test_lint_knows_that_created_balls_are_rough(author: Author) -> None:
     )
 
 
-def test_lint_wants_objects_numbered_without_gaps(author: Author) -> None:
+def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
     files = author.write(Category.EASY_SINGLE)
     author.edit(files, lambda pack: pack["objects"]["object_1"].update(object_id="2"))
     author.replace(files.mjcf, 'body name="object_1"', 'body name="object_2"')
@@ -299,15 +309,15 @@ async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(scen
     subject = Subject.open(files)
     episodes = [await play_reference(subject, seed, memory) for seed in range(2)]
     checks = [check_key(subject, episodes), await check_twins(subject, episodes), check_sane(subject, 1, lint(files))]
-    # Two draws of a choice may agree; that keys differ over twenty is in the stored certificates.
+    # Two draws of a choice may be equal; the stored certificates prove that keys differ over twenty seeds.
     assert not [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
 
 
-def test_the_stored_certificates_are_of_these_packs_and_all_sound() -> None:
-    """After a change of a pack: `make verify`."""
+def test_the_stored_certificates_match_these_packs_and_all_passed() -> None:
+    """After changing a pack, run `make verify`."""
     stored = read_certificates(default_folder())
     assert stored is not None
-    certificates = {one.scene: one for one in stored.scenes}
+    certificates = {certificate.scene: certificate for certificate in stored.scenes}
     assert list(certificates) == SCENES
     for files in list_packs():
         certificate = certificates[files.scene_id]
@@ -316,7 +326,7 @@ def test_the_stored_certificates_are_of_these_packs_and_all_sound() -> None:
         assert certificate.pack == pack_hash(files), f"scene {files.scene_id} has changed since it was verified"
 
 
-def test_every_category_and_every_instrument_is_used() -> None:
+def test_every_category_and_every_tool_is_used() -> None:
     packs = [read_pack(files) for files in list_packs()]
     counts = {category: sum(pack.category is category for pack in packs) for category in Category}
     assert list(counts.values()) == [9, 5, 5, 15, 5, 5, 15, 5, 5, 15, 5, 5, 11]
@@ -333,7 +343,7 @@ def test_every_category_and_every_instrument_is_used() -> None:
     assert not [tool for tool, count in used.items() if count < 2]
 
 
-def test_readings_are_compared_to_the_noise_of_arithmetic() -> None:
+def test_readings_are_equal_if_they_differ_only_by_rounding() -> None:
     assert same({"a": [1.0, "x", None]}, {"a": (1.0 + 1e-13, "x", None)})
     assert not same({"a": 1.0}, {"b": 1.0})
     assert not same([1.0], [1.0, 2.0])

@@ -1,4 +1,4 @@
-"""The how-to is run as it stands: its commands succeed, and its files make a sound scene."""
+"""Runs the how-to page: its commands succeed, and its files make a sound scene."""
 
 import re
 import shlex
@@ -11,7 +11,7 @@ from tests.builders.paths import DOCS
 PAGE = DOCS / "how-to" / "contribute-a-scene.md"
 
 
-def test_who_follows_the_how_to_ends_with_a_proven_scene(tmp_path: Path) -> None:
+def test_following_the_how_to_gives_a_certified_scene(tmp_path: Path) -> None:
     blocks = re.findall(
         r"^```(\w+)(?: file=(\S+))?\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
     )

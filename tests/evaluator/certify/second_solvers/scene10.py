@@ -1,4 +1,4 @@
-"""Three heights equally far apart in time: their second difference is the acceleration, whatever the speed."""
+"""The second difference of three heights at equal time intervals gives the acceleration, at any speed."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -7,7 +7,7 @@ LAPSE = 0.4
 
 
 def solve(task: str) -> Protocol:
-    """Time the run of object_1 by its heights, without a speed or an acceleration being read."""
+    """Read only heights of object_1, no velocity and no acceleration."""
     height = call("get_position", object_id="object_1")
     lapse = call("step", duration=LAPSE)
     readings = yield [lapse, height, lapse, height, lapse, height]

@@ -1,18 +1,18 @@
-"""Catch the second block with the first in mid-flight: the shared momentum gives the ratio of the masses.
+"""Attach the second block to the moving first one: conservation of momentum gives the ratio of the masses.
 
-One push on the first block alone gives the scale; the pair is never pushed.
+One push on the first block alone gives its mass; the pair is never pushed.
 """
 
 from scenes.protocol import Protocol, answer, call
 
 FORCE = 12.0
-"""Push [N] of the task, and of the weighing of object_1 alone."""
+"""Push [N] in the task; the same push measures the mass of object_1."""
 PUSH_TIME = 0.5
 """How long object_1 alone is pushed [s]."""
 SPEED = 0.4
-"""Speed [m/s] at which object_1 meets the place from which object_2 is exactly 0.60 m away."""
+"""Speed [m/s] of object_1 when it is exactly 0.60 m away from object_2."""
 RUN_UP = 0.2
-"""Way [m] object_1 runs before that place: half a second at SPEED."""
+"""Distance [m] that object_1 moves before that position: half a second at SPEED."""
 COAST = 1.0
 """Time [s] over which the speed of the pair is averaged."""
 

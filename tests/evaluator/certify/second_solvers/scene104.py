@@ -1,5 +1,5 @@
-"""No catch in flight: weigh the puck by a push, and the pair by how far a steady force swings it out; then reckon with
-momentum and energy.
+"""Nothing is caught: measure the mass of the puck by a push, and that of the pair by how far a constant force swings it
+out; then compute the height from momentum and energy.
 """
 
 import math
@@ -24,9 +24,9 @@ READINGS = 150
 
 
 def solve(task: str) -> Protocol:
-    """Pulled by a steady force the pair turns back where F L sin = M g L (1 - cos), that is tan(angle / 2) = F / M g.
+    """Under a constant force the pair turns back where F L sin = M g L (1 - cos), that is tan(angle / 2) = F / M g.
 
-    Caught at speed v, it goes on with u = v m / M and rises u^2 / 2 g.
+    If the bob catches the puck at speed v, the pair starts with u = v m / M and rises u^2 / 2 g.
     """
     weighing = yield [
         call("apply_force", object_id="object_1", force_vector=[FORCE, 0, 0]),

@@ -1,4 +1,4 @@
-"""No oscillation is timed: speed and angle at many moments give the energy's ellipse, and that the frequency."""
+"""No period is timed: angular speed and angle at many times lie on an ellipse, which gives the frequency."""
 
 import math
 
@@ -17,7 +17,7 @@ SLICES = 60
 
 
 def solve(task: str) -> Protocol:
-    """Without friction w^2 = c - omega^2 angle^2: a straight line through the squares, of slope -omega^2."""
+    """Without friction w^2 = c - omega^2 angle^2: a straight line in the squares, with slope -omega^2."""
     yield [
         call("move_object", object_id=BALL, x=ARM, y=0, z=HEIGHT),
         call("attach_objects", object1_id="object_1", object2_id=BALL),

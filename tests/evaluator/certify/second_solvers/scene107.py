@@ -1,4 +1,4 @@
-"""Take away both outer props at once, and see on which plate, if on any, the plank comes down."""
+"""Remove both outer props at once, and see on which plate, if any, the plank falls."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -9,9 +9,9 @@ LOOKS = 60
 
 
 def solve(task: str) -> Protocol:
-    """On the middle prop alone the plank tips to the side of its centre of mass, if that is not above the prop.
+    """On the middle prop alone the plank tips to the side of its centre of mass, unless that is above the prop.
 
-    The outer prop of the other side can then be taken away; if it does not tip, both can.
+    Then the outer prop on the other side can be removed; if the plank does not tip, both can.
     """
     yield [
         call("delete_objects", object_id="object_2"),

@@ -1,5 +1,5 @@
-"""Weigh object_1 by the impulse the buffer gives it at the beginning of the contact, and reckon the deepest point from
-the energy at the cut, without following it down.
+"""Measure the mass of object_1 by the impulse of the buffer at the start of the contact, and compute the deepest point
+from the energy at the cut, without observing it.
 """
 
 import math

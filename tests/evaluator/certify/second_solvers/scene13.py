@@ -1,10 +1,10 @@
-"""The springs are left alone: each cart, once it runs free, is weighed by the change of speed a known push makes."""
+"""The springs are not used: a known push on each free cart gives its mass from the change of speed."""
 
 from scenes.protocol import Protocol, answer, call
 
 CARTS = ("object_1", "object_2", "object_3")
 FREE_AFTER = 5.0
-"""Time after which every spring has let go of its cart [s]."""
+"""Time after which every spring has released its cart [s]."""
 PUSH = 3.0
 """[N]."""
 PUSH_TIME = 1.0

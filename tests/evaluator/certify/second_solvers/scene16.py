@@ -1,6 +1,6 @@
-"""Pressing instead of weighing: a ball laid in the pan is pressed down with known forces, whose weight then drops out.
+"""A ball in the pan is pressed down with two known forces; its own weight cancels.
 
-The stiffness is the change of the pressing force divided by the change of the pan's height at rest.
+The stiffness is the change of the force divided by the change of the pan's height at rest.
 """
 
 from scenes.protocol import Protocol, answer, call

@@ -1,7 +1,6 @@
-"""A ball of known mass is pressed against the glider by a known force: what the ball lacks of the impulse, it has.
+"""A known force presses a ball of known mass against the glider: the glider gets the rest of the impulse.
 
-Between two instants, the force times the time is the gain of momentum of ball and glider together, no matter how the
-ball bounced meanwhile.
+Force times time equals the gain of momentum of ball and glider together, even if the ball bounces in between.
 """
 
 from math import pi

@@ -1,4 +1,4 @@
-"""Null method: give a ball the velocity at which nothing pulls at it any more; it then goes with the stream."""
+"""Null method: find the velocity of a ball at which it has no acceleration; this is the velocity of the stream."""
 
 import math
 
@@ -16,7 +16,7 @@ TRIALS = 16
 
 
 def trial(velocity: list[float]) -> list[Call]:
-    """Send the ball off and see what the stream does to it in one time step."""
+    """Set the ball's velocity and read its acceleration after one time step."""
     return [
         call("set_velocity", object_id=BALL, velocity_vector=[*velocity, 0]),
         call("step", duration=TIME_STEP),
@@ -25,7 +25,7 @@ def trial(velocity: list[float]) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Secant steps, for each horizontal component, on the acceleration as it depends on the velocity."""
+    """Secant method on acceleration against velocity, for each horizontal component."""
     yield [call("create_objects", name=BALL, pos=[0, 0, 1], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS)]
     velocity, steps, pull = [0.0, 0.0], [FIRST, FIRST], [math.nan, math.nan]
     for _ in range(TRIALS):

@@ -1,4 +1,4 @@
-"""Work and energy: a known force along a measured way gives the unseen thing its kinetic energy, whatever the time."""
+"""Work and energy: a known force times the measured distance equals the kinetic energy of the hidden object."""
 
 from math import dist, hypot
 
@@ -12,7 +12,7 @@ LAPSE = 2.0
 
 
 def solve(task: str) -> Protocol:
-    """Find the thing, push it from rest, and divide the work of the force by half the square of the speed."""
+    """Find the object, push it from rest, and divide the work of the force by half the square of the speed."""
     found = (yield [call("find_objects")])[0]["revealed"][0]
     unseen, start = found["object_id"], found["position"]
     readings = yield [

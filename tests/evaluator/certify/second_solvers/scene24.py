@@ -1,4 +1,4 @@
-"""The direction of motion turns as fast as the ball goes round: radius = speed / rate of turning."""
+"""The direction of motion turns at the angular speed of the ball: radius = speed / angular speed."""
 
 from itertools import pairwise
 from math import atan2, hypot
@@ -11,7 +11,7 @@ LAPSES = 20
 
 
 def solve(task: str) -> Protocol:
-    """Read nothing but the velocity of the found ball, and add up the angles its direction turns by."""
+    """Read only the velocity of the found ball, and add up the angles by which its direction turns."""
     unseen = (yield [call("find_objects")])[0]["revealed"][0]["object_id"]
     velocity = call("get_velocity", object_id=unseen)
     readings = yield [velocity, *[call("step", duration=LAPSE), velocity] * LAPSES]

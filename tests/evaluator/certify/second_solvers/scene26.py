@@ -1,7 +1,7 @@
-"""Scene 26, another way: no ramp is touched; level pushes on the bench stand for the tilts.
+"""Scene 26, another way: no ramp is used; horizontal pushes on the bench take the place of the tilts.
 
-On a ramp of tilt t the slider slides if m g sin t > mu m g cos t: just when a level push of m g tan t moves it on the
-bench. The mass comes from a known push in mid air, where at rest neither friction nor drag acts.
+On a ramp of tilt t the slider slides if m g sin t > mu m g cos t, which is when a horizontal push of m g tan t moves it
+on the bench. The mass comes from a known push in mid air from rest, where neither friction nor drag acts.
 """
 
 from math import radians, tan
@@ -13,11 +13,11 @@ TRIAL_PUSH = 1.0
 REST = (0.0, -1.0, 1.1)
 RAMPS = range(1, 13)
 PUSHED_FOR = 0.4
-SLID = 0.01  # m, more than a slider that is held can give way
+SLID = 0.01  # m, more than a held slider creeps
 
 
 def lift_and_push(height: float, push: float) -> list[Call]:
-    """Put the slider at rest above its place and push it along x from now on."""
+    """Put the slider at rest at this height above its place, and push it along x."""
     x, y, z = REST
     return [
         call("move_object", object_id="object_1", x=x, y=y, z=z + height),
@@ -27,7 +27,7 @@ def lift_and_push(height: float, push: float) -> list[Call]:
 
 
 def trial(push: float) -> list[Call]:
-    """Let the slider settle, push it and see how far it goes."""
+    """Let the slider settle, push it and read how far it moves."""
     return [
         *lift_and_push(0, 0),
         call("step", duration=0.5),
@@ -39,7 +39,7 @@ def trial(push: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Weigh the slider, then try the pushes that stand for the ramps."""
+    """Measure the slider's mass, then try the pushes that correspond to the ramps."""
     aloft = lift_and_push(5.0, TRIAL_PUSH)
     readings = yield [*aloft, call("step", duration=TIME_STEP), call("get_velocity", object_id="object_1")]
     mass = TRIAL_PUSH * TIME_STEP / readings[-1]["velocity"][0]

@@ -1,8 +1,8 @@
-"""Scene 35, another way: no shot at the wall; it is surveyed, gravity and air are measured, and the rest computed.
+"""Scene 35, another way: nothing is thrown at the wall; wall, gravity and air are measured, and the speed is computed.
 
-The ball cannot be put where it would overlap the wall by more than 1 mm: feeling along one line for the near face and
-along another for the top gives the wall. One free flight gives gravity and the rate of resistance, and with them the
-path; the least speed is that whose path keeps the ball's radius away from the wall.
+The ball cannot be put where it would overlap the wall by more than 1 mm, so trying positions along two lines gives the
+near face and the top. One free flight gives gravity and air resistance, which determine the path. The answer is the
+smallest speed whose path stays the ball's radius away from the wall.
 """
 
 from math import exp, hypot, log, sqrt
@@ -24,7 +24,7 @@ def put(x: float, z: float) -> Call:
 
 
 def clears(speed: float, gravity: float, drag: float, face: float, top: float) -> bool:
-    """Whether the path from the post at 45° keeps the ball off the wall."""
+    """Whether the ball misses the wall when it starts from the post at 45°."""
     start = speed * sqrt(0.5)
     reach = start / drag
     if reach <= face + THICKNESS:
@@ -40,7 +40,7 @@ def clears(speed: float, gravity: float, drag: float, face: float, top: float) -
 
 
 def solve(task: str) -> Protocol:
-    """Fly freely, feel for the wall, and compute."""
+    """Measure a free flight, find the wall, and compute the speed."""
     readings = yield [
         put(0, ALOFT),
         call("set_velocity", object_id=BALL, velocity_vector=[-THROW, 0, 0]),

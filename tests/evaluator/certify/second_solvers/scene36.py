@@ -1,4 +1,4 @@
-"""Jerk the bed away under the load and let go: friction alone gives the load its last acceleration before it rests."""
+"""Push the bed away under the load and release it: only friction accelerates the load until it rests on the bed."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -9,11 +9,11 @@ TIME_STEP = 0.005
 """Of the simulation, and between two looks [s]."""
 LOOKS = 600
 SLOWEST, FASTEST = 0.05, 0.2
-"""Speeds of the bed under the load that are used [m/s]; the last step before it rests is softer."""
+"""Range of slip speeds that are used [m/s]; friction is smaller in the last step before rest."""
 
 
 def line(points: list[tuple[float, float]]) -> float:
-    """Height at 0 of the straight line that fits the points best."""
+    """Value at 0 of the straight line that fits the points best."""
     mean_x = sum(x for x, _ in points) / len(points)
     mean_y = sum(y for _, y in points) / len(points)
     slope = sum((x - mean_x) * (y - mean_y) for x, y in points) / sum((x - mean_x) ** 2 for x, _ in points)
@@ -21,7 +21,7 @@ def line(points: list[tuple[float, float]]) -> float:
 
 
 def solve(task: str) -> Protocol:
-    """The load's acceleration, from its places, as it depends on the slip, continued to no slip."""
+    """Extrapolate the load's acceleration, from its positions, to zero slip."""
     readings = yield [
         call("apply_force", object_id="object_1", force_vector=[FORCE, 0, 0]),
         call("step", duration=PUSH_TIME),

@@ -1,8 +1,9 @@
-"""Scene 37, another way: no balance is sought; the beam swings from stop to stop and its equation of motion is fitted.
+"""Scene 37, another way: the beam is never balanced; it swings from stop to stop and its equation of motion is fitted.
 
-With the load m at the distance l to the left and the rider M at r to the right, a tilt t to the left obeys
-(J + m l² + M r²) t'' + c t' = g cos t (m l - M r - b), where J is the beam's inertia, b its own moment of mass and c
-the oil's. This is linear in m, J, c and b, so swings with the pieces in several places give all four by least squares.
+With the load m at distance l to the left and the rider M at r to the right, a tilt t to the left obeys
+(J + m l² + M r²) t'' + c t' = g cos t (m l - M r - b), where J is the beam's moment of inertia, b its first moment of
+mass and c the damping of the oil. This is linear in m, J, c and b, so swings with several positions of load and rider
+give all four by least squares.
 """
 
 from math import asin, cos, hypot, radians
@@ -14,13 +15,13 @@ RIDER = 2.0
 AXIS = 1.0
 SWINGS = ((0.6, -0.38), (0.6, 2.3), (0.6, -0.38), (0.16, 2.3), (0.16, -0.38), (0.35, 1.5), (0.35, -0.2), (0.16, 1.0))
 STEPS, REST = 100, 2.5
-FREE = radians(3.6)  # beyond this the stops act
+FREE = radians(3.6)  # the stops act at larger tilts
 
 Moment = tuple[float, float]
 
 
 def swing(load: float, rider: float) -> list[Call]:
-    """Put the two pieces and follow them step by step, then wait until the beam rests."""
+    """Place load and rider and read their positions step by step, then wait until the beam rests."""
     looks = [call("get_position", object_id=body) for body in ("object_2", "object_3")]
     return [
         call("move_object", object_id="object_2", x=-load, y=0, z=AXIS),
@@ -37,7 +38,7 @@ def distance(reading: Reading) -> float:
 
 
 def equations(readings: list[Reading]) -> list[tuple[list[float], float]]:
-    """Coefficients of m, J, c and b, and the known side, for every moment of free motion."""
+    """Coefficients of m, J, c and b, and the right-hand side, for every time of free motion."""
     loads, riders = readings[2:-1:3], readings[3:-1:3]
     tilts = [asin((AXIS - r["position"][2]) / -distance(r)) for r in loads]
     found: list[tuple[list[float], float]] = []
@@ -52,7 +53,7 @@ def equations(readings: list[Reading]) -> list[tuple[list[float], float]]:
 
 
 def least_squares(found: list[tuple[list[float], float]]) -> list[float]:
-    """The unknowns that fit the equations best, from the normal equations by elimination."""
+    """The least-squares solution, from the normal equations by elimination."""
     size = len(found[0][0])
     rows = [[sum(r[i] * r[j] for r, _ in found) for j in range(size)] for i in range(size)]
     rows = [[*row, sum(r[i] * value for r, value in found)] for i, row in enumerate(rows)]
@@ -65,7 +66,7 @@ def least_squares(found: list[tuple[list[float], float]]) -> list[float]:
 
 
 def solve(task: str) -> Protocol:
-    """Swing with the pieces in several places and fit."""
+    """Swing with load and rider at several positions, and fit."""
     found: list[tuple[list[float], float]] = []
     for load, rider in SWINGS:
         readings = yield swing(load, rider)

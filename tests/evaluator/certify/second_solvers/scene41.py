@@ -1,7 +1,7 @@
-"""Scene 41, another way: nothing is dropped; the ball is thrown down from the very surface, faster and faster.
+"""Scene 41, another way: nothing is dropped; the ball is thrown down from the surface at several speeds.
 
-A fall from the height h reaches the plate with v² = 2 g h, so a ball thrown down from the surface with v answers for h.
-Its energy is read once it is free of the padding again; the height of return is z + v²/2g.
+A fall from height h reaches the plate with v² = 2 g h, so throwing the ball down from the surface with v is equivalent.
+Its energy is read when it has left the padding; the height of return is z + v²/2g.
 """
 
 from math import sqrt
@@ -16,7 +16,7 @@ HIGHEST = 30.0
 
 
 def throw(height: float) -> list[Call]:
-    """Put the ball onto the surface with the speed of a fall from the height and follow it."""
+    """Put the ball onto the surface with the speed of a fall from this height, and read its motion."""
     calls = [
         call("move_object", object_id="ball", x=0, y=0, z=RADIUS),
         call("set_velocity", object_id="ball", velocity_vector=[0, 0, -sqrt(2 * GRAVITY * height)]),
@@ -29,7 +29,7 @@ def throw(height: float) -> list[Call]:
 
 
 def returned(readings: list[Reading]) -> float:
-    """Height of the apex, from the first look at the ball above the plate and rising; 0 if there is none."""
+    """Height of the apex, from the first reading of the ball above the plate and rising; 0 if there is none."""
     for k in range(3, len(readings), 3):
         z, v = readings[k]["position"][2] - RADIUS, readings[k + 1]["velocity"][2]
         if z > 0 and v > 0:
@@ -38,7 +38,7 @@ def returned(readings: list[Reading]) -> float:
 
 
 def solve(task: str) -> Protocol:
-    """Close in on the height of which half is returned."""
+    """Bracket the height of which half is returned."""
     yield [call("create_objects", name="ball", pos=[0, 0, RADIUS], density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS)]
     low, high = 0.1, HIGHEST
     for _ in range(ROUNDS):

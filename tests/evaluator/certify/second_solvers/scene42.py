@@ -1,4 +1,4 @@
-"""Scene 42, another way: one light ball stays in the pan and is pushed with known forces, up to both thresholds.
+"""Scene 42, another way: one light ball stays in the pan, and known forces on it are raised to both thresholds.
 
 The pan begins to sink from the top when the push P on it exceeds m g + friction, and to rise from the bottom when P
 falls below m g - friction. The mean of the two thresholds is m g.
@@ -18,12 +18,12 @@ MOVED = 3e-4
 
 
 def push(force: float) -> Call:
-    """Let the ball press on the pan with this force, its weight included."""
+    """Let the ball press on the pan with this force, which includes its weight."""
     return call("apply_force", object_id="ball", force_vector=[0, 0, BALL * GRAVITY - force])
 
 
 def trial(start: float, force: float) -> list[Call]:
-    """Bring the pan to an end of its way with the start force, then change to the other force and watch."""
+    """Move the pan to an end stop with the start force, then apply the other force and read whether it moves."""
     return [
         push(start),
         call("step", duration=SETTLING),
@@ -35,7 +35,7 @@ def trial(start: float, force: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Close in on both thresholds."""
+    """Bracket both thresholds."""
     density = BALL / (4 / 3 * pi * RADIUS**3)
     yield [
         call("create_objects", name="ball", pos=[0, 0, TOP + RADIUS], density=density, rgba=[1, 0, 0, 1], radius=RADIUS)
@@ -49,7 +49,7 @@ def solve(task: str) -> Protocol:
         moved = [abs(after - before) > MOVED for before, after in zip(heights[::2], heights[1::2], strict=True)]
         for k, (low, high) in enumerate(brackets):
             seen = moved[k * (PARTS - 1) : (k + 1) * (PARTS - 1)]
-            sinks = seen if k == 0 else [not m for m in seen]  # from the bottom, a push that holds it is enough
+            sinks = seen if k == 0 else [not m for m in seen]  # from the bottom, a sufficient push is one that holds it
             lighter = [f for f, s in zip(forces[k], sinks, strict=True) if not s]
             heavier = [f for f, s in zip(forces[k], sinks, strict=True) if s]
             brackets[k] = max([low, *lighter]), min([high, *heavier])

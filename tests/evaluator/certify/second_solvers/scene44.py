@@ -1,7 +1,7 @@
-"""Scene 44, another way: a single fall; a known force on the ball is steered until the pan sinks at 2 m/s.
+"""Scene 44, another way: a single fall; a known force on the ball is adjusted until the pan sinks at 2 m/s.
 
-When the speed no longer changes, the resistance bears the ball's weight and the push on it together, whatever the
-ball's own mass; a ball with that whole weight does the same by itself.
+At constant speed the resistance equals the ball's weight plus the push on it, so a ball with this total weight sinks at
+the same speed without a push.
 """
 
 from math import log, pi

@@ -1,21 +1,21 @@
-"""Scene 46, another way: the thing is weighed against the load with known forces at two fixed places.
+"""Scene 46, another way: the hidden object is balanced against the load with known forces at two fixed positions.
 
-At a place x the beam is on the point of tipping when (W + F) x = K, where W is the thing's weight, F a downward push
-on it and K the moment of the loaded side. Two places give W and K, and the balance without a push is at K / W.
+At position x the beam is about to tip when (W + F) x = K, where W is the object's weight, F a downward push on it and K
+the moment of the loaded side. Two positions give W and K; the balance without a push is at K / W.
 """
 
 from scenes.protocol import Call, Protocol, answer, call
 
 AXIS_HEIGHT = 1.0
 PLACES = (0.6, 1.15)
-STRONGEST = 200.0  # N, either way
-PARTS = 12  # of a bracket, tried one by one in each round
+STRONGEST = 200.0  # N, upward or downward
+PARTS = 12  # parts into which each round divides a bracket
 ROUNDS = 7
-TIPPED = 2e-4  # m, a fall of the tip that no stop yields by
+TIPPED = 2e-4  # m, more than the compression of a stop
 
 
 def trial(place: float, push: float) -> list[Call]:
-    """Lift the beam back onto its stop, put the thing in its place, push, wait and look at the tip."""
+    """Lift the beam back onto its stop, put the object at its position, push, wait and read the tip."""
     return [
         call("apply_force", object_id="object_2", force_vector=[0, 0, STRONGEST]),
         call("move_object", object_id="object_2", x=place, y=0, z=AXIS_HEIGHT),
@@ -28,7 +28,7 @@ def trial(place: float, push: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Close in on the critical push at both places, then eliminate the weight."""
+    """Bracket the critical push at both positions, then eliminate the weight."""
     yield [call("find_objects")]
     brackets = [(-STRONGEST, STRONGEST) for _ in PLACES]
     for _ in range(ROUNDS):

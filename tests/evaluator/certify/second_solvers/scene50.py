@@ -1,4 +1,4 @@
-"""Scene 50, another way: no period and no rest is waited for; the equation of motion is fitted to a record of places.
+"""Scene 50, another way: the equation of motion is fitted to recorded positions, without waiting for a period or rest.
 
 Under a constant push from rest F = m x'' + c x' + k x holds at every moment; the record of the first swing, step by
 step, gives m, c and k by least squares.

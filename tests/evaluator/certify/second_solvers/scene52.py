@@ -1,4 +1,4 @@
-"""The sense of the plank's spin, instead of the height of its end: its angular momentum about the y axis."""
+"""The direction of the plank's rotation, from its angular momentum about the y axis, not from the height of its end."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -10,7 +10,7 @@ LEFT, RIGHT, LEVEL = 1, 2, 0
 
 
 def solve(task: str) -> Protocol:
-    """Let go and look which way it turns: about +y, the right end goes down."""
+    """Release it and read which way it turns: about +y, the right end goes down."""
     readings = yield [
         call("step", duration=LAPSE),
         call("get_angular_momentum", object_id="object_1", mass=1.0),

@@ -1,4 +1,4 @@
-"""The way each ball makes in a known time: rolling without slipping it falls behind, at 5/7 of g sin(slope)."""
+"""Compare the distance of each ball in a known time: rolling without slipping accelerates only at 5/7 g sin(slope)."""
 
 from math import radians, sin
 
@@ -8,13 +8,13 @@ BALLS = ("object_1", "object_2")
 TIME = 0.5
 """[s]."""
 WAY = 0.5 * 5 / 7 * 9.81 * sin(radians(35)) * TIME**2
-"""Of a solid ball that rolls without slipping [m]."""
+"""Distance of a solid ball that rolls without slipping [m]."""
 MARGIN = 0.02
-"""By which part the way may be longer."""
+"""Relative tolerance of the distance."""
 
 
 def solve(task: str) -> Protocol:
-    """Who comes farther than a rolling ball can, slips."""
+    """A ball that moves farther than a rolling ball can is slipping."""
     readings = yield [
         call("step", duration=TIME),
         *(call("get_displacement", object_id=ball) for ball in BALLS),

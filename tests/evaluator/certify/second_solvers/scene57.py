@@ -1,5 +1,5 @@
-"""The push is never made: both frictions are measured by sending the blocks off against each other, and the push is
-reckoned from them.
+"""The push is never made: the blocks are set moving in opposite directions to measure both coefficients of friction,
+and the effect of the push is computed from them.
 """
 
 from scenes.protocol import Protocol, answer, call
@@ -10,15 +10,15 @@ LONG, SMALL = 3.0, 1.0
 PUSH = 20.0
 """Of the task [N]."""
 SPEED = 2.0
-"""Of each block, one forward, one back [m/s]."""
+"""Speed of the blocks, one forward, one backward [m/s]."""
 WINDOW = 0.1
-"""Time in which neither block stops or comes to an end [s]."""
+"""Time in which neither block stops or reaches an end [s]."""
 
 
 def solve(task: str) -> Protocol:
-    """Friction is coefficient times normal force, of the impulses too, so that a block's hopping does no harm.
+    """Friction equals coefficient times normal force; using impulses of both corrects for a block that hops.
 
-    The small block is held back by the upper friction alone, the long one by both.
+    Only the upper friction brakes the small block; both brake the long one.
     """
     readings = yield [
         call("set_velocity", object_id="object_1", velocity_vector=[SPEED, 0, 0]),

@@ -1,4 +1,4 @@
-"""Null method: shift the rider until the beam comes to rest level; the law of the spring is not needed."""
+"""Null method: move the rider until the beam rests horizontally; the spring's law is not needed."""
 
 import math
 
@@ -9,17 +9,17 @@ AXIS = 1.0
 HALF = 1.2
 """From the axis to the tip [m]."""
 REST = 60.0
-"""Half of the time the beam is given to come to rest [s]."""
+"""Half of the time for the beam to come to rest [s]."""
 LEVEL = 1e-5
 """Height of the tip over the axis [m] that counts as level."""
 FIRST = 0.3
-"""First place of the rider to be tried, besides the axis [m]."""
+"""First position of the rider after the axis [m]."""
 FARTHEST = 1.15
 TRIALS = 8
 
 
 def trial(distance: float, tip: list[float]) -> list[Call]:
-    """Put the rider on the beam, the tip of which is there now, wait, and look at the tip and at the rider."""
+    """Put the rider on the beam, whose tip is now at `tip`, wait, and read the positions of tip and rider."""
     x, z = (distance / HALF * part for part in (tip[0], tip[2] - AXIS))
     return [
         call("move_object", object_id="object_2", x=x, y=0, z=AXIS + z),
@@ -31,7 +31,7 @@ def trial(distance: float, tip: list[float]) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Secant steps on the height of the tip over the axis as it depends on the place of the rider."""
+    """Secant method on the height of the tip above the axis, against the rider's position."""
     place, height = math.nan, math.nan
     target, tip = 0.0, [HALF, 0.0, AXIS]
     for _ in range(TRIALS):

@@ -1,4 +1,4 @@
-"""Weld a very light ball to each drum as a pointer, twist both alike and compare how fast the pointers run."""
+"""Attach a very light ball to each drum as a pointer, apply equal torques and compare the speeds of the pointers."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -8,12 +8,12 @@ ARM = 0.25
 """From the axis to the pointer, clear of the drum [m]."""
 RADIUS = 0.02
 DENSITY = 1.0
-"""Of the pointers [kg/m³]: 3e-5 kg, nothing beside a drum."""
+"""Density of the pointers [kg/m³]; their mass of 3e-5 kg is negligible."""
 TORQUE = 0.05
 """On each drum [N·m]."""
 TWIST_TIME = 1.0
 ALIKE = 1.1
-"""Speeds in a ratio below this are equal; unequal drums differ by a fifth or more."""
+"""Speeds with a smaller ratio count as equal; unequal drums differ by 20 % or more."""
 
 
 def solve(task: str) -> Protocol:

@@ -1,14 +1,14 @@
-"""The platform's spin by its energy and its angular momentum: angular speed = 2 * energy / angular momentum.
+"""The platform's angular speed from energy and angular momentum: angular speed = 2 * energy / angular momentum.
 
-Mass and shape drop out of the quotient, so each instant is measured by itself and no moments of inertia are compared.
+Mass and shape cancel in the quotient, so no moments of inertia are needed.
 """
 
 from scenes.protocol import Call, Protocol, Reading, answer, call
 
 MASS = 1.0
-"""Any mass will do [kg]."""
+"""Any value gives the same result [kg]."""
 WAIT = 30.0
-"""Time in which the weights come to stay [s]."""
+"""Time after which the weights no longer move [s]."""
 
 
 def spin() -> list[Call]:
@@ -25,7 +25,7 @@ def angular_speed(energy: Reading, momentum: Reading) -> float:
 
 
 def solve(task: str) -> Protocol:
-    """Measure the angular speed before any time has passed, and when the weights stay where they are."""
+    """Measure the angular speed at the start, and when the weights no longer move."""
     start = yield spin()
     end = yield [call("step", duration=WAIT), *spin()]
     yield [answer(angular_speed(*end[1:]) / angular_speed(*start))]

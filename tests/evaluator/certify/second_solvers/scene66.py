@@ -1,8 +1,8 @@
-"""The tilt by a ball that slides down the panel, the restitution by the energies of the motion along the normal.
+"""A ball that slides down the panel gives the tilt; the energies of motion along the normal give the restitution.
 
-A second ball, laid on the frictionless panel and let go without bouncing, can only slide: its path is the slope. Along
-the normal the falling ball has the steady acceleration g cos(tilt), so its speeds at the touch and at the leaving
-follow from its distance to the panel at any instant of free flight.
+A second ball, released on the frictionless panel without bouncing, can only slide: its path gives the slope. Along the
+normal the falling ball has the constant acceleration g cos(tilt), so its normal speeds before and after the bounce
+follow from its distance to the panel at any time of free flight.
 """
 
 from math import atan2, cos, degrees, sin, sqrt
@@ -17,9 +17,9 @@ DROP_HEIGHT = 2.3
 FLIGHT = 0.6
 """Time after which the dropped ball has bounced and flies again [s]."""
 LAY_HEIGHT = 1.12
-"""From where the second ball is laid onto the panel [m]."""
+"""Initial height of the second ball above the panel [m]."""
 STOPS, PAUSE = 80, 0.02
-"""How often, and after which time each [s], the second ball is stopped, so that it sinks in without bouncing."""
+"""How often the second ball is stopped, and the time in between [s], so that it settles without bouncing."""
 SLIDE = 0.6
 """Time of the slide that is measured [s]."""
 

@@ -1,7 +1,7 @@
-"""The counterweight is weighed first: the upward force on the ball at which basket and ball would not speed up.
+"""First find the upward force on the ball at which basket and ball do not accelerate; it gives the counterweight.
 
-The acceleration is linear in that force. Where it vanishes the rope carries the counterweight's weight, and that is the
-weight of basket and ball less the force. Both masses known, the tension is that of Atwood's machine.
+The acceleration is linear in that force. Where it is 0, the counterweight's weight equals the weight of basket and ball
+minus the force. With both masses known, the tension is that of Atwood's machine.
 """
 
 from math import pi

@@ -1,4 +1,4 @@
-"""Drive the turntable round by pulling at the ball in its cup: work and energy, however the ball landed."""
+"""Turn the turntable by pulling the ball in its cup: work and energy, however the ball landed."""
 
 import math
 
@@ -12,9 +12,9 @@ MASS = 0.2
 """Of the ball [kg]."""
 DENSITY = MASS / (4 / 3 * math.pi * RADIUS**3)
 FORCE = [0.0, 3.0, 0.0]
-"""Pull at the ball, forward along the way of the cup at first [N]."""
+"""Force on the ball, at first along the motion of the cup [N]."""
 SETTLE = 0.2
-"""Time the ball is given to come to rest in the cup [s]."""
+"""Time for the ball to come to rest in the cup [s]."""
 PULL_TIME = 0.4
 
 
@@ -29,7 +29,7 @@ def look() -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """(I w^2 + m v^2) / 2 grows by the work of the pull; the turntable's w is 2 * energy / angular momentum."""
+    """(I w^2 + m v^2) / 2 grows by the work of the force; the turntable's w is 2 * energy / angular momentum."""
     readings = yield [
         call("create_objects", name=BALL, pos=CUP, density=DENSITY, rgba=[1, 0, 0, 1], radius=RADIUS),
         call("step", duration=SETTLE),

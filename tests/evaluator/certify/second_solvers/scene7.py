@@ -1,4 +1,4 @@
-"""Mean-value method: in uniform gravity the speed at an instant is the mean speed over a time centred on it."""
+"""In uniform gravity the speed at an instant equals the mean speed over an interval centred on it."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -9,7 +9,7 @@ HALF = 0.2
 
 
 def solve(task: str) -> Protocol:
-    """Measure heights alone, and divide the fall between 0.6 s and 1.0 s by the time it took."""
+    """Read only heights, and divide the fall between 0.6 s and 1.0 s by the time."""
     height = call("get_position", object_id="object_1")
     readings = yield [
         call("step", duration=ASKED - HALF),

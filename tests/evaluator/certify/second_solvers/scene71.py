@@ -1,7 +1,7 @@
-"""Weighing by a zero: the upward force on the thing at which the spring would not be bent is its weight.
+"""Null method: the upward force on the hidden object at which the spring does not bend equals its weight.
 
-The beam rests where k * angle = (W - F) x cos(angle), so angle / cos(angle) is linear in the force F: two forces give
-the one at which it vanishes, without the stiffness k or the place x being used.
+The beam rests where k * angle = (W - F) x cos(angle), so angle / cos(angle) is linear in the force F. Two forces give
+the force at which it is 0; the stiffness k and the position x are not needed.
 """
 
 from math import atan2, cos
@@ -18,7 +18,7 @@ WAIT = 60.0
 
 
 def solve(task: str) -> Protocol:
-    """Put the found thing on one half of the beam, and read the tilt of the beam at rest under two forces."""
+    """Put the found object on one half of the beam, and read the tilt of the beam at rest under two forces."""
     found = (yield [call("find_objects")])[0]["revealed"][0]
     unseen = found["object_id"]
     readings = yield [

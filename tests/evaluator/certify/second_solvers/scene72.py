@@ -1,4 +1,4 @@
-"""Energy balance of the fall: no acceleration is read, only how far and how fast the weight has come."""
+"""Energy balance of the fall: only distance and speed of the weight are read, no acceleration."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -11,7 +11,7 @@ RUN = 0.4
 
 
 def solve(task: str) -> Protocol:
-    """m g s = (M + m) v^2 / 2 + friction M g s, the work of gravity over the way s."""
+    """m g s = (M + m) v^2 / 2 + friction M g s, the work of gravity over the distance s."""
     yield [call("find_objects")]
     before, _, after, speed = yield [
         call("get_position", object_id="object_2"),

@@ -1,4 +1,4 @@
-"""Work and energy: what a known torque does on the flywheel, against the energy of its spin for each kilogram."""
+"""Work and energy: the work of a known torque on the flywheel, divided by its rotational energy per kilogram."""
 
 from scenes.protocol import Protocol, answer, call
 
@@ -11,7 +11,7 @@ SLICES = 40
 
 
 def solve(task: str) -> Protocol:
-    """With 1 kg assumed, spin energy e and angular momentum l give the angular speed 2 e / l; the mass is work / e."""
+    """For an assumed 1 kg, energy e and angular momentum l give the angular speed 2 e / l; the mass is work / e."""
     yield [
         call("find_objects"),
         call("apply_torque", object_id=FLYWHEEL, torque_vector=[0, 0, TORQUE]),

@@ -1,7 +1,7 @@
 """Scene 76, another way: nothing is dropped; the balls are thrown down from the level of the floor.
 
-A fall from the height h ends with v² = 2 g h, so a ball thrown down from the surface with v answers for h. All three
-are thrown at once; the height at which half comes back is closed in on from the share of return at many speeds.
+A fall from height h ends with v² = 2 g h, so throwing a ball down from the surface with v is equivalent. All three are
+thrown at once; many speeds bracket the height of which half is returned.
 """
 
 from math import sqrt
@@ -18,7 +18,7 @@ PARTS, ROUNDS = 7, 4
 
 
 def throw(heights: tuple[float, ...]) -> list[Call]:
-    """Put each ball onto the floor with the speed of a fall from its height and follow them."""
+    """Put each ball onto the floor with the speed of a fall from its height, and read their motion."""
     calls: list[Call] = []
     for ball, x, height in zip(BALLS, PLACES, heights, strict=True):
         calls.append(call("move_object", object_id=ball, x=x, y=0, z=RADIUS))
@@ -31,7 +31,7 @@ def throw(heights: tuple[float, ...]) -> list[Call]:
 
 
 def returned(looks: list[Reading]) -> float:
-    """Height of return, from the first look at a ball above the floor and rising; 0 if there is none."""
+    """Height of return, from the first reading of a ball above the floor and rising; 0 if there is none."""
     for place, motion in zip(looks[::2], looks[1::2], strict=True):
         z, v = place["position"][2] - RADIUS, motion["velocity"][2]
         if z > 0 and v > 0:
@@ -40,7 +40,7 @@ def returned(looks: list[Reading]) -> float:
 
 
 def solve(task: str) -> Protocol:
-    """Close in on the three heights of which half is returned."""
+    """Bracket the three heights of which half is returned."""
     brackets = [(LOWEST, HIGHEST)] * len(BALLS)
     for _ in range(ROUNDS):
         rows = [[low * (high / low) ** (i / (PARTS - 1)) for i in range(PARTS)] for low, high in brackets]

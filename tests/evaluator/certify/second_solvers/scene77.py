@@ -1,7 +1,7 @@
-"""Scene 77, another way: the limit is not tried out; one outward slide is recorded, and its acceleration extrapolated.
+"""Scene 77, another way: the limit is not searched; one outward slide is recorded and its acceleration extrapolated.
 
-Sliding outward with the thread taut, the puck obeys r'' = w² r - k (r - L) - F along the groove, a straight line in r.
-The puck just stays where this is zero, because resting it has the same greatest friction F.
+While the puck slides outward with a taut thread, it obeys r'' = w² r - k (r - L) - F along the groove, which is linear
+in r. The limit is where this is zero, because the largest friction at rest is also F.
 """
 
 import itertools
@@ -11,15 +11,15 @@ from scenes.protocol import Protocol, answer, call
 
 PUCK, HEIGHT = "object_2", 0.55
 STARTS = (2.2, 2.6, 3.0, 3.3, 3.6, 3.8, 3.9)
-END = 3.97  # m, just short of the end of the groove
+END = 3.97  # m, just before the end of the groove
 PAUSE, LOOKS = 0.02, 150
 SLID = 0.01
 
 
 def solve(task: str) -> Protocol:
-    """Set the puck farther and farther out until it slides, and fit its slide."""
+    """Put the puck farther out until it slides, and fit its motion."""
     record = [call("step", duration=PAUSE), call("get_position", object_id=PUCK)] * LOOKS
-    east, north = 1.0, 0.0  # the groove's direction at the start, seen by where the puck can be put
+    east, north = 1.0, 0.0  # direction of the groove, read from the puck's last position
     places: list[float] = []
     for start in STARTS:
         readings = yield [

@@ -1,7 +1,7 @@
-"""Scene 91, another way: one run; the ball is taken out in motion, and the jump of the acceleration gives the inertia.
+"""Scene 91, another way: one run; the ball is deleted in motion, and the jump of the acceleration gives the inertia.
 
-With the ball (M + I/R²) a = m g - f, without it (M - m + I/R²) a' = -f: at the same speed the bearing's f is the same.
-Then the disk's energy is ½ (I/R²) v² with the speed v that the pan had after 1.00 m.
+With the ball (M + I/R²) a = m g - f, without it (M - m + I/R²) a' = -f; at the same speed the bearing friction f is
+equal. The disk's energy is ½ (I/R²) v² with the speed v of the pan after 1.00 m.
 """
 
 import itertools
@@ -17,7 +17,7 @@ PAUSE, LOOKS = 0.01, 20
 
 
 def watch() -> list[Call]:
-    """Look at the pan at short intervals."""
+    """Read the pan's motion at short intervals."""
     look = [
         call("step", duration=PAUSE),
         call("get_position", object_id="object_2"),
@@ -27,13 +27,13 @@ def watch() -> list[Call]:
 
 
 def track(readings: list[Reading]) -> list[tuple[float, float, float]]:
-    """Time, height and downward speed at every look."""
+    """Time, height and downward speed at every reading."""
     looks = zip(readings[1::3], readings[2::3], strict=True)
     return [(p["sim_time"], p["position"][2], -v["velocity"][2]) for p, v in looks]
 
 
 def acceleration(looks: list[tuple[float, float, float]], speed: float) -> float:
-    """Acceleration at a speed, from a straight line through acceleration against speed."""
+    """Acceleration at a speed, from a linear fit of acceleration against speed."""
     pairs = list(itertools.pairwise(looks))
     points = [((v0 + v1) / 2, (v1 - v0) / (t1 - t0)) for (t0, _, v0), (t1, _, v1) in pairs]
     mean_v, mean_a = sum(v for v, _ in points) / len(points), sum(a for _, a in points) / len(points)
@@ -42,7 +42,7 @@ def acceleration(looks: list[tuple[float, float, float]], speed: float) -> float
 
 
 def solve(task: str) -> Protocol:
-    """Let the ball sink past the mark, take it out, and compare the accelerations at that moment."""
+    """Let the ball sink past the mark, delete it, and compare the accelerations at that moment."""
     readings = yield [
         call("get_position", object_id="object_2"),
         call(

@@ -1,7 +1,7 @@
-"""Scene 95, another way: one run only; the ball is taken out on the way, and the block coasts.
+"""Scene 95, another way: a single run; the ball is deleted in motion, and the block coasts.
 
-With M = block + basket + I/R² and friction f: (M + m) a = (basket + m) g - f, and after the ball is gone
-M a' = basket g - f. The two accelerations give M and f; the tension is (basket + m)(g - a).
+With M = block + basket + I/R² and friction f: (M + m) a = (basket + m) g - f, and without the ball M a' = basket g - f.
+The two accelerations give M and f; the tension is (basket + m)(g - a).
 """
 
 from math import pi
@@ -16,12 +16,12 @@ SETTLING, PULLING, COASTING = 0.5, 2.0, 0.2
 
 
 def look(duration: float) -> list[Call]:
-    """Let time pass and read the basket's speed."""
+    """Step and read the basket's velocity."""
     return [call("step", duration=duration), call("get_velocity", object_id="object_2")]
 
 
 def acceleration(first: Reading, second: Reading) -> float:
-    """Mean downward acceleration between two looks."""
+    """Mean downward acceleration between two readings."""
     return (first["velocity"][2] - second["velocity"][2]) / (second["sim_time"] - first["sim_time"])
 
 

@@ -1,8 +1,8 @@
-"""Scene 96, another way: statics only. Which pulls and pushes on the hidden weight just move the crate?
+"""Scene 96, another way: statics only. Find the pull and the push on the hidden weight that just move the crate.
 
-A pull P moves it up the slope if P + w > W s (1 + mu), a push Q lets it slide down if w - Q < W s (1 - mu), where w is
-the weight of what hangs there, W that of the crate and s = sin 45° = cos 45°. So the crate's weight is
-w / s + (P - Q) / 2 s, and mu = (P + Q) / (2 W s).
+A pull P moves it up the slope if P + w > W s (1 + mu); a push Q lets it slide down if w - Q < W s (1 - mu). Here w is
+the hidden weight, W the weight of the crate, and s = sin 45° = cos 45°. So the crate's weight is w / s + (P - Q) / 2 s,
+and mu = (P + Q) / (2 W s).
 """
 
 from math import sqrt
@@ -13,14 +13,14 @@ GRAVITY = 9.81
 SLOPE = sqrt(0.5)
 HIDDEN = "object_3"
 STRONGEST = 35.0
-DURATIONS = (0.1, 0.3, 1.0, 1.0, 1.0)  # s, of the trials of each round
+DURATIONS = (0.1, 0.3, 1.0, 1.0, 1.0)  # s, duration of the trials in each round
 PARTS = 7
 REST = 5.0
-CREEP = 5e-4  # m/s, more than the crate gives way while it is held
+CREEP = 5e-4  # m/s, more than a held crate creeps
 
 
 def trial(force: float, duration: float) -> list[Call]:
-    """Bring the crate to rest, look, let the vertical force act on the hidden weight for a while, look again."""
+    """Bring the crate to rest, read it, apply the vertical force to the hidden weight for a while, read it again."""
     return [
         call("apply_force", object_id=HIDDEN, force_vector=[0, 0, 0]),
         call("step", duration=REST),
@@ -32,7 +32,7 @@ def trial(force: float, duration: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Close in on the least pull and the least push that move the crate."""
+    """Bracket the smallest pull and the smallest push that move the crate."""
     readings = yield [call("find_objects")]
     weight = readings[0]["revealed"][0]["mass"] * GRAVITY
     signs = (-1.0, 1.0)

@@ -1,7 +1,7 @@
-"""Scene 97, another way: not by the rest positions, but by the jerk with which the line sets the block in motion.
+"""Scene 97, another way: not from rest positions, but from the first two steps of the block's motion.
 
-The block rests at x = 0, where its spring is silent; the unseen thing is put to s at once. During the first step the
-line alone pulls, k (s - L), against mass and damping; the second step, compared with the first, tells the damping.
+The block rests at x = 0, where its spring is relaxed; the hidden object is moved to s at once. In the first step only
+the line pulls, with k (s - L), against mass and damping. Comparing the second step with the first gives the damping.
 """
 
 from scenes.protocol import Call, Protocol, answer, call
@@ -11,11 +11,11 @@ TIME_STEP = 0.005
 HOME = 0.3
 PLACES = [0.4 + 0.05 * i for i in range(60)]
 SETTLING = 2.0
-FARTHEST = 0.01  # m, well before the stop
+FARTHEST = 0.01  # m, clearly before the stop
 
 
 def jerk(place: float) -> list[Call]:
-    """Let the block settle, put the thing to its place and read the speeds after one and two steps."""
+    """Let the block settle, move the object to its position and read the speeds after one and two steps."""
     speed = [call("step", duration=TIME_STEP), call("get_velocity", object_id="object_1")]
     return [
         call("move_object", object_id="object_2", x=HOME, y=0, z=1),
@@ -28,7 +28,7 @@ def jerk(place: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Pull from many places; among the taut and free ones, fit the force against the place."""
+    """Pull from many positions; where the line is taut and the stop is not reached, fit force against position."""
     yield [call("find_objects")]
     trials = [jerk(place) for place in PLACES]
     readings = yield [c for trial in trials for c in trial]

@@ -1,8 +1,8 @@
-"""Scene 98, another way: spin energy over angular momentum gives the rates, and coasting stands for the friction.
+"""Scene 98, another way: energy over angular momentum gives the angular speeds, and coasting gives the friction.
 
-With any mass assumed, 2 E / L is the rate of turn of a body: so both rates, and their ratio, can be read in motion. A
-torque T on the flywheel gives (T - friction) / J, coasting after it -friction / J: the difference is T / J, where
-J = flywheel + crank · ratio².
+For any assumed mass, 2 E / L is the angular speed of a body, so both angular speeds and their ratio can be read in
+motion. A torque T on the flywheel gives the angular acceleration (T - friction) / J, and coasting gives -friction / J.
+The difference is T / J, where J = flywheel + crank · ratio².
 """
 
 from scenes.protocol import Call, Protocol, Reading, answer, call
@@ -11,23 +11,23 @@ CRANK, FLYWHEEL = "object_1", "object_2"
 CRANK_INERTIA = 0.050
 TORQUES = [0.5 * 1.5**i for i in range(13)]
 DRIVE, COAST, REST = 0.02, 0.01, 1.0
-FEWEST = 3  # times the friction that the torque must be
+FEWEST = 3  # least ratio of torque to friction
 
 
 def rates() -> list[Call]:
-    """Read what tells the rates of both bodies."""
+    """Read energy and angular momentum of both bodies."""
     tools = ("get_rotational_energy", "get_angular_momentum")
     return [call(tool, object_id=body, mass=1.0) for body in (CRANK, FLYWHEEL) for tool in tools]
 
 
 def rate(readings: list[Reading]) -> float:
-    """Rate of turn of a body."""
+    """Angular speed of a body."""
     momentum = readings[1]["angular_momentum"]["y"]
     return 2 * readings[0]["rotational_energy"] / momentum if momentum else 0.0
 
 
 def trial(torque: float) -> list[Call]:
-    """Drive the flywheel, let it coast, and look four times; then let it come to rest."""
+    """Drive the flywheel and let it coast, with four readings; then let it come to rest."""
     calls: list[Call] = []
     for size in (torque, 0.0):
         calls.append(call("apply_torque", object_id=FLYWHEEL, torque_vector=[0, size, 0]))
@@ -38,7 +38,7 @@ def trial(torque: float) -> list[Call]:
 
 
 def solve(task: str) -> Protocol:
-    """Take the strongest torque that stays away from the stops."""
+    """Use the smallest torque that is well above the friction."""
     yield [call("find_objects")]
     found = (0.0, 0.0)
     for torque in TORQUES:

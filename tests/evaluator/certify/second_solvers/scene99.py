@@ -1,7 +1,7 @@
-"""Scene 99, another way: neither force nor mass is used; the blocks are thrown slowly and come to rest.
+"""Scene 99, another way: neither force nor mass is used; the blocks start slowly and come to rest.
 
-With friction alone v² / 2d = mu g for the braking way d. The drag adds to it in proportion to v as long as v is small;
-two small speeds tell what is left at none.
+With friction alone v² / 2d = mu g for the braking distance d. For small v the drag adds a term proportional to v, which
+an extrapolation from two small speeds removes.
 """
 
 from scenes.protocol import Call, Protocol, answer, call
@@ -12,12 +12,12 @@ REST = 1.5
 
 
 def look() -> list[Call]:
-    """Read where the blocks are."""
+    """Read the positions of the blocks."""
     return [call("get_position", object_id=block) for block in BLOCKS]
 
 
 def solve(task: str) -> Protocol:
-    """Throw all three at each speed and extrapolate v² / 2d to speed zero."""
+    """Start all three at each speed and extrapolate v² / 2d to zero speed."""
     yield [call("find_objects")]
     brakings: list[list[float]] = []
     for speed in SPEEDS:

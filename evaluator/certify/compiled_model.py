@@ -1,6 +1,6 @@
-"""What the compiled models of a pack say of it: which friction acts, how deep things start, whether energy appears.
+"""Checks on the compiled MJCF model of a pack: start contacts, energy, the friction that acts, parts without a joint.
 
-The only module of this room that reads MuJoCo models itself; it looks at the start state and untouched runs.
+It examines the start state and simulations without calls. The server's `World` is not used here.
 """
 
 # MuJoCo ships no type stubs.
@@ -16,19 +16,20 @@ import numpy as np
 
 TIMESTEP_S = 0.005
 DEEPEST_M = 1e-3
-"""Greatest depth of a contact at the start."""
+"""Greatest allowed depth of a contact at the start [m]."""
 UNTOUCHED_S = 10.0
+"""Simulated time without calls in which energy is checked [s]."""
 _GAIN, _GAIN_J = 1e-3, 1e-6
-"""Energy may rise by this share of what is exchanged, or by this much."""
+"""Allowed energy gain: as a share of the exchanged energy, and in absolute terms [J]."""
 _CREATED_FRICTION = 1.0
-"""Sliding friction of a created ball, whose contacts follow the default."""
+"""Sliding friction of a created ball, MuJoCo's default."""
 
 
 def started(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The compiled model, in its start state.
+    """The compiled model and its start state.
 
     Raises:
-        ValueError: It does not compile.
+        ValueError: The model does not compile.
     """
     model = mujoco.MjModel.from_xml_string(mjcf)
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -40,21 +41,21 @@ def started(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def differences(mjcf: str, other: str) -> list[str]:
-    """Which quantities of two models differ, by their names in MuJoCo; of the start states too."""
-    (one, at_one), (two, at_two) = started(mjcf), started(other)
-    found = [name for name in ("qpos", "qvel") if not _alike(getattr(at_one, name), getattr(at_two, name))]
-    for owner, also in ((one, two), (one.opt, two.opt)):
+    """MuJoCo names of the quantities in which two models or their start states differ."""
+    (first, first_start), (second, second_start) = started(mjcf), started(other)
+    found = [name for name in ("qpos", "qvel") if not _close(getattr(first_start, name), getattr(second_start, name))]
+    for owner, counterpart in ((first, second), (first.opt, second.opt)):
         for name in dir(owner):
-            mine = None if name.startswith("_") else getattr(owner, name)
-            if isinstance(mine, float | np.ndarray) and np.asarray(mine).dtype.kind == "f":
-                yours = getattr(also, name)
-                if np.shape(mine) != np.shape(yours) or not _alike(mine, yours):
+            value = None if name.startswith("_") else getattr(owner, name)
+            if isinstance(value, float | np.ndarray) and np.asarray(value).dtype.kind == "f":
+                expected = getattr(counterpart, name)
+                if np.shape(value) != np.shape(expected) or not _close(value, expected):
                     found.append(name)
     return found
 
 
-def _alike(one: float | np.ndarray, other: float | np.ndarray) -> bool:
-    return np.allclose(one, other, rtol=1e-6, atol=1e-9)
+def _close(first: float | np.ndarray, second: float | np.ndarray) -> bool:
+    return np.allclose(first, second, rtol=1e-6, atol=1e-9)
 
 
 def deepest_contact(mjcf: str) -> float:
@@ -64,9 +65,9 @@ def deepest_contact(mjcf: str) -> float:
 
 
 def energy_gain(mjcf: str) -> float:
-    """Mechanical energy that appears in 10 s untouched, in units of what may.
+    """Mechanical energy gained in 10 s without calls, divided by the allowed gain.
 
-    Above 1 energy came from nowhere. Worlds that are driven, by wind, motors or compensated gravity, count as 0.
+    A value above 1 means that energy is not conserved. Worlds with wind, motors or gravity compensation count as 0.
 
     Source: MuJoCo `mjENBL_ENERGY`.
     """
@@ -83,11 +84,11 @@ def energy_gain(mjcf: str) -> float:
 
 
 def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
-    """Frictions and restitutions that were written on a geom and do not act where a thing meets a fixture.
+    """Yield a sentence for each friction or restitution of a geom that does not act in a contact with a fixture.
 
     Args:
         mjcf: The model.
-        balls_may_come: Created balls, with friction 1, can touch everything.
+        balls_may_come: Whether created balls, with friction 1, can touch every geom.
 
     Source: MuJoCo's contact parameters: higher priority decides; otherwise the greater friction, and a mix of solref.
     """
@@ -127,19 +128,19 @@ def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
     if welds[0] == welds[1]:
         return False
     parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
-    # The engine leaves out a body and its parent, unless the parent is the world.
+    # MuJoCo ignores contacts between a body and its parent, unless the parent is the world.
     if (parents[0] == welds[1] or parents[1] == welds[0]) and 0 not in welds:
         return False
-    excluded = {int(one) for one in model.exclude_signature}
+    excluded = {int(signature) for signature in model.exclude_signature}
     low, high = min(bodies), max(bodies)
     if (low << 16) + high in excluded:
         return False
-    kinds = zip((first, second), (second, first), strict=True)
-    return any(model.geom_contype[one] & model.geom_conaffinity[other] for one, other in kinds)
+    contype, conaffinity = model.geom_contype, model.geom_conaffinity
+    return bool(contype[first] & conaffinity[second] or contype[second] & conaffinity[first])
 
 
 def jointless_parts(mjcf: str) -> Iterator[str]:
-    """Bodies fixed without a joint inside an object, which no tool could tell from it."""
+    """Yield a sentence for each body fixed to an object without a joint, since tools treat both as one object."""
     model, _ = started(mjcf)
     for body in range(1, model.nbody):
         if model.body_parentid[body] != 0 and not model.body_jntnum[body]:
@@ -150,10 +151,10 @@ def jointless_parts(mjcf: str) -> Iterator[str]:
 def movable(mjcf: str) -> set[str]:
     """Names of the bodies that can move."""
     model, _ = started(mjcf)
-    return {model.body(one).name for one in range(1, model.nbody) if model.body_dofnum[one]}
+    return {model.body(body).name for body in range(1, model.nbody) if model.body_dofnum[body]}
 
 
 def timestep(mjcf: str) -> float:
-    """Time step [s]."""
+    """The model's time step [s]."""
     model, _ = started(mjcf)
     return float(model.opt.timestep)
