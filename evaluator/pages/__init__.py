@@ -1,1 +1,1 @@
-"""Pages of the documentation that follow from the packs: the list of scenes with pictures, and worked examples."""
+"""Generates documentation pages from the packs: the list of scenes with pictures, and the worked examples."""

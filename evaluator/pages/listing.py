@@ -1,6 +1,6 @@
-"""What the list of scenes says of a pack: public facts, picked one by one.
+"""The public facts of a pack for the list of scenes, selected field by field.
 
-No answer, knob, range, reason or hidden object passes: a private field added to packs tomorrow stays private.
+Answers, knobs, ranges, reasoning and hidden objects are left out. A private field added to packs later stays private.
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from scenes import AnswerSpec, Category, Pack, PackFiles
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """How long the reference protocol is: the least and the most over several seeds.
+    """Length of the reference protocol: minimum and maximum over several seeds.
 
-    Where a protocol goes on until it knows, its length at one seed would tell of the answer at that seed.
+    A single seed is not enough: if a protocol continues until it knows the answer, its length would reveal the answer.
     """
 
     iterations: tuple[int, int]
@@ -31,9 +31,9 @@ class Listing:
     answer: str
     """Kind and unit, in words."""
     in_sight: int
-    """How many objects an agent knows from the start; how many are hidden is not told."""
+    """Number of objects that an agent knows from the start; hidden objects are not counted."""
     steps: Steps | None
-    """None where the reference protocol does not run."""
+    """None if the reference protocol does not run."""
 
     @classmethod
     def of(cls, files: PackFiles, pack: Pack, steps: Steps | None) -> Self:

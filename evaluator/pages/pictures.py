@@ -1,7 +1,7 @@
-"""Pictures of many scenes, drawn in processes of their own; or one sentence that says why there are none.
+"""Draws pictures of many scenes in separate processes, or says in one sentence why it cannot.
 
-A graphics library that is missing or broken may end the process that loads it, and MuJoCo chooses the library once,
-when it is imported. So nothing here draws in this process.
+A missing or broken graphics library may end the process that loads it, and MuJoCo chooses the library only once, when
+it is imported. Therefore this process never draws.
 """
 
 import multiprocessing
@@ -15,29 +15,32 @@ from dataclasses import dataclass
 from scenes import PackFiles
 
 RENDERER = "MUJOCO_GL"
-"""Environment variable by which MuJoCo chooses how to draw."""
+"""Environment variable with which MuJoCo chooses its graphics library."""
 _OFF_SCREEN = ("osmesa", "egl")
-"""What draws without a screen; the first needs no graphics card, and draws the same on every machine."""
+"""Libraries that draw without a screen; `osmesa` needs no graphics card and draws the same on every machine."""
 
 
 class NoRenderer(Exception):
-    """Nothing on this machine draws off-screen; one sentence."""
+    """No library on this machine draws off-screen; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The picture of a scene: a PNG file, or none where nothing may be shown."""
+    """The picture of a scene: a PNG file, or None if no part of the scene may be shown."""
 
     png: bytes | None
     fault: str = ""
-    """Why it could not be drawn, if it could not."""
+    """Why drawing failed; empty if it did not."""
 
 
 def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture]:
-    """The pictures of scenes, by id, drawn by `jobs` processes.
+    """Draw the pictures of scenes with `jobs` processes.
+
+    Returns:
+        Scene id → picture.
 
     Raises:
-        NoRenderer: Nothing here draws off-screen.
+        NoRenderer: No library on this machine draws off-screen.
     """
     chosen = os.environ.get(RENDERER)
     tried = (chosen,) if chosen else _OFF_SCREEN
@@ -48,7 +51,7 @@ def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture
         with pool:
             try:
                 if pool.submit(_draws).result():
-                    return dict(zip((one.scene_id for one in packs), pool.map(_draw, packs), strict=True))
+                    return dict(zip((files.scene_id for files in packs), pool.map(_draw, packs), strict=True))
             except BrokenProcessPool:
                 continue
     raise NoRenderer(
@@ -58,7 +61,7 @@ def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture
 
 
 def _prepare(renderer: str) -> None:
-    """Choose the library before MuJoCo is imported, and keep what a broken one writes to itself."""
+    """Choose the library before MuJoCo is imported, and discard the output of a broken one."""
     os.environ[RENDERER] = renderer
     sys.stdout.flush()
     sys.stderr.flush()
@@ -69,10 +72,10 @@ def _prepare(renderer: str) -> None:
 
 def _draws() -> bool:
     try:
-        from evaluator.certify.pictures import check_renderer  # noqa: PLC0415 - after the choice, in this process only
+        from evaluator.certify.pictures import check_renderer  # noqa: PLC0415 - after the choice of the library, only in a worker process
 
         check_renderer()
-    except Exception:  # noqa: BLE001 - each library fails in its own way
+    except Exception:  # noqa: BLE001 - each library raises different errors
         return False
     return True
 
@@ -82,5 +85,5 @@ def _draw(files: PackFiles) -> Picture:
 
     try:
         return Picture(draw_png(files))
-    except Exception as error:  # noqa: BLE001 - whatever a pack makes the engine raise is a sentence, not a crash of ours
+    except Exception as error:  # noqa: BLE001 - an engine error in one pack is reported and does not stop the others
         return Picture(None, " ".join(str(error).split()) or repr(error))

@@ -1,4 +1,4 @@
-"""`scenes.md`: a row for each scene, by category, and which scenes are of the kinds that UTOPIA has."""
+"""Generates `scenes.md`: a row for each scene, by category, and the scenes that correspond to UTOPIA's kinds."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,62 +14,66 @@ KINDS: Mapping[str, tuple[int, ...]] = {
     "elastic collision": (15, 73, 18, 62),
     "inclined plane": (11, 53, 8, 26),
 }
-"""The six kinds of scenes of UTOPIA → the scenes here that come nearest, the nearest first."""
+"""UTOPIA's six kinds of scenes → the most similar scenes here, most similar first."""
 
 PICTURES = "scenes"
-"""Folder of the pictures, beside the page."""
+"""Folder of the pictures, next to the page."""
 
 _TITLES = ("picture", "scene", "name", "concepts", "answer", "iterations, interventions", "objects")
 
 _HEAD = """\
 # The scenes
 
-Made from the packs by `make pages`; do not edit. What a pack keeps from an agent is not told here either: no answers,
-no hidden values or their ranges, no hidden objects, no methods.
+Made from the packs by `make pages`; do not edit. It shows nothing that a pack hides from an agent: no answers, no
+hidden values or their ranges, no hidden objects, no methods.
 
-- **Picture**: the laboratory at the start, seen from the side of −y, with x to the right and z up. It shows what is the
-  same in every seed: nothing hidden, and no part whose place, size or colour is drawn from the seed.
+- **Picture**: the laboratory at the start, seen from the side of −y, with x to the right and z up. It shows only what
+  is the same for every seed: no hidden object, and no part whose position, size or colour depends on the seed.
 - **Answer**: its kind, with its unit or the number of options.
-- **Iterations, interventions**: how many turns the reference protocol takes, and in them how many calls that change the
-  world; the least and the most over a few seeds, since its length at one seed could tell of the answer.
-- **Objects**: how many an agent knows from the start.
+- **Iterations, interventions**: the number of turns of the reference protocol, and of calls in them that change the
+  world; minimum and maximum over several seeds, because the length at one seed could reveal the answer.
+- **Objects**: the number of objects that an agent knows from the start.
 """
 
 _KINDS_HEAD = """\
 ## Scene kinds of UTOPIA
 
 UTOPIA (Liu et al., *Mind's Eye: Grounded Language Model Reasoning through Simulation*, ICLR 2023) asks about six kinds
-of scenes. These scenes are about the same physics, the nearest first. They are relatives and not copies: here the
-quantity that decides is not told but has to be measured.
+of scenes. The scenes below are about the same physics, most similar first. They are not copies: here the deciding
+quantity is not given but has to be measured.
 """
 
 
 def scenes_page(listings: Sequence[Listing], pictured: Mapping[int, bool], *, drawn: bool) -> str:
-    """The page.
+    """The text of the page.
 
     Args:
-        listings: The scenes, by ascending id.
-        pictured: Whether there is a picture of a scene.
-        drawn: Whether pictures were drawn at all.
+        listings: The scenes, ordered by id.
+        pictured: Scene id → whether it has a picture.
+        drawn: Whether any pictures were drawn.
     """
-    categories = [one for one in (*Category, None) if any(listing.category is one for listing in listings)]
+    used = {listing.category for listing in listings}
     parts = [_HEAD]
-    for category in categories:
-        rows = [_row(one, pictured.get(one.scene, False), drawn) for one in listings if one.category is category]
+    for category in (category for category in (*Category, None) if category in used):
+        rows = [
+            _row(listing, pictured.get(listing.scene, False), drawn)
+            for listing in listings
+            if listing.category is category
+        ]
         parts.append(f"## {category.value if category else 'without category'}\n\n{markdown_table(_TITLES, rows)}\n")
-    kinds = _kinds({one.scene: one.name for one in listings})
+    kinds = _kinds({listing.scene: listing.name for listing in listings})
     return "\n".join([*parts, *([kinds] if kinds else [])]).rstrip() + "\n"
 
 
-def _row(one: Listing, pictured: bool, drawn: bool) -> tuple[str, ...]:
+def _row(listing: Listing, pictured: bool, drawn: bool) -> tuple[str, ...]:
     return (
-        _picture(one, pictured, drawn),
-        f'<a id="scene-{one.scene}"></a>{one.scene}',
-        escaped(one.name),
-        escaped(", ".join(one.concepts)),
-        escaped(one.answer),
-        f"{_span(one.steps.iterations)}, {_span(one.steps.interventions)}" if one.steps else "–",
-        str(one.in_sight),
+        _picture(listing, pictured, drawn),
+        f'<a id="scene-{listing.scene}"></a>{listing.scene}',
+        escaped(listing.name),
+        escaped(", ".join(listing.concepts)),
+        escaped(listing.answer),
+        f"{_span(listing.steps.iterations)}, {_span(listing.steps.interventions)}" if listing.steps else "–",
+        str(listing.in_sight),
     )
 
 
@@ -77,9 +81,9 @@ def _span(ends: tuple[int, int]) -> str:
     return "–".join(map(str, sorted(set(ends))))
 
 
-def _picture(one: Listing, pictured: bool, drawn: bool) -> str:
+def _picture(listing: Listing, pictured: bool, drawn: bool) -> str:
     if pictured:
-        return f'<img src="{PICTURES}/scene{one.scene}.png" width="160" alt="Scene {one.scene} at its start">'
+        return f'<img src="{PICTURES}/scene{listing.scene}.png" width="160" alt="Scene {listing.scene} at its start">'
     return "nothing to be seen" if drawn else "no picture drawn"
 
 

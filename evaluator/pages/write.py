@@ -1,4 +1,4 @@
-"""From a folder of packs to the pages: plays the reference protocols, has the pictures drawn, writes the files."""
+"""Writes the pages for a folder of packs: plays the reference protocols, draws the pictures, writes the files."""
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
@@ -17,18 +17,18 @@ SCENES_PAGE = Path("reference", "scenes.md")
 EXAMPLES_PAGE = Path("explanation", "worked-examples.md")
 
 _SEEDS = 5
-"""How many runs the length of a protocol is taken from, from seed 0 on."""
+"""Number of seeds, from 0 on, over which the length of a protocol is measured."""
 
 
 @dataclass(slots=True)
 class Written:
-    """What was written."""
+    """The result of writing the pages."""
 
     files: list[Path] = field(default_factory=list[Path])
     faults: list[str] = field(default_factory=list[str])
-    """What is wrong with packs, and so with the pages; a sentence each."""
+    """One sentence for each fault of a pack that changes the pages."""
     unpictured: str = ""
-    """Why there are no pictures, if there are none."""
+    """Why there are no pictures; empty if there are."""
 
 
 def write_pages(
@@ -39,9 +39,9 @@ def write_pages(
     Args:
         packs: The scenes.
         out: Folder of the documentation.
-        pictures: Whether to draw.
-        jobs: How many processes draw.
-        on_done: Told, in a few words, of each part that is ready.
+        pictures: Whether to draw pictures.
+        jobs: Number of processes that draw.
+        on_done: Called with a short text when a part is ready.
 
     Raises:
         UsageError: A file cannot be written.
@@ -51,22 +51,22 @@ def write_pages(
     listings = [Listing.of(files, pack, _steps(files, written)) for files, pack in sorted(read.items(), key=_by_id)]
     on_done(f"{len(listings)} reference protocols")
     drawn = _drawn(list(read), jobs, written) if pictures else dict[int, Picture]()
-    on_done(f"{sum(one.png is not None for one in drawn.values())} pictures")
+    on_done(f"{sum(picture.png is not None for picture in drawn.values())} pictures")
     examples = [
         Example(files.scene_id, pack, transcript, _summary(files))
         for files, pack in sorted(read.items(), key=_by_id)
         if files.scene_id in EXAMPLES and (transcript := _played(files, SEED, written))
     ]
     folder = out / SCENES_PAGE.parent / PICTURES
-    shown = {scene: one.png for scene, one in drawn.items() if one.png is not None}
+    shown = {scene: picture.png for scene, picture in drawn.items() if picture.png is not None}
     _write(written, {folder / f"scene{scene}.png": png for scene, png in shown.items()})
     page = scenes_page(listings, dict.fromkeys(shown, True), drawn=bool(drawn))
     _write(written, {out / SCENES_PAGE: page.encode(), out / EXAMPLES_PAGE: examples_page(examples).encode()})
     return written
 
 
-def _by_id(one: tuple[PackFiles, Pack]) -> int:
-    return one[0].scene_id
+def _by_id(entry: tuple[PackFiles, Pack]) -> int:
+    return entry[0].scene_id
 
 
 def _read_all(packs: Sequence[PackFiles], written: Written) -> dict[PackFiles, Pack]:
@@ -104,13 +104,15 @@ def _drawn(packs: Sequence[PackFiles], jobs: int, written: Written) -> Mapping[i
     except NoRenderer as reason:
         written.unpictured = str(reason)
         return dict[int, Picture]()
-    written.faults += [f"scene {scene} has no picture: {one.fault}" for scene, one in pictures.items() if one.fault]
+    written.faults += [
+        f"scene {scene} has no picture: {picture.fault}" for scene, picture in pictures.items() if picture.fault
+    ]
     return pictures
 
 
 def _summary(files: PackFiles) -> str:
-    said = ast.get_docstring(ast.parse(files.solution.read_text(encoding="utf-8"))) or ""
-    first = said.split("\n\n")[0].removeprefix(f"Scene {files.scene_id}:").strip()
+    docstring = ast.get_docstring(ast.parse(files.solution.read_text(encoding="utf-8"))) or ""
+    first = docstring.split("\n\n")[0].removeprefix(f"Scene {files.scene_id}:").strip()
     return first[:1].upper() + first[1:]
 
 

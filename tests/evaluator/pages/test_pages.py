@@ -1,4 +1,4 @@
-"""The pages about the scenes: what they say, what they must not say, and what pictures may show."""
+"""The pages about the scenes: what they show, what they must not reveal, and what pictures may show."""
 
 import io
 import json
@@ -43,7 +43,7 @@ def edited(folder: Path, scene: int, **fields: object) -> None:
 
 
 def written(folder: Path, out: Path, *options: str) -> tuple[int, str, str]:
-    """Exit code and both pages."""
+    """Write the pages; returns the exit code and both pages."""
     code = main(["scenes", "pages", "--scenes-dir", str(folder), "--out", str(out), *options])
     pages = (out / "reference" / "scenes.md", out / "explanation" / "worked-examples.md")
     return code, pages[0].read_text("utf-8"), pages[1].read_text("utf-8")
@@ -54,7 +54,7 @@ def three(tmp_path: Path) -> Path:
     return copied(tmp_path / "packs", 7, 8, 21)
 
 
-def test_a_row_says_what_an_agent_may_know(three: Path, tmp_path: Path) -> None:
+def test_a_row_shows_what_an_agent_may_know(three: Path, tmp_path: Path) -> None:
     code, page, _ = written(three, tmp_path / "out", "--no-pictures")
     assert code == 0
     assert re.search(
@@ -64,7 +64,7 @@ def test_a_row_says_what_an_agent_may_know(three: Path, tmp_path: Path) -> None:
     assert page.index("## easy-single\n") < page.index("## easy-single-hidden\n")
 
 
-def test_the_length_of_a_protocol_does_not_tell_the_outcome_of_one_seed(tmp_path: Path) -> None:
+def test_the_length_of_a_protocol_is_a_range_over_several_seeds(tmp_path: Path) -> None:
     folder = copied(tmp_path / "packs", 107)
     _, page, _ = written(folder, tmp_path / "out", "--no-pictures")
     lengths = {(len(run.turns), run.interventions) for run in (play(find_pack(107), seed) for seed in range(5))}
@@ -72,16 +72,16 @@ def test_the_length_of_a_protocol_does_not_tell_the_outcome_of_one_seed(tmp_path
     assert "| 2–3, 2–4 | 6 |" in page
 
 
-def test_the_same_packs_give_the_same_bytes(three: Path, tmp_path: Path) -> None:
+def test_the_same_packs_give_identical_pages(three: Path, tmp_path: Path) -> None:
     assert written(three, tmp_path / "one", "--no-pictures") == written(three, tmp_path / "two", "--no-pictures")
 
 
-def test_the_number_of_objects_does_not_count_the_hidden(three: Path, tmp_path: Path) -> None:
+def test_hidden_objects_are_not_counted(three: Path, tmp_path: Path) -> None:
     _, page, _ = written(three, tmp_path / "out", "--no-pictures")
     assert re.search(r"Something is in the chamber .*\| 1 \|\n", page)
 
 
-def test_nothing_private_gets_into_a_page(three: Path, tmp_path: Path) -> None:
+def test_no_private_field_gets_into_a_page(three: Path, tmp_path: Path) -> None:
     edited(
         three,
         21,
@@ -98,21 +98,21 @@ def test_nothing_private_gets_into_a_page(three: Path, tmp_path: Path) -> None:
         apply={"geom[object_2_geom].mass": "planted_derived"},
     )
     _, page, examples = written(three, tmp_path / "out", "--no-pictures")
-    everywhere = ("planted_knob", "planted_derived", "2.7182818", "2.7183", "3.1416", "3.14159", "0.31234", "8.76543")
-    assert [one for one in (PLANTED, *everywhere) if one in page] == []
-    assert [one for one in everywhere if one in examples] == []
-    # Beside the method, which they are there to tell, examples show what the experimenter itself brought to light.
+    private = ("planted_knob", "planted_derived", "2.7182818", "2.7183", "3.1416", "3.14159", "0.31234", "8.76543")
+    assert [text for text in (PLANTED, *private) if text in page] == []
+    assert [text for text in private if text in examples] == []
+    # Examples show the method and the hidden object that the protocol finds.
     assert examples.count(PLANTED) == len(("how", "why", "thing"))
 
 
-def test_no_row_depends_on_what_a_pack_keeps_to_itself() -> None:
+def test_no_row_depends_on_a_private_field() -> None:
     steps = Steps((3, 3), (2, 4))
     for files, pack in readable():
-        kept = {key: one for key, one in pack.objects.items() if not pack.permissions_of(key).hidden}
+        visible = {key: listed for key, listed in pack.objects.items() if not pack.permissions_of(key).hidden}
         public = pack.model_copy(
             update={
                 "answer": "x",
-                "objects": kept,
+                "objects": visible,
                 "metadata": pack.metadata.model_copy(update={"description": ""}),
                 **dict.fromkeys(("expected_behavior", "reasoning"), ""),
                 **{key: {} for key in ("knobs", "derive", "apply", "disabled_tools")},
@@ -122,7 +122,7 @@ def test_no_row_depends_on_what_a_pack_keeps_to_itself() -> None:
         assert Listing.of(files, public, steps) == Listing.of(files, pack, steps), files.scene_id
 
 
-def test_the_list_quotes_no_private_sentence_of_any_pack() -> None:
+def test_the_list_contains_no_private_sentence_of_any_pack() -> None:
     packs = readable()
     page = scenes_page([Listing.of(files, pack, Steps((3, 3), (2, 4))) for files, pack in packs], {}, drawn=False)
     for files, pack in packs:
@@ -130,18 +130,21 @@ def test_the_list_quotes_no_private_sentence_of_any_pack() -> None:
         meanings = [knob.meaning for knob in pack.knobs.values()]
         private = [pack.reasoning, pack.expected_behavior, *meanings, *pack.disabled_tools.values()]
         assert not [text for text in private if text and text.lower() in row.lower()], files.scene_id
-        assert not [text for text in told_numbers(pack) if text in row], files.scene_id
+        assert not [text for text in hidden_numbers(pack) if text in row], files.scene_id
 
 
-def told_numbers(pack: Pack) -> list[str]:
-    """Hidden numbers of three digits and more, as the pack and as pages write them; shorter ones coincide by chance."""
+def hidden_numbers(pack: Pack) -> list[str]:
+    """Hidden numbers with 4 or more significant digits, as packs and pages write them; shorter numbers may match by chance."""
     answer = pack.answer if isinstance(pack.answer, tuple) else (pack.answer,)
-    knobs = [one for knob in pack.knobs.values() for one in (knob.canonical, *(knob.uniform or knob.log_uniform or ()))]
-    texts = {text for one in (*answer, *knobs) if isinstance(one, float) for text in (repr(one), f"{one:.5g}")}
+    knobs = [
+        value for knob in pack.knobs.values() for value in (knob.canonical, *(knob.uniform or knob.log_uniform or ()))
+    ]
+    values = [value for value in (*answer, *knobs) if isinstance(value, float)]
+    texts = {text for value in values for text in (repr(value), f"{value:.5g}")}
     return [text for text in texts if len(re.sub(r"\D|^0\.0*", "", text.rstrip("0"))) >= 4]
 
 
-def test_the_examples_are_one_of_each_category() -> None:
+def test_there_is_one_example_of_each_category() -> None:
     assert [read_pack(find_pack(scene)).category for scene in EXAMPLES] == list(Category)
 
 
@@ -151,12 +154,12 @@ def test_the_examples_show_neither_canonical_values_nor_ranges() -> None:
         pack = read_pack(files)
         page = examples_page([Example(scene, pack, play(files, SEED), "")])
         numbers = set(re.findall(r"\d+(?:\.\d+)?", page.replace(pack.metadata.task, "")))
-        assert numbers.isdisjoint(told_numbers(pack)), scene
+        assert numbers.isdisjoint(hidden_numbers(pack)), scene
         changed = pack.model_copy(update={"answer": "x", "knobs": {}, "derive": {}, "apply": {}, "accept_draw": ()})
         assert examples_page([Example(scene, changed, play(files, SEED), "")]) == page
 
 
-def test_an_example_tells_the_task_the_method_and_the_run(three: Path, tmp_path: Path) -> None:
+def test_an_example_has_the_task_the_method_and_the_run(three: Path, tmp_path: Path) -> None:
     _, _, page = written(three, tmp_path / "out", "--no-pictures")
     assert "## easy-single: Speed of a dropped ball (scene 7)" in page
     assert "scene 8" not in page
@@ -166,23 +169,24 @@ def test_an_example_tells_the_task_the_method_and_the_run(three: Path, tmp_path:
     assert "answer(answer=7.848)" not in page
 
 
-def test_a_long_run_says_what_it_leaves_out() -> None:
+def test_a_long_run_says_how_many_calls_are_left_out() -> None:
     files = find_pack(96)
     transcript = play(files, SEED)
     page = examples_page([Example(96, read_pack(files), transcript, "")])
-    left_out = [int(one) for one in re.findall(r"left out: (\d+) call|and (\d+) more call", page) for one in one if one]
+    counts = re.findall(r"left out: (\d+) call|and (\d+) more call", page)
+    left_out = [int(count) for groups in counts for count in groups if count]
     calls = sum(len(turn.calls) for turn in transcript.turns)
     assert f"and {calls} calls. {sum(left_out)} of the calls are left out" in page
     assert page.count("→") + page.count("answer(") == calls - sum(left_out)
 
 
-def test_the_kinds_of_utopia_name_scenes_there_are() -> None:
-    there = {files.scene_id for files in list_packs()}
+def test_the_kinds_of_utopia_name_existing_scenes() -> None:
+    existing = {files.scene_id for files in list_packs()}
     assert len(KINDS) == 6
-    assert all(1 <= len(scenes) <= 4 and there.issuperset(scenes) for scenes in KINDS.values())
+    assert all(1 <= len(scenes) <= 4 and existing.issuperset(scenes) for scenes in KINDS.values())
 
 
-def test_a_broken_pack_is_left_out_with_a_sentence(
+def test_a_broken_pack_is_left_out_and_reported(
     three: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     edited(three, 8, metadata={})
@@ -196,7 +200,9 @@ def test_a_broken_pack_is_left_out_with_a_sentence(
     assert "Something is in the chamber | Newton's second law | number, kg | – | 1 |" in page
 
 
-def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why(three: Path, tmp_path: Path) -> None:
+def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has_no_pictures(
+    three: Path, tmp_path: Path
+) -> None:
     command = [sys.executable, "-m", "evaluator", "scenes", "pages", "--scenes-dir", str(three), "--out", "out"]
     done = subprocess.run(
         command,
@@ -216,7 +222,9 @@ def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why(three:
 def test_no_hidden_body_of_the_suite_is_visible() -> None:
     for files, pack in readable():
         mjcf = files.mjcf.read_text("utf-8")
-        hidden = [f"object_{one.object_id}" for key, one in pack.objects.items() if pack.permissions_of(key).hidden]
+        hidden = [
+            f"object_{listed.object_id}" for key, listed in pack.objects.items() if pack.permissions_of(key).hidden
+        ]
         if not hidden:
             continue
         import mujoco
@@ -226,7 +234,7 @@ def test_no_hidden_body_of_the_suite_is_visible() -> None:
         assert owners.isdisjoint(hidden), files.scene_id
 
 
-def test_a_part_that_is_drawn_from_the_seed_is_not_visible(tmp_path: Path) -> None:
+def test_a_part_that_depends_on_the_seed_is_not_visible(tmp_path: Path) -> None:
     folder = copied(tmp_path / "packs", 8)
     before = visible_parts(find_pack(8, folder), read_pack(find_pack(8, folder))).geoms
     path = folder / "Scene8" / "scene8.xml"
@@ -255,7 +263,7 @@ for folder, scene, seed in json.loads(sys.argv[1]):
 
 
 def drawn(*wanted: tuple[Path, int, int]) -> list[np.ndarray]:
-    """Pictures of (folder, scene, seed), drawn in a process of its own."""
+    """Pictures of (folder, scene, seed), drawn in a separate process."""
     environment = {**os.environ, "MUJOCO_GL": os.environ.get("MUJOCO_GL", "osmesa")}
     command = [sys.executable, "-c", DRAW, json.dumps([(str(folder), scene, seed) for folder, scene, seed in wanted])]
     done = subprocess.run(command, env=environment, capture_output=True, check=False, timeout=300)
@@ -288,12 +296,12 @@ def test_a_hidden_body_leaves_no_trace_in_the_picture(tmp_path: Path) -> None:
     assert np.array_equal(plain, planted)
 
 
-def test_where_everything_is_drawn_from_the_seed_there_is_no_picture() -> None:
+def test_a_scene_whose_parts_all_depend_on_the_seed_has_no_picture() -> None:
     (nothing,) = drawn((default_folder(), 17, 0))
     assert nothing.size == 0
 
 
-def test_the_camera_keeps_all_things_in_the_picture() -> None:
+def test_the_camera_keeps_all_objects_in_the_picture() -> None:
     cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     near, far = view_of(Subject(cube, [], 1), 4 / 3), view_of(Subject(np.vstack([cube, cube + 9]), [], 1), 4 / 3)
     assert near.distance > 1
@@ -301,7 +309,7 @@ def test_the_camera_keeps_all_things_in_the_picture() -> None:
     assert np.linalg.norm(near.centre - 0.5) < 0.2
 
 
-def test_a_png_says_what_the_pixels_say() -> None:
+def test_a_png_decodes_to_its_pixels() -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (5, 4, 3), dtype=np.uint8)
     pixels[2:] = pixels[1]
     png = png_of(pixels)
@@ -315,9 +323,9 @@ def test_a_png_says_what_the_pixels_say() -> None:
     assert set(lines[:, 0]) == {0, 2}
 
 
-def test_the_stored_page_shows_only_pictures_that_are_there_and_small() -> None:
+def test_the_pictures_of_the_stored_page_exist_and_are_small() -> None:
     page = (DOCS / "reference" / "scenes.md").read_text("utf-8")
     sources = re.findall(r'<img src="([^"]+)"', page)
     assert sources
-    assert [one for one in sources if not (DOCS / "reference" / one).is_file()] == []
+    assert [source for source in sources if not (DOCS / "reference" / source).is_file()] == []
     assert sum(path.stat().st_size for path in (DOCS / "reference" / "scenes").glob("*.png")) < 2_000_000
