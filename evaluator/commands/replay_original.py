@@ -1,4 +1,4 @@
-"""`physment-eval replay-original`: the authors' published logs through our parser, our tools and our grader."""
+"""`physment-eval replay-original`: plays the authors' published logs with our parser, tools and grader."""
 
 import argparse
 import json
@@ -29,19 +29,21 @@ from scenes import read_pack
 
 _DESCRIPTION = """\
 Play the logs that the authors of the paper published again: each reply of a model goes through our text parser, its
-calls through our tools on the authors' packs, its answer through our grader. Tells which replies could be read, what
-came of the calls, and why verdicts differ from the logged ones and from Eq. 1 of the paper.
+calls through our tools on the authors' packs, its answer through our grader. Reports which replies could be parsed,
+what happened to the calls, and why verdicts differ from the logged ones and from Eq. 1 of the paper.
 
-The authors' packs are not sound: agreement with their keys says something about the grader, nothing about physics.
+The authors' packs are not sound: agreement with their keys tests the grader, not physics.
 Exit code: 0 all logs were played; 1 the laboratory failed on some.
 """
 
 
 def add(commands: Commands) -> None:
-    """Declare `replay-original`."""
+    """Declare `replay-original`.
+
+    It has no `help`, so argparse leaves it out of `physment-eval --help`: only the published logs are played with it.
+    """
     command = commands.add_parser(
         "replay-original",
-        help="play the authors' published logs again",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -66,7 +68,7 @@ def add(commands: Commands) -> None:
     command.add_argument(
         "--as-logged",
         action="store_true",
-        help="keep with --keep what the logs tell, with the returns that the models read, and not what came of playing",
+        help="with --keep, keep the logged episodes with the results that the models read, not the replayed ones",
     )
     command.add_argument("--out", type=Path, metavar="FILE", help="write the tables to FILE as Markdown")
 
@@ -93,13 +95,14 @@ def _replay(args: argparse.Namespace) -> int:
                 folder.write_run(record)
             with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter())) as display:
 
-                def ended(one: PlayedLog) -> None:
-                    if one.episode is not None and folder is not None:
+                def ended(replayed: PlayedLog) -> None:
+                    episode = replayed.episode
+                    if episode is not None and folder is not None:
                         folder.append_episode(
-                            as_logged(one.log, one.episode.key, one.episode.versions) if args.as_logged else one.episode
+                            as_logged(replayed.log, episode.key, episode.versions) if args.as_logged else episode
                         )
-                    if one.episode is not None and sys.stderr.isatty():
-                        display.ended(one.episode)
+                    if episode is not None and sys.stderr.isatty():
+                        display.ended(episode)
 
                 return await play_logs(
                     logs, laboratory, keys, names, versions=record.versions_of, jobs=args.jobs, on_end=ended
@@ -113,7 +116,7 @@ def _replay(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace, logs: Sequence[LoggedEpisode], played: Sequence[PlayedLog]) -> int:
     """Compare, write, print; returns the exit code."""
-    compared = [compare(one) for one in played]
+    compared = [compare(log) for log in played]
     tables = markdown(rows(compared))
     if args.out is not None:
         try:
@@ -127,28 +130,28 @@ def _report(args: argparse.Namespace, logs: Sequence[LoggedEpisode], played: Seq
     else:
         print(tables)
         print("logs left out: " + ", ".join(f"{count} with {why}" for why, count in left_out.items()))
-    return 1 if any(one.failure for one in played) else 0
+    return 1 if any(log.failure for log in played) else 0
 
 
 def _as_json(compared: Sequence[Compared], left_out: Mapping[str, int]) -> str:
-    told = [
+    disagreements = [
         {
-            "log": str(one.played.log.path),
-            "model": one.played.log.model,
-            "budget": one.played.log.budget,
-            "scene": one.played.scene,
-            "answer": one.answer,
-            "key": one.played.key,
-            "logged": one.played.log.verdict and one.played.log.verdict.right,
-            "logged_answer": one.played.log.verdict and one.played.log.verdict.answer,
-            "strict": one.strict,
-            "normalised": one.normalised,
-            "eq1": one.by_eq1,
-            "why": one.disagreement,
-            "why_not_eq1": one.eq1_disagreement,
+            "log": str(result.played.log.path),
+            "model": result.played.log.model,
+            "budget": result.played.log.budget,
+            "scene": result.played.scene,
+            "answer": result.answer,
+            "key": result.played.key,
+            "logged": result.played.log.verdict and result.played.log.verdict.right,
+            "logged_answer": result.played.log.verdict and result.played.log.verdict.answer,
+            "strict": result.strict,
+            "normalised": result.normalised,
+            "eq1": result.by_eq1,
+            "why": result.disagreement,
+            "why_not_eq1": result.eq1_disagreement,
         }
-        for one in compared
-        if one.disagreement or one.eq1_disagreement
+        for result in compared
+        if result.disagreement or result.eq1_disagreement
     ]
     table = [row.model_dump(mode="json") for row in rows(compared)]
-    return json.dumps({"left_out": left_out, "rows": table, "disagreements": told}, ensure_ascii=False)
+    return json.dumps({"left_out": left_out, "rows": table, "disagreements": disagreements}, ensure_ascii=False)

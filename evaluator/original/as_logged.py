@@ -1,7 +1,7 @@
-"""Published logs as records of what happened there: the models' calls with the returns that *they* read.
+"""Converts published logs to episode records with the results that the models read. Knows no laboratory or verdicts.
 
-Playing a log again gives the returns of our laboratory, to which the model never replied. Whether a number in a reply
-was read or made up can only be asked of the returns in the log. Knows no laboratory and no verdicts.
+Playing a log again gives results of our laboratory, which the model never saw. Only the results in the log can show
+whether a number in a reply was read or invented.
 """
 
 import json
@@ -22,21 +22,22 @@ _ERROR = "ERROR: "
 
 
 def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episode:
-    """The episode that a log tells of.
+    """The episode recorded in a log.
 
-    A call is matched with the next line of the following prompt that names its tool. What has no such line was not run,
-    as are those of a reply that the authors' program could not read. Calls before the answer in the last batch ran, but
-    what they returned was told to nobody. The simulated time, told once after each batch, stands in the return of its
-    last call that succeeded.
+    The result of a call is the next line of the following prompt that names its tool. A call without such a line did
+    not run; this includes all calls of a reply that the authors' program could not parse. Calls before the answer in
+    the last batch ran, but nobody saw their results. The log gives the simulated time once after each batch; here it is
+    added to the result of the batch's last successful call.
 
     Args:
-        log: The log; it holds a reply at least.
-        key: What the episode is kept under.
-        versions: Versions to record: those of the pack it is graded with.
+        log: The log, with at least one reply.
+        key: The key under which the episode is stored.
+        versions: Versions to record; the pack's version is that of the pack used for grading.
     """
     last = len(log.replies) - 1
-    turns = [_turn(reply, _read_next(log, index), is_last=index == last) for index, reply in enumerate(log.replies)]
-    answers = [one.call.arguments.get("answer") for one in turns[-1].exchanges if one.call.tool == ANSWER]
+    turns = [_turn(reply, _next_prompt(log, index), is_last=index == last) for index, reply in enumerate(log.replies)]
+    calls = [exchange.call for exchange in turns[-1].exchanges]
+    answers = [call.arguments.get("answer") for call in calls if call.tool == ANSWER]
     answered = bool(answers) and answers[-1] is not None
     used_up = len(turns) >= key.budget
     return Episode(
@@ -52,44 +53,45 @@ def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episod
     )
 
 
-def _read_next(log: LoggedEpisode, index: int) -> str:
+def _next_prompt(log: LoggedEpisode, index: int) -> str:
     return log.prompts[index + 1] if index + 1 < len(log.prompts) else ""
 
 
-def _turn(text: str, told: str, *, is_last: bool) -> Turn:
+def _turn(text: str, results: str, *, is_last: bool) -> Turn:
     reply = parse_reply(text)
-    lines = _RETURN.findall(told)
+    lines = _RETURN.findall(results)
     exchanges: list[Exchange] = []
     for call in reply.calls:
         if call.tool == ANSWER:
-            # An answer that their program went on after was not taken.
+            # If their program continued after an answer, it had not accepted the answer.
             exchanges.append(Exchange(call=call, returned=is_last))
         elif lines and lines[0][0] == call.tool:
             exchanges.append(_exchange(call, lines.pop(0)[2]))
         else:
-            exchanges.append(Exchange(call=call, returned=is_last and any(one.tool == ANSWER for one in reply.calls)))
-    time = _TIME.search(told)
+            answers = any(other.tool == ANSWER for other in reply.calls)
+            exchanges.append(Exchange(call=call, returned=is_last and answers))
+    time = _TIME.search(results)
     note = reply.malformed or ("" if exchanges else "no call")
     return Turn(reasoning=reply.reasoning, exchanges=_timed(exchanges, time and time[1]), note=note)
 
 
-def _exchange(call: ToolCall, said: str) -> Exchange:
-    if said.startswith(_ERROR):
-        return Exchange(call=call, returned=True, is_error=True, text=said.removeprefix(_ERROR))
-    return Exchange(call=call, returned=True, content=_content(said), text=said)
+def _exchange(call: ToolCall, result: str) -> Exchange:
+    if result.startswith(_ERROR):
+        return Exchange(call=call, returned=True, is_error=True, text=result.removeprefix(_ERROR))
+    return Exchange(call=call, returned=True, content=_content(result), text=result)
 
 
-def _content(said: str) -> dict[str, Any]:
-    """A return as an object; what is none, such as `ok` or a list, stands under `result`."""
+def _content(result: str) -> dict[str, Any]:
+    """A result as a JSON object; any other value, such as `ok` or a list, is put under the key `result`."""
     try:
-        value: JsonValue = json.loads(said, parse_constant=lambda _: None)
+        value: JsonValue = json.loads(result, parse_constant=lambda _: None)
     except ValueError:
-        value = said
+        value = result
     return value if isinstance(value, dict) else {"result": value}
 
 
 def _timed(exchanges: Sequence[Exchange], time: str | None) -> tuple[Exchange, ...]:
-    """The exchanges of a batch, the last that succeeded with the simulated time after it [s]."""
+    """The exchanges of a batch, with the simulated time [s] added to the last successful one."""
     last = next((i for i in reversed(range(len(exchanges))) if exchanges[i].content is not None), None)
     if time is None or last is None:
         return tuple(exchanges)

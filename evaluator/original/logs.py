@@ -1,7 +1,7 @@
-"""Reading the published logs: a folder for each episode, with the turns as text. Knows no laboratory and no verdicts.
+"""Reads the published logs: a folder for each episode, with the turns as text. Knows no laboratory and no verdicts.
 
-The turns are UTF-8; the block at the end was written in the code page of a Windows machine. A log without that block is
-one of an episode that crashed.
+The turns are UTF-8; the final block was written in a Windows code page. A log without a final block belongs to an
+episode that crashed.
 """
 
 import re
@@ -22,12 +22,12 @@ _VERDICT = re.compile(
 _HISTORY = re.compile(r"--- Tool Call History ---(.*?)(?:^---|\Z)", re.MULTILINE | re.DOTALL)
 _ENTRY = re.compile(r"^  \[\d+\] ", re.MULTILINE)
 _UNREAD = "Invalid JSON syntax"
-"""What their loop says after a reply that it could not read."""
+"""What the authors' program writes after a reply that it could not parse."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedVerdict:
-    """What a log says of its answer."""
+    """The verdict in a log: answer, key, and whether it was marked right."""
 
     answer: str
     key: str
@@ -36,33 +36,33 @@ class LoggedVerdict:
 
 @dataclass(frozen=True, slots=True)
 class LoggedEpisode:
-    """One episode as it was logged."""
+    """One episode as logged by the authors' program."""
 
     path: Path
     model: str
     budget: int
-    """Iterations it was given; 0 where nothing tells."""
+    """Number of iterations allowed; 0 if unknown."""
     scene: int
-    """The scene that the log names."""
+    """The scene number in the log."""
     scene_name: str
-    """Its title in the opening prompt."""
+    """The scene's title in the opening prompt."""
     replies: tuple[str, ...]
     prompts: tuple[str, ...]
-    """What the model read before each reply: the task at first, then the returns of its calls."""
+    """The prompt before each reply: first the task, then the results of the calls."""
     read: int
-    """How many replies their loop could read."""
+    """Number of replies that the authors' program could parse."""
     finished: bool
-    """Whether the log has its final block; if not, their program crashed or was stopped."""
+    """Whether the log has a final block; if not, the authors' program crashed or was stopped."""
     verdict: LoggedVerdict | None
 
     @property
     def crashed(self) -> bool:
-        """Whether their program ended on a reply."""
+        """Whether the authors' program crashed after a reply."""
         return not self.finished and bool(self.replies)
 
 
 def find_logs(folder: Path) -> list[LoggedEpisode]:
-    """All logged episodes below a folder, by model, budget, scene and time.
+    """All logged episodes below a folder, ordered by model, budget, scene and time.
 
     Raises:
         UsageError: There are none, or one cannot be read.
@@ -70,7 +70,7 @@ def find_logs(folder: Path) -> list[LoggedEpisode]:
     paths = sorted(folder.rglob("summary_*.txt"))
     if not paths:
         raise UsageError(f"{folder} holds no logs of the published form: …/MODEL/scene_NNN/summary_TIME.txt")
-    return sorted(map(_read, paths), key=lambda one: (one.model, one.budget, one.scene, one.path.name))
+    return sorted(map(_read, paths), key=lambda log: (log.model, log.budget, log.scene, log.path.name))
 
 
 def _read(path: Path) -> LoggedEpisode:
@@ -103,7 +103,7 @@ def _read(path: Path) -> LoggedEpisode:
 
 
 def _budget(path: Path, prompts: list[str]) -> int:
-    """Iterations an episode was given: told by its folder, by the summary beside it, or by its second prompt."""
+    """Iterations allowed, from the name of the folder, the summary next to the log, or the second prompt."""
     folder = re.search(r"iterations_(\d+)", path.parent.as_posix())
     if folder is not None:
         return int(folder[1])
@@ -115,7 +115,7 @@ def _budget(path: Path, prompts: list[str]) -> int:
     for number, prompt in enumerate(prompts, start=1):
         left = re.search(r"You have (\d+) iterations remaining", prompt)
         if left is not None:
-            # Their prompts understate what is left by one: 8 at the second of 10.
+            # The prompts give one iteration too few: 8 remaining at the second of 10.
             return int(left[1]) + number
     return 0
 
@@ -135,10 +135,10 @@ def _verdict(final: str) -> LoggedVerdict | None:
 
 
 def _read_by_them(prompts: list[str], replies: tuple[str, ...], final: str, *, finished: bool) -> int:
-    """Replies that their loop read: told by its history, or in a crashed episode by what it said afterwards."""
+    """Number of replies that the authors' program parsed, from its history or, after a crash, from its prompts."""
     history = _HISTORY.search(final)
     if history is not None:
         return min(len(_ENTRY.findall(history[1])), len(replies))
     unread = sum(_UNREAD in prompt for prompt in prompts[1:])
-    # The reply that a program died of was not read; that of one which failed to write its key was.
+    # Without a final block, the last reply crashed the program and was not parsed.
     return max(0, len(replies) - unread - (not finished))

@@ -1,4 +1,4 @@
-"""Playing the published logs again: their replies through our text parser, our tools and our grader."""
+"""Plays the published logs again: their replies go through our text parser, tools and grader."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -20,13 +20,13 @@ from scenes import AnswerKind
 
 @dataclass(frozen=True, slots=True)
 class LogAgent:
-    """Says what a model said in a log, turn by turn, whatever comes back."""
+    """Repeats a model's logged replies, turn by turn, and ignores the results."""
 
     log: LoggedEpisode
 
     @property
     def name(self) -> str:
-        """The model's folder."""
+        """The name of the model's folder."""
         return self.log.model
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_LogPlayer":
@@ -50,23 +50,23 @@ class _LogPlayer:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLog:
-    """A log, and what came of its replies in our laboratory."""
+    """A log, and the episode that its replies gave in our laboratory."""
 
     log: LoggedEpisode
     scene: int
     episode: Episode | None
-    """None where the laboratory failed."""
+    """None if the laboratory failed."""
     grade: Grade | None
     key: str | float | tuple[str | float, ...]
     is_choice: bool
-    """Whether the key is compared exactly: the number of an object or of a case, say."""
+    """Whether the key is compared exactly, for example the number of an object or option."""
     failure: str = ""
 
 
 def scene_of(log: LoggedEpisode, names: Mapping[int, str]) -> int | None:
-    """The scene that a log is of, by the title in its prompt and else by its number; None if there is no such pack.
+    """The scene of a log, by the title in its prompt or otherwise by its number; None if there is no such pack.
 
-    Some published folders carry the number of another scene.
+    The title comes first, because some published folders have the number of another scene.
     """
     if names.get(log.scene) == log.scene_name:
         return log.scene
@@ -86,16 +86,16 @@ async def play_logs(
     jobs: int = 1,
     on_end: Callable[[PlayedLog], None] = lambda _: None,
 ) -> list[PlayedLog]:
-    """Play logs, at most `jobs` at a time; those of scenes that have no pack are left out.
+    """Play logs, at most `jobs` at a time. Logs without a pack or without a reply are left out.
 
     Args:
-        logs: The logs; one without a reply is left out too.
+        logs: The logs.
         laboratory: Serves the authors' packs.
         keys: The keys of the same packs.
         names: Scene → title, of the same packs.
         versions: Scene → versions to record.
-        jobs: How many are played at a time.
-        on_end: Told of each when it is through.
+        jobs: How many logs are played at a time.
+        on_end: Called with each log when it has been played.
     """
     played: dict[int, PlayedLog] = {}
     waiting = iter(list(enumerate(_keyed(logs, names))))
@@ -112,14 +112,14 @@ async def play_logs(
 
 
 def _keyed(logs: Sequence[LoggedEpisode], names: Mapping[int, str]) -> list[tuple[LoggedEpisode, EpisodeKey]]:
-    """The logs that can be played, each under a key of its own: a scene may have been played more than once."""
+    """The logs that can be played, each with a unique key; a scene may have been played more than once."""
     keyed: list[tuple[LoggedEpisode, EpisodeKey]] = []
     epochs = Counter[EpisodeKey]()
     for log in logs:
         scene = scene_of(log, names)
         if scene is None or not log.replies:
             continue
-        # A log may hold one reply more than its budget, said to a loop that no longer listened.
+        # A log may have one reply more than its budget, which the authors' program ignored.
         budget = max(log.budget, len(log.replies))
         key = EpisodeKey(scene=scene, seed=0, agent=log.model, budget=budget, protocol="text")
         epochs[key] += 1

@@ -1,4 +1,4 @@
-"""Counting what came of the published logs, model by model, and the report of it: figures, no text of the logs."""
+"""Counts the results of the published logs for each model, and reports them: only figures, no text of the logs."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -25,36 +25,36 @@ _JUDGING = (
 
 
 class Replies(Record):
-    """How replies were read."""
+    """How the replies were parsed."""
 
     replies: int = 0
     read_by_them: int = 0
     with_calls: int = 0
     empty: int = 0
     without_calls: int = 0
-    """Prose alone."""
+    """Replies with prose only."""
     malformed: int = 0
 
     @property
     def written(self) -> int:
-        """Replies that hold any text."""
+        """Number of replies with any text."""
         return self.replies - self.empty
 
 
 class Calls(Record):
-    """What came of the calls in the replies that were read."""
+    """What happened to the calls in the parsed replies."""
 
     executed: int = 0
     refused: int = 0
-    """Run, and answered with an error."""
+    """Ran and returned an error."""
     misfitting: int = 0
-    """Fits no tool's schema; was not run."""
+    """Did not run, because they fit no tool's schema."""
     not_run: int = 0
-    """Stood after an answer or after a call that fits no schema."""
+    """Did not run, because they followed an answer or a call that fits no schema."""
 
 
 class Verdicts(Record):
-    """Verdicts on the episodes that have one in the log; `eq1` counts numbers alone."""
+    """Verdicts on the episodes that have one in the log; `eq1` counts only numbers."""
 
     logged: int = 0
     logged_right: int = 0
@@ -78,20 +78,20 @@ class Row(Record):
     budget: int | None
     episodes: int
     crashed: int
-    """Episodes on whose last reply the authors' program died."""
+    """Episodes whose last reply crashed the authors' program."""
     crashed_readable: int
-    """Those of them whose last reply holds calls that we can read."""
+    """Crashed episodes whose last reply has calls that we can parse."""
     not_played: int
-    """Episodes that our laboratory failed on."""
+    """Episodes for which our laboratory failed."""
     replies: Replies
     calls: Calls
     verdicts: Verdicts
     disagreements: dict[str, int]
-    """Why the log's verdict is another than ours → how often."""
+    """Reason why the log's verdict differs from ours → number of episodes."""
     scenes: dict[str, tuple[int, ...]]
-    """Why → in which scenes."""
+    """The same reason → scenes."""
     eq1_disagreements: dict[str, int]
-    """Why Eq. 1 and our strict verdict differ → how often."""
+    """Reason why Eq. 1 and our strict verdict differ → number of episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Compared:
 
 
 def compare(played: PlayedLog) -> Compared:
-    """Hold the verdict of a log against ours and against Eq. 1."""
+    """Compare the verdict of a log with ours and with Eq. 1."""
     answer = played.episode.answer if played.episode else None
     key: JsonValue = list(played.key) if isinstance(played.key, tuple) else played.key
     strict = played.grade is not None and played.grade.strict is Verdict.CORRECT
@@ -121,40 +121,45 @@ def compare(played: PlayedLog) -> Compared:
 
 
 def rows(compared: Sequence[Compared]) -> list[Row]:
-    """A row for each model and budget, and one for all."""
+    """One row for each model and budget, and one row for all."""
     groups: dict[tuple[str, int], list[Compared]] = {}
-    for one in compared:
-        groups.setdefault((one.played.log.model, one.played.log.budget), []).append(one)
+    for result in compared:
+        groups.setdefault((result.played.log.model, result.played.log.budget), []).append(result)
     listed = [_row(model, budget, group) for (model, budget), group in groups.items()]
     return [*listed, _row("all", None, compared)] if len(listed) > 1 else listed
 
 
 def _row(model: str, budget: int | None, group: Sequence[Compared]) -> Row:
-    whys = Counter(one.disagreement for one in group if one.disagreement)
+    reasons = Counter(result.disagreement for result in group if result.disagreement)
     return Row(
         model=model,
         budget=budget,
         episodes=len(group),
-        crashed=sum(one.played.log.crashed for one in group),
+        crashed=sum(result.played.log.crashed for result in group),
         crashed_readable=sum(
-            one.played.log.crashed and bool(parse_reply(one.played.log.replies[-1]).calls) for one in group
+            result.played.log.crashed and bool(parse_reply(result.played.log.replies[-1]).calls) for result in group
         ),
-        not_played=sum(bool(one.played.failure) for one in group),
+        not_played=sum(bool(result.played.failure) for result in group),
         replies=_replies(group),
-        calls=_calls(one.played.episode for one in group if one.played.episode),
+        calls=_calls(result.played.episode for result in group if result.played.episode),
         verdicts=_verdicts(group),
-        disagreements=dict(whys.most_common()),
-        scenes={why: tuple(sorted({one.played.scene for one in group if one.disagreement == why})) for why in whys},
-        eq1_disagreements=dict(Counter(one.eq1_disagreement for one in group if one.eq1_disagreement).most_common()),
+        disagreements=dict(reasons.most_common()),
+        scenes={
+            reason: tuple(sorted({result.played.scene for result in group if result.disagreement == reason}))
+            for reason in reasons
+        },
+        eq1_disagreements=dict(
+            Counter(result.eq1_disagreement for result in group if result.eq1_disagreement).most_common()
+        ),
     )
 
 
 def _replies(group: Sequence[Compared]) -> Replies:
-    texts = [text for one in group for text in one.played.log.replies]
+    texts = [text for result in group for text in result.played.log.replies]
     read = [parse_reply(text) for text in texts]
     return Replies(
         replies=len(texts),
-        read_by_them=sum(one.played.log.read for one in group),
+        read_by_them=sum(result.played.log.read for result in group),
         with_calls=sum(bool(reply.calls) for reply in read),
         empty=sum(not text for text in texts),
         without_calls=sum(
@@ -165,7 +170,7 @@ def _replies(group: Sequence[Compared]) -> Replies:
 
 
 def _calls(episodes: Iterable[Episode]) -> Calls:
-    kinds = Counter(_kind(one) for episode in episodes for turn in episode.turns for one in turn.exchanges)
+    kinds = Counter(_kind(exchange) for episode in episodes for turn in episode.turns for exchange in turn.exchanges)
     return Calls(**kinds)
 
 
@@ -176,39 +181,39 @@ def _kind(exchange: Exchange) -> str:
 
 
 def _verdicts(group: Sequence[Compared]) -> Verdicts:
-    logged = [one for one in group if one.played.log.verdict]
-    numeric = [one for one in logged if one.by_eq1 is not None]
-    unlogged = [one for one in group if not one.played.log.verdict]
+    logged = [result for result in group if result.played.log.verdict]
+    numeric = [result for result in logged if result.by_eq1 is not None]
+    unlogged = [result for result in group if not result.played.log.verdict]
     return Verdicts(
         logged=len(logged),
-        logged_right=sum(_marked_right(one) for one in logged),
-        strict_right=sum(one.strict for one in logged),
-        normalised_right=sum(one.normalised for one in logged),
+        logged_right=sum(_marked_right(result) for result in logged),
+        strict_right=sum(result.strict for result in logged),
+        normalised_right=sum(result.normalised for result in logged),
         numeric=len(numeric),
-        numeric_logged_right=sum(_marked_right(one) for one in numeric),
-        numeric_strict_right=sum(one.strict for one in numeric),
-        eq1_right=sum(bool(one.by_eq1) for one in numeric),
+        numeric_logged_right=sum(_marked_right(result) for result in numeric),
+        numeric_strict_right=sum(result.strict for result in numeric),
+        eq1_right=sum(bool(result.by_eq1) for result in numeric),
         unlogged=len(unlogged),
-        unlogged_answered=sum(_answered(one) for one in unlogged),
-        unlogged_strict_right=sum(one.strict for one in unlogged),
+        unlogged_answered=sum(_answered(result) for result in unlogged),
+        unlogged_strict_right=sum(result.strict for result in unlogged),
     )
 
 
-def _marked_right(one: Compared) -> bool:
-    return one.played.log.verdict is not None and one.played.log.verdict.right
+def _marked_right(compared: Compared) -> bool:
+    return compared.played.log.verdict is not None and compared.played.log.verdict.right
 
 
-def _answered(one: Compared) -> bool:
-    episode = one.played.episode
+def _answered(compared: Compared) -> bool:
+    episode = compared.played.episode
     return episode is not None and episode.outcome is Outcome.ANSWERED and _ends_in_answer(episode)
 
 
 def _ends_in_answer(episode: Episode) -> bool:
-    return any(one.call.tool == ANSWER and one.returned for one in episode.turns[-1].exchanges)
+    return any(exchange.call.tool == ANSWER and exchange.returned for exchange in episode.turns[-1].exchanges)
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The report: how replies were read, what came of the calls, the verdicts, and why they differ."""
+    """The report: how replies were parsed, what happened to the calls, the verdicts, and why they differ."""
     total = rows[-1]
     heads = [f"{row.model} {row.budget or ''}".rstrip() for row in rows]
     return "\n".join(
@@ -251,19 +256,19 @@ def _calling_cells(calls: Calls) -> tuple[int, ...]:
     return (sum(counts), *counts)
 
 
-def _verdict_cells(one: Verdicts) -> tuple[int, ...]:
+def _verdict_cells(verdicts: Verdicts) -> tuple[int, ...]:
     return (
-        one.logged,
-        one.logged_right,
-        one.strict_right,
-        one.normalised_right,
-        one.numeric,
-        one.numeric_logged_right,
-        one.eq1_right,
-        one.numeric_strict_right,
-        one.unlogged,
-        one.unlogged_answered,
-        one.unlogged_strict_right,
+        verdicts.logged,
+        verdicts.logged_right,
+        verdicts.strict_right,
+        verdicts.normalised_right,
+        verdicts.numeric,
+        verdicts.numeric_logged_right,
+        verdicts.eq1_right,
+        verdicts.numeric_strict_right,
+        verdicts.unlogged,
+        verdicts.unlogged_answered,
+        verdicts.unlogged_strict_right,
     )
 
 

@@ -1,4 +1,4 @@
-"""What the paper's Eq. 1 says of an answer, and why a logged verdict is another than ours. Pure functions."""
+"""Verdicts by the paper's Eq. 1, and the reasons why a logged verdict differs from ours. Pure functions."""
 
 import math
 import re
@@ -11,7 +11,7 @@ from evaluator.original.logs import LoggedVerdict
 _REL_TOL = 0.05
 """Eq. 1 of the paper: a number is right within 5 % of the key."""
 _THEIR_ABS_TOL = 0.1
-"""What their program uses in its place."""
+"""The absolute tolerance that the authors' program uses instead."""
 _SEPARATORS = re.compile(r"[,;\s]+")
 
 
@@ -41,17 +41,17 @@ class Eq1Disagreement(StrEnum):
 
 
 def eq1(answer: JsonValue, key: JsonValue) -> bool | None:
-    """Whether an answer is right by Eq. 1, |â - a| ≤ 0.05 |a|, for each number in order; None if one is no number."""
+    """Whether every number of an answer is right by Eq. 1, |â - a| ≤ 0.05 |a|; None if a value is not a number."""
     got, want = numbers(answer), numbers(key)
     if got is None or want is None:
         return None
-    return len(got) == len(want) and all(abs(one - other) <= _REL_TOL * abs(other) for one, other in zip(got, want))  # noqa: B905 - same length
+    return len(got) == len(want) and all(abs(a - b) <= _REL_TOL * abs(b) for a, b in zip(got, want, strict=True))
 
 
 def numbers(value: JsonValue) -> list[float] | None:
-    """The numbers that a value consists of, bare or listed; None if it holds anything else."""
+    """The numbers in a value or list; None if it has anything else."""
     if isinstance(value, list):
-        parts = [numbers(one) for one in value]
+        parts = [numbers(item) for item in value]
         return None if any(part is None or len(part) != 1 for part in parts) else [part[0] for part in parts if part]
     written = [part for part in _SEPARATORS.split(str(value).strip(" \t\r\n[]()")) if part]
     try:
@@ -67,8 +67,8 @@ def why_other_verdict(
     """Why a logged verdict differs from ours; None if it does not.
 
     Args:
-        logged: The verdict of the log, on the answer as the log has it.
-        answer: The answer that we read from the same replies; None if there was none.
+        logged: The verdict and the answer in the log.
+        answer: The answer that we parsed from the same replies; None if there was none.
         key: The key of the pack.
         strict: Our strict verdict.
         normalised: Our normalised verdict.
@@ -92,9 +92,9 @@ def _why_marked_right(got: list[float], want: list[float]) -> Disagreement:
         return Disagreement.PART
     if len(got) > len(want):
         return Disagreement.MORE
-    if eq1([abs(one) for one in got], [abs(one) for one in want]):
+    if eq1([abs(number) for number in got], [abs(number) for number in want]):
         return Disagreement.SIGN
-    near = all(abs(one - other) < _THEIR_ABS_TOL for one, other in zip(got, want, strict=True))
+    near = all(abs(a - b) < _THEIR_ABS_TOL for a, b in zip(got, want, strict=True))
     return Disagreement.FAR if near else Disagreement.OTHER_KEY
 
 
@@ -108,7 +108,7 @@ def why_other_than_eq1(by_eq1: bool, strict: bool, key: JsonValue, *, is_choice:
 
 
 def _same_answer(logged: str, answer: JsonValue) -> bool:
-    """Whether the log's answer is the one that we read; the log has it as Python prints it."""
+    """Whether the log's answer, which is written as Python prints it, equals the answer that we parsed."""
     if answer is None:
         return logged == "None"
     return _plain(logged) == _plain(answer) or (numbers(logged) is not None and numbers(logged) == numbers(answer))

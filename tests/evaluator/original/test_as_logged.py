@@ -1,4 +1,4 @@
-"""Logs as records of what happened there: calls matched with the returns that the models read. Logs made up here."""
+"""Conversion of logs to episode records: calls get the results that the models read. The logs are test data."""
 
 from pathlib import Path
 
@@ -28,12 +28,12 @@ ANSWER = 'It falls with -4.9 m/s after 0.5 s.\n\n[{"tool": "answer", "parameters
 
 
 def write(folder: Path, turns: list[tuple[str, str]], budget: int = 5) -> Path:
-    """A log of prompts and replies, below a folder that names model, budget and scene."""
+    """Write a log of prompts and replies into folders named after budget, model and scene."""
     title = read_pack(find_pack(7, default_folder())).metadata.scene_name
     text = "=== Experiment Log for 7 ===\n\n"
     for number, (prompt, reply) in enumerate(turns, start=1):
-        told = f"Scene Description: {title}.\n{prompt}" if number == 1 else prompt
-        text += f"\n--- Iteration {number} ---\nLLM Input Prompt Below:\n{told}\n\nLLM Response Below:\n{reply}\n"
+        shown = f"Scene Description: {title}.\n{prompt}" if number == 1 else prompt
+        text += f"\n--- Iteration {number} ---\nLLM Input Prompt Below:\n{shown}\n\nLLM Response Below:\n{reply}\n"
     path = folder / f"iterations_{budget:02}" / "some_model" / "scene_007"
     path.mkdir(parents=True)
     (path / "summary_20260101T000000.txt").write_text(text, encoding="utf-8")
@@ -46,7 +46,7 @@ def episode(folder: Path) -> Episode:
     return as_logged(log, key, VERSIONS)
 
 
-def test_calls_have_the_returns_that_the_model_read(tmp_path: Path) -> None:
+def test_calls_have_the_results_that_the_model_read(tmp_path: Path) -> None:
     played = episode(write(tmp_path, [("Find out.", STEP_AND_LOOK), (READ, ANSWER)]))
     step, force, look = played.turns[0].exchanges
     assert (step.returned, step.is_error, step.content) == (True, False, {"result": "ok"})
@@ -56,30 +56,30 @@ def test_calls_have_the_returns_that_the_model_read(tmp_path: Path) -> None:
     assert grounding_of(played).share == 1
 
 
-def test_what_has_no_return_was_not_run(tmp_path: Path) -> None:
+def test_a_call_without_a_result_was_not_run(tmp_path: Path) -> None:
     other = 'Previous Results:\nget_position(object_id="object_1") -> {"position": [1.0, 0.0, 0.0]}\n[sim_time=0]'
     unread = "Previous results: Error: Invalid JSON syntax for tool(s)."
     played = episode(write(tmp_path, [("Find out.", LOOK), (other, LOOK), (unread, LOOK)]))
-    assert [one.returned for turn in played.turns for one in turn.exchanges] == [False, False, False]
+    assert [exchange.returned for turn in played.turns for exchange in turn.exchanges] == [False, False, False]
     assert (played.outcome, played.error) == (Outcome.AGENT_ERROR, "the log ends here")
 
 
-def test_an_answer_that_the_program_went_on_after_was_not_taken(tmp_path: Path) -> None:
+def test_an_answer_after_which_the_program_continued_was_not_accepted(tmp_path: Path) -> None:
     played = episode(write(tmp_path, [("Find out.", ANSWER), ("Previous Results:\n[sim_time=0]", LOOK)], budget=2))
     assert played.turns[0].exchanges[0].returned is False
     assert (played.outcome, played.answer) == (Outcome.BUDGET_EXHAUSTED, None)
 
 
-def test_what_the_logs_tell_is_kept_as_a_run_folder(tmp_path: Path) -> None:
+def test_logged_episodes_can_be_kept_as_a_run_folder(tmp_path: Path) -> None:
     logs = write(tmp_path / "logs", [("Find out.", STEP_AND_LOOK), (READ, ANSWER)])
     words = ["replay-original", str(logs), "--scenes-dir", str(default_folder()), "--jobs", "1"]
-    assert main([*words, "--keep", str(tmp_path / "told"), "--as-logged"]) == 0
-    (told,) = RunFolder(tmp_path / "told").episodes().values()
-    assert told.turns[0].exchanges[2].content == {"velocity": [0.0, 0.0, -4.9], "sim_time": 0.5}
-    assert told.prompt.endswith("Find out.\n\n")
-    assert told.versions.pack
+    assert main([*words, "--keep", str(tmp_path / "kept"), "--as-logged"]) == 0
+    (kept,) = RunFolder(tmp_path / "kept").episodes().values()
+    assert kept.turns[0].exchanges[2].content == {"velocity": [0.0, 0.0, -4.9], "sim_time": 0.5}
+    assert kept.prompt.endswith("Find out.\n\n")
+    assert kept.versions.pack
 
 
-def test_as_logged_needs_a_folder_to_keep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_as_logged_requires_keep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay-original", str(tmp_path), "--scenes-dir", str(default_folder()), "--as-logged"]) == 2
     assert "--keep DIR" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The importer of the published logs, on logs of the same form that were made up here."""
+"""Reading and replaying the published logs, with logs of the same format made for the tests."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ def write_log(
     title: str = TITLE,
     stamp: str = "20260101T000000",
 ) -> Path:
-    """A log as the authors' program writes it; without a verdict it ends as one of a crash does."""
+    """Write a log as the authors' program does; without a verdict it ends as after a crash."""
     text = "=== Experiment Log for 7 ===\n\n"
     for number, reply in enumerate(replies, start=1):
         said = "Previous results: Error: Invalid JSON syntax for tool(s)." if number - 1 in unread else "What next?"
@@ -43,7 +43,8 @@ def write_log(
         answer, key, right = verdict
         final = f"\n=== Final Experiment Summary ===\n\n--- Final Answer Submitted ---\nLLM's Final Answer: {answer}\n"
         final += f"Correct Answer: {key}\nIs Correct: {right}\nAnswer Found: True\nTimeout Occurred: False\n"
-        entries = "".join(f"  [{one + 1}] []\n" for one in range(len(replies) if history is None else history))
+        count = len(replies) if history is None else history
+        entries = "".join(f"  [{number}] []\n" for number in range(1, count + 1))
         final += f"\n--- Tool Call History ---\n{entries}\n--- Tool Call Results ---\n  [1] {{}}\n"
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"summary_{stamp}.txt"
@@ -55,7 +56,7 @@ def answer(value: object) -> str:
     return f'It is {value}.\n\n[{{"tool": "answer", "parameters": {{"answer": "{value}"}}}}]'
 
 
-def test_a_log_is_read_turn_by_turn(tmp_path: Path) -> None:
+def test_a_log_is_split_into_turns(tmp_path: Path) -> None:
     folder = tmp_path / "iterations_05" / "some_model" / "scene_007"
     reply = f"The angle θ is small.\n\n--- Iteration 2 ---\n is what I would see next.\n{LOOK}"
     write_log(folder, [reply, "", answer("±3")], verdict=("±3 m", "3", False), history=2)
@@ -68,7 +69,7 @@ def test_a_log_is_read_turn_by_turn(tmp_path: Path) -> None:
     assert (second.verdict, second.read, second.finished, second.crashed) == (None, 0, False, True)
 
 
-def test_the_budget_is_told_by_the_folder_the_summary_or_the_second_prompt(tmp_path: Path) -> None:
+def test_the_budget_comes_from_the_folder_the_summary_or_the_second_prompt(tmp_path: Path) -> None:
     path = write_log(tmp_path / "m" / "scene_007", [LOOK, LOOK])
     assert find_logs(tmp_path)[0].budget == 0
     text = path.read_text(encoding="utf-8")
@@ -85,7 +86,7 @@ def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
         find_logs(tmp_path)
 
 
-def test_a_log_in_the_wrong_folder_is_found_by_its_title(tmp_path: Path) -> None:
+def test_a_log_in_the_wrong_folder_is_recognised_by_its_title(tmp_path: Path) -> None:
     write_log(tmp_path / "m" / "scene_007", [LOOK], title="Another Title")
     [log] = find_logs(tmp_path)
     assert scene_of(log, {7: "A", 13: "Another Title"}) == 13
@@ -113,7 +114,7 @@ def test_a_log_in_the_wrong_folder_is_found_by_its_title(tmp_path: Path) -> None
         ("", 2, None),
     ],
 )
-def test_eq_1_speaks_of_numbers_alone(given: JsonValue, key: JsonValue, right: bool | None) -> None:
+def test_eq_1_applies_only_to_numbers(given: JsonValue, key: JsonValue, right: bool | None) -> None:
     assert eq1(given, key) is right
 
 
@@ -150,7 +151,7 @@ def test_each_disagreement_has_its_reason(
     assert why_other_verdict(verdict, answered, key, strict=strict, normalised=normalised) is why
 
 
-def test_eq_1_and_ours_differ_on_choices_and_zero() -> None:
+def test_eq_1_and_the_strict_verdict_differ_on_choices_and_zero() -> None:
     assert why_other_than_eq1(True, True, 3, is_choice=True) is None
     assert why_other_than_eq1(True, False, 3, is_choice=True) is Eq1Disagreement.CHOICE
     assert why_other_than_eq1(False, True, [0, 2], is_choice=False) is Eq1Disagreement.ZERO
@@ -162,7 +163,7 @@ def test_the_command_plays_and_compares(tmp_path: Path, capsys: pytest.CaptureFi
     bad = '[{"tool": "fly", "parameters": {}}, {"tool": "step", "parameters": {"duration": 0.1}}]'
     unknown = '[{"tool": "get_position", "parameters": {"object_id": "object_99"}}]'
     write_log(model / "scene_007", [LOOK, bad, unknown, answer(KEY)], verdict=(str(KEY), str(KEY), False))
-    # Their program died of the object without its list; ours reads it.
+    # The authors' program crashes on a call object without a list; our parser accepts it.
     write_log(model / "scene_008", [f"It stands at [0, 0, 1].\n{answer(KEY)[:-1].replace('[{', '{')}"])
     write_log(model / "scene_009", [], title="")
     write_log(model / "scene_010", ["I think.", "", "[{'tool': x}]"], verdict=("None", str(KEY), False), history=0)
@@ -187,11 +188,21 @@ def test_the_command_plays_and_compares(tmp_path: Path, capsys: pytest.CaptureFi
     assert (verdicts["numeric"], verdicts["eq1_right"]) == (1, 1)
     assert (verdicts["unlogged"], verdicts["unlogged_answered"], verdicts["unlogged_strict_right"]) == (1, 1, 1)
     assert row["disagreements"] == {Disagreement.SAME_TEXT: 1}
-    assert [one["scene"] for one in said["disagreements"]] == [7]
+    assert [disagreement["scene"] for disagreement in said["disagreements"]] == [7]
     assert f"| {Disagreement.SAME_TEXT} | 1 | 7 |" in out.read_text(encoding="utf-8")
     kept = RunFolder(tmp_path / "kept").episodes()
     assert {(key.agent, key.scene, key.budget, key.protocol) for key in kept} == {("some_model", 7, 5, "text")}
-    # Three logs say that they are of the same scene.
-    assert sorted((key.epoch, len(one.turns)) for key, one in kept.items()) == [(1, 4), (2, 1), (3, 3)]
+    # Three logs name the same scene.
+    assert sorted((key.epoch, len(episode.turns)) for key, episode in kept.items()) == [(1, 4), (2, 1), (3, 3)]
     assert main([*words, "--limit", "1"]) == 0
     assert "| some_model | 5 | 1 | 4 | 0 | 4 (100.0%) |" in capsys.readouterr().out
+
+
+def test_the_command_is_not_listed_but_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--help"], ["replay-original", "--help"]):
+        with pytest.raises(SystemExit, match="0"):
+            main(words)
+    listing, own = capsys.readouterr().out.split("usage: physment-eval replay-original", 1)
+    assert "replay runs/mine" in listing
+    assert "replay-original" not in listing
+    assert "--as-logged" in own

@@ -134,7 +134,7 @@ def test_the_list_contains_no_private_sentence_of_any_pack() -> None:
 
 
 def hidden_numbers(pack: Pack) -> list[str]:
-    """Hidden numbers with 4 or more significant digits, as packs and pages write them; shorter numbers may match by chance."""
+    """Hidden numbers with 4 or more significant digits, as packs and pages write them; shorter ones match by chance."""
     answer = pack.answer if isinstance(pack.answer, tuple) else (pack.answer,)
     knobs = [
         value for knob in pack.knobs.values() for value in (knob.canonical, *(knob.uniform or knob.log_uniform or ()))
