@@ -1,7 +1,7 @@
-"""The laboratory as a bundle for Claude Desktop (`.mcpb`): a zip that the application installs with one click.
+"""The laboratory as a bundle for Claude Desktop (`.mcpb`): a zip file that the application installs with one click.
 
-It holds our code, the exported scenes (so that no key lies on the machine where the model works) and a manifest. The
-application brings Python and our dependencies by `uv`, which is why one file serves every system.
+It contains our code, a manifest, and exported scenes, so that no answers are on the machine where the model works. The
+application installs Python and our dependencies with `uv`, so one file serves every operating system.
 
 Source: the MCP Bundle manifest, version 0.4.
 """
@@ -22,7 +22,7 @@ from physment_mcp.version import __version__
 from scenes import export_packs
 
 _NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pydantic", "simpleeval")
-"""What of our dependencies an episode on stdio needs; the others are for hosts and evaluators."""
+"""The dependencies that an episode on stdio needs; the others are for hosts and evaluators."""
 _STARTER = '''\
 """Starts the laboratory on stdio."""
 
@@ -34,15 +34,15 @@ sys.exit(main())
 '''
 _MAIN = "main.py"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of every file in the bundle, so that the same content gives the same file."""
+"""Date of every file in the bundle: the same content gives the same bundle, byte for byte."""
 
 
 def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None = None) -> None:
     """Write the bundle.
 
     Args:
-        target: File to write; an older one is replaced.
-        seeds: Variants of each scene that it holds.
+        target: File to write; an existing one is replaced.
+        seeds: Variants of each scene to include.
         scenes_dir: Folder of whole packs; the suite by default.
 
     Raises:
@@ -58,7 +58,7 @@ def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None =
             "pyproject.toml": _project().encode(),
             _MAIN: _STARTER.encode(),
             **dict(_code()),
-            **{f"scenes/{one.relative_to(packs).as_posix()}": one.read_bytes() for one in packs.rglob("*.*")},
+            **{f"scenes/{path.relative_to(packs).as_posix()}": path.read_bytes() for path in packs.rglob("*.*")},
         }
     target.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as bundle:
@@ -70,10 +70,10 @@ def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None =
 
 
 def manifest(last_seed: int) -> dict[str, Any]:
-    """What the application shows and starts.
+    """What the application shows, and how it starts the laboratory.
 
     Args:
-        last_seed: The greatest seed a person may choose.
+        last_seed: The greatest seed that a person may choose.
     """
     return {
         "manifest_version": "0.4",
@@ -116,7 +116,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 
 def _code() -> Iterator[tuple[str, bytes]]:
-    """The modules and pictures of the two packages a laboratory is made of, without any pack."""
+    """Modules and pictures of the two packages that make a laboratory, by their names in the bundle; no packs."""
     root = Path(__file__).parent
     for path in root.rglob("*"):
         if path.suffix in {".py", ".png"}:
@@ -127,8 +127,9 @@ def _code() -> Iterator[tuple[str, bytes]]:
 
 def _project() -> str:
     """The pyproject.toml from which `uv` installs our dependencies."""
-    needed = [one for one in metadata.requires("physment-mcp") or [] if _name(one) in _NEEDED and "extra" not in one]
-    assert {_name(one) for one in needed} == set(_NEEDED)
+    declared = metadata.requires("physment-mcp") or []
+    needed = [line for line in declared if _name(line) in _NEEDED and "extra" not in line]
+    assert {_name(line) for line in needed} == set(_NEEDED)
     return "\n".join(
         [
             "[project]",

@@ -1,7 +1,7 @@
 """Everything that can go wrong in the laboratory, and who reads it.
 
 PhysMentError
-├─ UsageError            the command line asks for what cannot be           → the operator, before serving
+├─ UsageError            the command line asks for something impossible     → the operator, before serving
 ├─ SceneError            the scene cannot be loaded                         → the operator, before serving
 └─ RefusedCall           the agent can do better: its message is all it sees → the agent, as an error result
    ├─ UnknownObject      no such object, as far as the agent may know
@@ -25,7 +25,7 @@ class PhysMentError(Exception):
 
 
 class UsageError(PhysMentError):
-    """A command asks for what cannot be; one sentence for the operator."""
+    """A command asks for something impossible; one sentence for the operator."""
 
 
 class SceneError(PhysMentError):
@@ -33,7 +33,7 @@ class SceneError(PhysMentError):
 
     Args:
         sentence: Why, for the operator.
-        told: What a client is told, who must not learn where the packs lie or what is in them.
+        told: The sentence for a client, which must not learn where the packs are or what they contain.
     """
 
     def __init__(self, sentence: str, told: str = "this scene cannot be opened; its operator can see why") -> None:
@@ -46,7 +46,7 @@ class RefusedCall(PhysMentError):
 
 
 class UnknownObject(RefusedCall):
-    """No object of this id is known to the agent."""
+    """The agent knows of no object with this id."""
 
     def __init__(self, object_id: str, known: Iterable[str]) -> None:
         super().__init__(

@@ -1,6 +1,6 @@
-"""A pack as the laboratory sees it: the public half, picked field by field, and the model with the drawn values in it.
+"""A scene as the laboratory sees it: the public half of its pack, and the model with the drawn values.
 
-A private key added to packs tomorrow stays private: nothing is passed on that `scenes.public` does not name.
+`scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
 
 import logging
@@ -45,10 +45,13 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
-    """The models of a scene at seeds 0 to 19; a choice of two survives so many draws unseen once in 500 000.
+    """The models of a scene at seeds 0 to 19.
+
+    Twenty are enough to see what depends on the seed: a choice of two values is the same in all with a chance of 1 in
+    500 000.
 
     Raises:
-        SceneError: One of them cannot be read, as where an exported pack lacks the seed.
+        SceneError: One of them cannot be read, for example because it was not exported.
     """
     try:
         files = find_pack(scene_id, folder)

@@ -1,4 +1,4 @@
-"""Scene packs: their format, their folders, and the seeded draw of what is hidden in them.
+"""Scene packs: their format, their folders, and how hidden values are drawn from a seed.
 
 Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
 """

@@ -1,8 +1,8 @@
-"""The seeded draw: knob values for a seed, and the MJCF with them written in.
+"""The seeded draw: values of the knobs for a seed, and the MJCF with these values.
 
-The same seed gives the same values on every machine: each knob has its own stream (Mersenne Twister seeded by
-SHA-512 of scene, seed and knob name, as `random.Random` documents for text seeds), and values are rounded to six
-significant digits so that the last bits of `exp` and `log` do not matter. Seed 0 is the scene as written.
+The same seed gives the same values on every machine. Each knob has a random stream of its own (Mersenne Twister seeded
+by SHA-512 of scene, seed and knob name, as `random.Random` documents for text seeds), and values are rounded to six
+significant digits, because the last bits of `exp` and `log` differ between machines. Seed 0 is the scene as written.
 """
 
 import ast
@@ -47,13 +47,13 @@ _FUNCTIONS = {
 def draw_knobs(
     files: PackFiles, pack: Pack, seed: int, *, reseed: Mapping[str, int] | None = None
 ) -> dict[str, KnobValue]:
-    """Values of the knobs and of what is derived from them.
+    """Values of the knobs and of the quantities derived from them.
 
     Args:
         files: Where the pack is, for its id and for error messages.
         pack: The pack.
         seed: 0 for the scene as written, any other whole number for a variant.
-        reseed: Knobs to draw from another seed than the rest: twins that differ in these alone.
+        reseed: Seeds of single knobs, in place of `seed`: for two variants that differ in these knobs alone.
 
     Raises:
         PackError: An expression is wrong, or no draw meets `accept_draw`.
@@ -84,7 +84,7 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
         return expression
     names = {"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
     evaluator = cast(Any, simpleeval).EvalWithCompoundTypes(names=names, functions=_FUNCTIONS)  # it is not typed
-    # The library also reads attributes of values, and ignores assignments with a warning.
+    # By default the library also reads attributes of values, and ignores assignments with a warning.
     for kind in (ast.Attribute, ast.Assign, ast.AugAssign):
         evaluator.nodes.pop(kind, None)
     try:
@@ -106,13 +106,13 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
 
 
 def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
-    """The model's XML text with the drawn values written in.
+    """The model's XML text with the drawn values.
 
     Args:
         files: Where the pack is.
         pack: The pack.
-        values: What `draw_knobs` returned.
-        canonical: The values are those of seed 0: the text is returned as written.
+        values: As returned by `draw_knobs`.
+        canonical: True for the values of seed 0: the text is returned as written.
 
     Raises:
         PackError: The XML is missing or not XML, or a target of `apply` does not name exactly one element.
@@ -127,7 +127,7 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
 
 
 def write_values(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], text: str) -> str:
-    """`text` with every target of `apply` set from `values`.
+    """`text` with every target of `apply` set to its value.
 
     Raises:
         PackError: As for `drawn_mjcf`.
@@ -154,7 +154,7 @@ def _draw(knob: Knob, stream: str) -> KnobValue:
         return _six_digits(low * (high / low) ** source.random())
     if knob.choice is not None:
         return knob.choice[int(source.random() * len(knob.choice))]
-    # Only random() is promised to stay the same between Python versions, so no shuffle() here.
+    # Python promises to keep only random() the same between versions, so shuffle() is not used.
     keyed = sorted((source.random(), place) for place in range(len(knob.permutation or ())))
     return tuple((knob.permutation or ())[place] for _, place in keyed)
 

@@ -1,10 +1,10 @@
-"""The one error of this package: a pack that cannot be used, with file, field and reason."""
+"""The only error of this package: a pack that cannot be used, with file, field and reason."""
 
 from pathlib import Path
 
 
 class PackError(Exception):
-    """A scene pack is missing or malformed; the message is one sentence for the person who runs it."""
+    """A scene pack is missing or malformed; the message is a sentence for the operator."""
 
     def __init__(self, where: Path, problem: str) -> None:
         super().__init__(f"{where}: {problem}")

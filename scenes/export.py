@@ -1,4 +1,4 @@
-"""Packs without their private halves, for a host on another machine: it can play every scene and tell no answer."""
+"""Exports packs without their private halves, for a host on another machine: it can play, but knows no answers."""
 
 import tempfile
 import xml.etree.ElementTree as ET
@@ -12,16 +12,16 @@ from scenes.public import PublicPack, exported_json, exported_mjcf
 
 
 def export_packs(target: Path, seeds: Collection[int], ids: Collection[int] = (), source: Path | None = None) -> int:
-    """Write packs without their private halves; all of them, or nothing if one fails.
+    """Write packs without their private halves: all of them, or nothing if one fails.
 
     Args:
-        target: Folder to make; it may exist if it is empty.
-        seeds: For which variants to write the models.
-        ids: Which scenes; all by default.
+        target: Folder to create; it may exist if it is empty.
+        seeds: The variants whose models are written.
+        ids: Ids of the scenes; all by default.
         source: Folder of whole packs; the suite by default.
 
     Returns:
-        How many packs were written.
+        The number of packs written.
 
     Raises:
         PackError: A pack is missing or malformed, or the target is in use.
@@ -55,7 +55,7 @@ def _export(files: PackFiles, seeds: Collection[int], folder: Path) -> None:
 
 
 def _without_comments(files: PackFiles, mjcf: str) -> str:
-    # The author's comments explain the physics; the parser drops them.
+    # The author's comments explain the physics, so they are private; the parser drops them.
     try:
         return ET.tostring(ET.fromstring(mjcf), encoding="unicode") + "\n"  # noqa: S314 - packs the operator named
     except ET.ParseError as error:

@@ -15,7 +15,7 @@ _PACK_FOLDER = re.compile(r"Scene(\d+)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class PackFiles:
-    """The files of one pack."""
+    """The files of a pack."""
 
     scene_id: int
     folder: Path
@@ -32,14 +32,16 @@ class PackFiles:
 
     @property
     def solution(self) -> Path:
-        """The reference protocol and the truth; a published pack has none."""
+        """The reference protocol and the formulas of the answer; packs of the prototype have none."""
         return self.folder / "solution.py"
 
     def check_inside(self, *files: Path) -> None:
-        """Refuse files that a link leads out of the folder of packs: who names a scene must not choose a path.
+        """Refuse a file that is a link to somewhere outside the folder of packs.
+
+        A client names a scene by its id; it must not be able to make the laboratory read another file.
 
         Raises:
-            PackError: One lies outside.
+            PackError: A file is outside the folder.
         """
         root = self.folder.parent.resolve()
         for path in files:
@@ -75,9 +77,9 @@ def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
     """The pack with this id.
 
     Raises:
-        PackError: There is none; the message lists the ids there are.
+        PackError: There is no such pack; the message lists the ids of all packs.
     """
-    # Its usual name first: a host opens many episodes a second, and a listing looks at every folder.
+    # Try the usual name first: a host opens many episodes a second, and a listing reads every folder.
     usual = PackFiles(scene_id, (folder or default_folder()) / f"Scene{scene_id}")
     if usual.folder.is_dir():
         return usual

@@ -1,4 +1,4 @@
-"""The start of a new scene: a template that already lints, with its id and category filled in."""
+"""Starts a new scene from a template, with its id and category filled in; the result passes `physment-eval lint`."""
 
 from importlib.resources import files as resources
 from pathlib import Path
@@ -10,10 +10,10 @@ _FILES = (("scene.json", "scene{}.json"), ("scene.xml", "scene{}.xml"), ("soluti
 
 
 def write_new_scene(folder: Path, scene: int, category: Category) -> Path:
-    """Write `Scene{N}` into a folder of packs, and return where it is.
+    """Write `Scene{N}` into a folder of packs; returns the folder of the new pack.
 
     Raises:
-        PackError: There is such a scene already, or the folder cannot be written.
+        PackError: The scene exists already, or the folder cannot be written.
     """
     target = folder / f"Scene{scene}"
     template = resources("scenes") / "templates" / _template(category)

@@ -1,7 +1,7 @@
-"""The format of `scene{N}.json`. One model reads our packs and the published ones alike.
+"""The format of `scene{N}.json`, for our packs and for those of the published prototype.
 
-Unknown keys are ignored: packs are data other people own. What the laboratory may see of a pack is
-picked field by field in `physment_mcp.scene`; nothing here decides that.
+Unknown keys are ignored, because packs are data of other people. Which fields the laboratory may see is decided in
+`scenes.public`.
 """
 
 from enum import StrEnum

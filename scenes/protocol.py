@@ -1,4 +1,4 @@
-"""What a reference protocol is written with: calls of public tools. Each yield of `solve` is one iteration.
+"""What a reference protocol is written with: calls of public tools. Each `yield` of `solve` is an iteration.
 
     def solve(task):
         \"\"\"Weigh the puck with one known push.\"\"\"
@@ -6,8 +6,8 @@
         ...
         yield [answer(value)]
 
-What comes back from a yield is a list with one dict for each call: the structured result, or `{"error": sentence}` if
-the call was refused, or `{}` if it was not run.
+A `yield` returns a list with a dict for each call: the structured result, `{"error": sentence}` for a refused call, or
+`{}` for a call that was not run.
 """
 
 from collections.abc import Callable, Generator, Mapping
@@ -44,9 +44,9 @@ class Solution:
     solve: Callable[[str], Protocol] | None
     """Reference protocol: takes the opening prompt, yields calls, receives readings."""
     theory: Callable[[Mapping[str, KnobValue]], AnswerValue] | None
-    """Closed form of the answer from the true parameters."""
+    """The answer from the drawn values, by a formula."""
     measure: Callable[[Any, Mapping[str, KnobValue]], AnswerValue] | None
-    """The answer from a privileged run: takes the drawn world and the true parameters."""
+    """The answer from a run of the engine without permissions: takes the drawn world and the drawn values."""
 
 
 def call(tool: str, **arguments: Any) -> Call:
@@ -60,10 +60,10 @@ def answer(value: AnswerValue) -> Call:
 
 
 def load_solution(files: PackFiles) -> Solution:
-    """Run a pack's `solution.py`. Only for packs the user named: this executes their code.
+    """Import a pack's `solution.py`. This runs its code, so only for packs that the user named.
 
     Raises:
-        PackError: There is none, or it cannot be imported.
+        PackError: The pack has none, or it cannot be imported.
     """
     path = files.solution
     spec = spec_from_file_location(f"physment_solution_{files.scene_id}", path)

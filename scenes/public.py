@@ -1,7 +1,7 @@
-"""The public half of a pack: what a laboratory needs to host a scene, and nothing that tells its answer.
+"""The public half of a pack: what a laboratory needs to host a scene, and nothing that reveals its answer.
 
-An exported pack (`scenes.export`) is this half and the model drawn for some seeds, as a host on another machine needs
-them: `Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
+An exported pack (`scenes.export`) contains only this half and the models of some seeds, for a host on another machine:
+`Scene7/scene7.public.json` and `Scene7/scene7.seed0.xml`, `scene7.seed1.xml`, …
 """
 
 import re
@@ -16,7 +16,7 @@ from scenes.folder import PackFiles, read_pack
 from scenes.pack import AnswerKind, Pack, Permissions
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
-"""An attribute by which MuJoCo would read a file of any path."""
+"""An attribute by which a model makes MuJoCo read another file."""
 
 
 def _with_prefix(written: str) -> str:
@@ -38,7 +38,7 @@ class PublicObject(_Public):
 
 
 class AnswerForm(_Public):
-    """What an answer must look like; says nothing of its value."""
+    """What an answer must look like; it does not depend on the right answer."""
 
     kind: AnswerKind
     unit: str | tuple[str, ...] | None = None
@@ -47,7 +47,7 @@ class AnswerForm(_Public):
 
 
 class PublicPack(_Public):
-    """A pack as the laboratory may see it, picked field by field: a private key added tomorrow stays private."""
+    """What the laboratory may see of a pack, copied field by field: a field that is added to packs stays private."""
 
     scene_id: int
     name: str
@@ -100,7 +100,7 @@ def read_public(files: PackFiles) -> PublicPack:
 
 
 def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
-    """What a laboratory needs of a pack, whole or exported: its public half, and the model with the values of a seed.
+    """What a laboratory needs of a pack, whole or exported: its public half, and the model of a seed.
 
     Raises:
         PackError: A file is missing, malformed or outside the folder of packs, or the seed was not exported.
@@ -123,12 +123,12 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
 
 
 def exported_json(files: PackFiles) -> Path:
-    """The file that makes a pack an exported one."""
+    """The public half of an exported pack; whole packs have no such file."""
     return files.folder / f"scene{files.scene_id}.public.json"
 
 
 def exported_mjcf(files: PackFiles, seed: int) -> Path:
-    """The file with the model of an exported pack for one seed."""
+    """The model of an exported pack for a seed."""
     return files.folder / f"scene{files.scene_id}.seed{seed}.xml"
 
 
@@ -138,7 +138,7 @@ def _seeds(files: PackFiles) -> list[int]:
 
 
 def _ranges(numbers: list[int]) -> str:
-    """Ascending numbers in words: `0-20, 40`."""
+    """Ascending numbers as text, such as `0-20, 40`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

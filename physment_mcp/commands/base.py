@@ -1,17 +1,22 @@
-"""What commands share: how they are declared, options they have in common, and numbers on the command line."""
+"""What commands share: how they are declared, common options, numbers on the command line, failures to write."""
 
 import argparse
 import math
+from collections.abc import Generator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from physment_mcp.errors import SceneError, UsageError
+from scenes import PackError
+
 _MOST = 10_000
-"""Longest range of numbers; longer ones are a slip of the finger."""
+"""Longest range of numbers that is accepted; a longer one is a typing error."""
 
 
 class Commands(Protocol):
-    """Where a command is declared: what `add_subparsers` returns, a type argparse keeps to itself."""
+    """Where a command is declared: the object that `add_subparsers` returns, whose type argparse does not publish."""
 
     def add_parser(self, name: str, **kwargs: Any) -> argparse.ArgumentParser:
         """Declare a command."""
@@ -19,10 +24,10 @@ class Commands(Protocol):
 
 
 def common_options(*, again: bool = False) -> argparse.ArgumentParser:
-    """Options that stand before and after the name of a command.
+    """Options that may be given before or after the name of a command.
 
     Args:
-        again: For a command, where an option that is not given must not undo what was given before the name.
+        again: True after the name: an option that is not given there keeps its value from before the name.
     """
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS if again else None)
     common.add_argument(
@@ -50,6 +55,22 @@ def observations(command: argparse.ArgumentParser, *, again: bool = False) -> No
     )
 
 
+@contextmanager
+def writing(target: Path) -> Generator[None]:
+    """Report in one sentence why something could not be written.
+
+    Raises:
+        SceneError: A pack is missing or malformed, or its export cannot go there.
+        UsageError: The operating system refuses to write to the target.
+    """
+    try:
+        yield
+    except PackError as error:
+        raise SceneError(str(error)) from error
+    except OSError as error:
+        raise UsageError(f"cannot write {target}: {error.strerror}") from error
+
+
 def numbers(text: str) -> list[int]:
     """The whole numbers of a list such as `7,21-30`."""
     found: set[int] = set()
@@ -70,7 +91,7 @@ def port(text: str) -> int:
 
 
 def positive(kind: type[int] | type[float]) -> "partial[int | float]":
-    """What reads a finite number above 0."""
+    """An argument type: a finite number above 0."""
 
     def parse(kind: type[int] | type[float], text: str) -> int | float:
         value = kind(text)

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options
-from physment_mcp.errors import SceneError, UsageError
-from scenes import PackError
+from physment_mcp.commands.base import Commands, common_options, writing
+from physment_mcp.errors import UsageError
 
 _SEEDS = range(21)
 
@@ -28,17 +27,13 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         SceneError: A pack is missing or malformed.
-        UsageError: The file has another ending, or cannot be written.
+        UsageError: The name of the file does not end in .mcpb, or it cannot be written.
     """
     from physment_mcp.bundle import write_bundle  # noqa: PLC0415 - --help need not wait for the engine
 
     if args.target.suffix != ".mcpb":
         raise UsageError(f"{args.target}: Claude Desktop opens files that end in .mcpb")
-    try:
+    with writing(args.target):
         write_bundle(args.target, _SEEDS, args.scenes_dir)
-    except PackError as error:
-        raise SceneError(str(error)) from error
-    except OSError as error:
-        raise UsageError(f"cannot write {args.target}: {error.strerror}") from error
     print(f"{args.target}: open it with Claude Desktop, or drag it into Settings > Extensions")
     return 0

@@ -1,4 +1,4 @@
-"""`physment-mcp config`: what to paste into the configuration of an MCP client, so that it starts the laboratory."""
+"""`physment-mcp config`: prints what to paste into the configuration of an MCP client, to start the laboratory."""
 
 import argparse
 import json
@@ -15,14 +15,14 @@ from scenes import PackError, find_pack
 
 @dataclass(frozen=True, slots=True)
 class _Client:
-    """How a client is told of a server."""
+    """How the configuration of a client names a server."""
 
     key: str
-    """Key in its configuration under which servers are listed."""
+    """Key under which servers are listed."""
     typed: bool
-    """Whether it wants the transport named."""
+    """Whether an entry names the transport."""
     where: str
-    """Which file that is, and what to do next."""
+    """Which file it is, and what to do next; shown to the person."""
 
 
 _CLIENTS = {
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(str(error)) from error
     arguments += ["--seed", str(args.seed)] if args.seed else []
     arguments += ["--observations", args.observations] if args.observations != "text" else []
-    # The client starts us in a folder of its own choice.
+    # The client chooses the folder in which it starts the laboratory, so the path must be absolute.
     arguments += ["--scenes-dir", str(args.scenes_dir.absolute())] if args.scenes_dir else []
     client = _CLIENTS[args.client]
     server = {"type": "stdio"} if client.typed else {}
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def own_command() -> list[str]:
-    """The words that start this very installation of the laboratory, from any folder."""
-    # Not resolved: the interpreter of a virtual environment is a link, and only there it finds our packages.
+    """The command that starts this installation of the laboratory from any folder."""
+    # Not resolved: the interpreter of a virtual environment is a link, and its target does not find our packages.
     program = shutil.which("physment-mcp", path=sysconfig.get_path("scripts"))
     return [str(Path(program).absolute())] if program else [str(Path(sys.executable).absolute()), "-m", "physment_mcp"]

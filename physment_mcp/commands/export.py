@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, numbers
-from physment_mcp.errors import SceneError, UsageError
-from scenes import PackError, export_packs
+from physment_mcp.commands.base import Commands, common_options, numbers, writing
+from scenes import export_packs
 
 
 def add(commands: Commands) -> None:
@@ -32,11 +31,7 @@ def run(args: argparse.Namespace) -> int:
         SceneError: A pack is missing or malformed, or the folder is in use.
         UsageError: The folder cannot be written.
     """
-    try:
+    with writing(args.target):
         written = export_packs(args.target, args.seeds, args.scenes, args.scenes_dir)
-    except PackError as error:
-        raise SceneError(str(error)) from error
-    except OSError as error:
-        raise UsageError(f"cannot write {args.target}: {error.strerror}") from error
     print(f"{written} scenes, {len(args.seeds)} seeds each: physment-mcp serve --scenes-dir {args.target}")
     return 0

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Serve until interrupted.
 
     Raises:
-        UsageError: The address or the token will not do.
+        UsageError: The address or the token cannot be used.
         SceneError: There are no scenes.
     """
     # --help need not wait for the engine.
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
 def _allow_open_files() -> None:
     """Let as many connections be open at a time as the system allows; many systems start with 1024 or fewer."""
     if find_spec("resource") is None:
-        return  # Windows has no such limit
+        return  # Windows has no limit of this kind
     import resource  # noqa: PLC0415
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -118,7 +118,7 @@ def _allow_open_files() -> None:
 
 
 def _end_with_stdin() -> None:
-    """Wait until nobody can write to stdin any more, then ask this process to end as it would otherwise."""
+    """Wait until the other end of stdin is closed, then send this process SIGTERM."""
     while os.read(0, 4096):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,1 +1,1 @@
-"""What speaks MCP: the server, its resources and prompts, and the host of many episodes."""
+"""The MCP side: the server of an episode, its resources and prompts, and the host of many episodes."""

@@ -1,6 +1,6 @@
-"""Worked examples for the opening prompt: short runs in other scenes, true to the tools.
+"""Worked examples for the opening prompt: short episodes in other scenes.
 
-A test runs them in the engine: every return is what the tool returned, to the digits shown.
+A test runs them in the engine: every return is what the tool returns, to the digits shown.
 """
 
 EXAMPLES = (

@@ -1,9 +1,9 @@
-"""Frames for results: what of an episode may be seen now, drawn by a process of its own.
+"""Pictures for results: what of an episode may be seen now, drawn by a separate process.
 
-A part is drawn if it looks the same in every variant of the scene, and if it belongs to a fixture that is no object or
-to a known object whose type, size and position the agent may read. An object that moves and whose orientation may not
-be read is drawn as it stood at the start, and only if its position tells where all of it is. The process that draws is
-given those parts alone; when it fails, results come without a frame.
+A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
+type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
+orientation at the start, and only if its position says where all of it is. The separate process receives only these
+parts. When it fails, results come without a picture.
 """
 
 import base64
@@ -29,25 +29,25 @@ logger = logging.getLogger(__name__)
 SHOWING_TOOLS = frozenset({"step", "find_objects"})
 """Tools whose results carry a frame."""
 _RENDERER = "MUJOCO_GL"
-"""Environment variable by which MuJoCo chooses how to draw."""
+"""Environment variable by which MuJoCo chooses the graphics library."""
 _OFF_SCREEN = ("osmesa", "egl")
 _PATIENCE_S = 60.0
 
 
 class Painter:
-    """The process that draws. One picture at a time; ends with this process or with `close`."""
+    """The process that draws, one picture at a time. It ends with this process or with `close`."""
 
     def __init__(self) -> None:
-        """Start it.
+        """Start the process.
 
         Raises:
-            UsageError: Nothing draws off-screen here.
+            UsageError: Nothing can be drawn off-screen on this machine.
         """
         self._lock = Lock()
         self._process = _started()
 
     def draw(self, mjcf: str, view: View) -> bytes | None:
-        """A model as a PNG file; None if it could not be drawn. Blocks."""
+        """A picture of a model as PNG; None if it could not be drawn. Blocks."""
         request = {
             "mjcf": mjcf,
             "centre": view.centre.tolist(),
@@ -78,34 +78,34 @@ class Painter:
 
 
 class Frames:
-    """The frames of one episode."""
+    """The pictures of one episode."""
 
     def __init__(self, session: Session, variants: Sequence[str], painter: Painter) -> None:
         """Find out what may be drawn.
 
         Args:
             session: The episode.
-            variants: MJCF of the scene at other seeds, enough of them to show what depends on the seed.
-            painter: What draws.
+            variants: MJCF of the scene at enough other seeds to show everything that depends on the seed.
+            painter: The process that draws.
         """
         self._session, self._painter = session, painter
         listed = session.state.objects.values()
-        hidden = {one.body for one in listed if one.permissions.hidden}
+        hidden = {item.body for item in listed if item.permissions.hidden}
         self._parts = same_parts((*variants, session.scene.mjcf), hidden)
-        self._fixtures = session.world.fixtures({one.body for one in listed})
+        self._fixtures = session.world.fixtures({item.body for item in listed})
         self._turns = _start_turns(session)
         self._seen: frozenset[str] = frozenset()
         self._view: View | None = None
 
     def draw(self) -> bytes | None:
-        """What may be seen now, as a PNG file; None if there is nothing to see or no way to draw it. Blocks.
+        """What may be seen now, as PNG; None if there is nothing to see or it could not be drawn. Blocks.
 
-        The camera stays where it is until other things are seen than before.
+        The camera stays where it is as long as the same things are seen.
         """
         world = self._session.world
-        objects = [one for one in self._session.known() if self._may_show(one)]
-        seen = frozenset(one.body for one in objects) | self._fixtures
-        made = {(one.body, 0) for one in objects if one.created}
+        objects = [item for item in self._session.known() if self._may_show(item)]
+        seen = frozenset(item.body for item in objects) | self._fixtures
+        made = {(item.body, 0) for item in objects if item.created}
         mjcf = world.shown_model(seen, self._parts | made, self._turns)
         if not mjcf:
             return None
@@ -113,24 +113,24 @@ class Frames:
             self._view, self._seen = view_of_shown(mjcf), seen
         return self._painter.draw(mjcf, self._view)
 
-    def _may_show(self, one: LabObject) -> bool:
+    def _may_show(self, item: LabObject) -> bool:
         may = self._session.may_read
-        placed = may(one, "orientation") or one.body in self._turns or not self._session.world.is_movable(one.body)
-        return placed and may(one, "type") and may(one, "size") and may(one, "position")
+        placed = may(item, "orientation") or item.body in self._turns or not self._session.world.is_movable(item.body)
+        return placed and may(item, "type") and may(item, "size") and may(item, "position")
 
 
 def _start_turns(session: Session) -> dict[str, Array]:
-    """How objects stand at the start that can be shown without telling how they turn, by body."""
-    withheld = (one.body for one in session.state.objects.values() if not session.may_read(one, "orientation"))
+    """Orientation at the start of the bodies that are drawn with it because their orientation is withheld."""
+    withheld = (item.body for item in session.state.objects.values() if not session.may_read(item, "orientation"))
     turns = {body: session.world.turn_at_centre(body) for body in withheld if session.world.is_movable(body)}
     return {body: turn for body, turn in turns.items() if turn is not None}
 
 
 def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:
-    """What draws the frames of an episode, for a value of `--observations`; None for text alone.
+    """What makes the pictures of an episode, for a value of `--observations`; None for text alone.
 
     Raises:
-        UsageError: Nothing draws off-screen here.
+        UsageError: Nothing can be drawn off-screen on this machine.
     """
     if observations == "text":
         return None

@@ -1,4 +1,4 @@
-"""Who may speak to the host: which names it answers to, from which pages, and with which token.
+"""Which requests the host accepts: sent to which names, from which web pages, with which token.
 
 Knows HTTP headers. Knows no episodes, no MCP and no scenes.
 """
@@ -13,18 +13,23 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-"""Names of this machine that lead nowhere else."""
+"""Names by which only this machine can be reached."""
 
 
 class AddressGate:
-    """Refuses requests that were meant for another name or come from a page of another site.
+    """Refuses requests that name another host or come from a web page of another site.
 
-    A page in a browser on this machine can have a name of its own resolved to our address (DNS rebinding); its requests
-    then bear that name. The address a connection was really made to cannot be bent in this way, so it is good too.
+    A page in a browser on this machine can make its own host name resolve to our address (DNS rebinding); its requests
+    then name that host. The address that the connection was made to cannot be forged in this way, so it is accepted.
     """
 
     def __init__(self, app: ASGIApp, names: Iterable[str] = ()) -> None:
-        """Args: the application behind the gate, and names it answers to besides its addresses and loopback."""
+        """Set up.
+
+        Args:
+            app: The application behind the gate.
+            names: Names that it accepts besides its addresses and loopback.
+        """
         self._app = app
         self._names = frozenset(name.lower() for name in (*LOOPBACK, *names))
 
@@ -32,7 +37,7 @@ class AddressGate:
         """Pass a request on, or refuse it: 400 for the wrong Host, 403 for the wrong Origin."""
         refusal = None
         if scope["type"] == "http":
-            # White space after a value is no part of it (RFC 9110, 5.5), but httptools leaves it there.
+            # White space after a value does not belong to it (RFC 9110, 5.5), but httptools leaves it there.
             scope["headers"] = [(name, value.rstrip(b" \t")) for name, value in scope["headers"]]
             refusal = self._refusal(Request(scope))
         await (refusal or self._app)(scope, receive, send)
@@ -50,10 +55,10 @@ class AddressGate:
 
 
 def _host_of(url: str) -> str | None:
-    """The host a URL names, lower case and without brackets; None if it names none."""
+    """The host of a URL, in lower case and without brackets; None if the URL has none or has more than a host."""
     try:
         parts = urlsplit(url)
-        _ = parts.port  # raises where it is none
+        _ = parts.port  # raises ValueError if the port is not a number
     except ValueError:
         return None
     bare = not (parts.path or parts.query or parts.fragment or "@" in parts.netloc)
@@ -61,7 +66,7 @@ def _host_of(url: str) -> str | None:
 
 
 def is_loopback(address: str) -> bool:
-    """Tell whether only this machine can reach an address to listen on."""
+    """Whether only this machine can reach a server that listens on this address."""
     if address == "localhost":
         return True
     try:
@@ -71,15 +76,15 @@ def is_loopback(address: str) -> bool:
 
 
 def bears(request: Request, *tokens: str | None) -> bool:
-    """Tell whether a request bears one of these tokens; None is no token, which nothing bears."""
+    """Whether a request has one of these bearer tokens; None never matches."""
     scheme, _, shown = request.headers.get("authorization", "").partition(" ")
     given = shown.strip().encode()
-    # All are compared, and each in constant time, so that how long it takes tells nothing.
+    # Every token is compared, each in constant time, so the duration reveals nothing about them.
     matches = [secrets.compare_digest(given, token.encode()) for token in tokens if token]
     return scheme.lower() == "bearer" and any(matches)
 
 
 def refuse(status: int, sentence: str) -> JSONResponse:
-    """A refusal: its sentence, and for 401 the way to do better."""
+    """A response that refuses with a sentence; with status 401 it asks for a bearer token."""
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
     return JSONResponse({"error": sentence}, status_code=status, headers=headers)

@@ -1,12 +1,12 @@
-"""The warm host: many episodes in one process, each an MCP endpoint of its own over HTTP.
+"""The host: many episodes in one process, each with an MCP endpoint of its own over HTTP.
 
-`POST /episodes {"scene": 7, "seed": 0}` opens one and returns its URL, which is the episode, whether the client keeps
-a session, is stateless, or reconnects for each call. Seeds appear in no URL and no reply.
+`POST /episodes {"scene": 7, "seed": 0}` opens an episode and returns its URL. The URL identifies the episode, whether
+the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and in no reply.
 
-A host with a token opens episodes for its bearer only. One that other machines can reach wants it with every request,
-but for episodes that were opened with `"max_calls": N`: these are for somebody else to play, who has the URL alone. The
-reply then holds an `owner_token`; only with it (or the token of the host) can the log of the calls be read
-(`GET /episodes/ID/calls`) or the episode be closed.
+A host with a token opens episodes only for requests with this token. A host that other machines can reach requires it
+with every request, except for episodes that were opened with `"max_calls": N`: another program plays these and knows
+only the URL. The reply then contains an `owner_token`. Only with it, or with the token of the host, can the log of the
+calls be read (`GET /episodes/ID/calls`) and the episode be closed.
 """
 
 import contextlib
@@ -44,9 +44,9 @@ logger = logging.getLogger(__name__)
 MAX_BODY = 1_000_000
 """Largest accepted request body [bytes]."""
 _KEEP_ALIVE_S = 60
-"""Wall time that an idle connection is kept [s]: longer than clients do (5 s), so that none ends just as it is used."""
+"""How long an idle connection is kept [s]: longer than by clients (5 s), so that none is closed just as it is used."""
 _SWEEP_S = 5.0
-"""Wall time between looks for expired episodes [s], at most."""
+"""Longest wall time between two searches for expired episodes [s]."""
 _GONE = (
     "there is no such episode: it has expired, was closed, or never was; open one with"
     ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
@@ -62,7 +62,7 @@ class EpisodeRequest(BaseModel):
     scene: int
     seed: int = 0
     max_calls: int | None = Field(default=None, ge=1, le=10_000)
-    """Most tool calls, of which the host then keeps a log; None for no limit and no log."""
+    """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
 
 
 @dataclass(slots=True)
@@ -75,7 +75,7 @@ class _HostedEpisode:
     last_used: float
     in_flight: int = 0
     owner_token: str | None = None
-    """What closes the episode and opens its log, for it was opened for somebody else; None if it was not."""
+    """Token that closes the episode and reads its log, if it was opened for another program to play."""
 
 
 @dataclass(slots=True)
@@ -86,19 +86,19 @@ class Host:
     max_episodes: int = 1000
     idle_timeout_s: float = 1800.0
     token: str | None = field(default=None, repr=False)
-    """What opens episodes; None if anybody may."""
+    """Token that opens episodes; None if none is needed."""
     exposed: bool = False
-    """Whether other machines can reach the host; then the token is wanted with every request."""
+    """Whether other machines can reach the host; then every request needs the token."""
     names: tuple[str, ...] = ()
-    """Names it answers to besides its addresses and loopback."""
+    """Names that it accepts besides its addresses and loopback."""
     watch: Callable[[Session], Frames] | None = None
-    """What draws frames for results; None for results of text alone."""
+    """Makes the pictures for results; None for results without pictures."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _opening: int = 0
-    """Episodes on their way to being open; they count for the cap."""
+    """Episodes that are being opened; they count towards the limit."""
     _tasks: TaskGroup | None = None
     _nowhere: StreamableHTTPSessionManager | None = None
-    """Answers, in place of an episode that is gone, how to open one."""
+    """Answers in place of an episode that is gone, and says how to open another."""
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
@@ -126,7 +126,7 @@ class Host:
         async with anyio.create_task_group() as tasks:
             self._tasks = tasks
             tasks.start_soon(self._sweep)
-            # Without sessions, so that a client in the middle of one is told too.
+            # Stateless, so that it can also answer a client that is in the middle of a session.
             nowhere = build_server(EpisodeSlot(gone=_GONE))
             self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
             yield
@@ -135,7 +135,7 @@ class Host:
     async def _run(
         self, manager: StreamableHTTPSessionManager
     ) -> tuple[StreamableHTTPSessionManager, Callable[[], None]]:
-        """Run a manager in a task of its own; returns it and what ends it."""
+        """Run a manager in a task of its own; returns the manager and a function that ends it."""
         assert self._tasks is not None
 
         async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
@@ -150,9 +150,9 @@ class Host:
         """Open an episode and return its unguessable id.
 
         Args:
-            scene: Which scene.
-            seed: Which variant of it.
-            max_calls: Most tool calls, of which a log is kept; None for no limit and no log.
+            scene: Id of the scene.
+            seed: Variant of the scene.
+            max_calls: As in `EpisodeRequest`.
 
         Raises:
             SceneError: The scene cannot be loaded.
@@ -166,7 +166,7 @@ class Host:
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand a request to the MCP server of its episode, or to one that says how to open another."""
+        """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
         request = Request(scope)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
@@ -175,7 +175,7 @@ class Host:
             assert self._nowhere is not None
             await self._nowhere.handle_request(scope, receive, send)
         elif request.method == "GET":
-            # A stream that a client holds open for what may come; holding it is no use of the episode.
+            # A stream that the client keeps open for messages to come; this does not count as use of the episode.
             await episode.manager.handle_request(scope, receive, send)
         else:
             episode.in_flight += 1
@@ -186,16 +186,16 @@ class Host:
                 episode.last_used = time.monotonic()
 
     def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
-        """Tell whether a request may reach an episode whose URL it knows: with no token or one that is good."""
+        """Whether a request may reach an episode whose URL it knows. With a wrong token it never may."""
         owner_token = None if episode is None else episode.owner_token
         if self.token is None or bears(request, self.token, owner_token):
             return True
         return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
 
     def _owns(self, request: Request, episode: _HostedEpisode) -> bool:
-        """Tell whether a request comes from who opened the episode."""
+        """Whether a request comes from the program that opened the episode."""
         if episode.owner_token is None and not self.exposed:
-            return self._may_play(request, episode)  # who opened it has its URL, and gave it to nobody
+            return self._may_play(request, episode)  # only the program that opened it knows its URL
         return bears(request, self.token, episode.owner_token)
 
     async def _health(self, _request: Request) -> Response:
@@ -217,7 +217,7 @@ class Host:
             episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
         except SceneError as error:
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
-            # Who bears the token is the operator.
+            # A request with the token comes from the operator, who may read the details.
             return refuse(404, str(error) if self.token else error.told)
         finally:
             self._opening -= 1
@@ -253,9 +253,9 @@ class Host:
         if not (start.isdecimal() and len(start) < 10):
             return refuse(400, "start must be a whole number: the first call to tell, counted from 0")
         episode.last_used = time.monotonic()
-        # A call that is running belongs to the log, so wait for its end.
+        # Wait for the end of a running call, which belongs to the log.
         async with slot.lock:
-            calls = [one.as_json() for one in slot.log.calls[int(start) :]]
+            calls = [logged.as_json() for logged in slot.log.calls[int(start) :]]
             return JSONResponse({"ended": slot.open_session().ended, "calls": calls})
 
     async def _sweep(self) -> None:
@@ -270,7 +270,7 @@ class Host:
 
 
 class _Endpoint:
-    """An ASGI application as a class, which is how Starlette routes all methods of a path to it."""
+    """An ASGI application that is an object: Starlette passes all methods of a path to such a one."""
 
     def __init__(self, serve: Callable[[Scope, Receive, Send], Awaitable[None]]) -> None:
         self._serve = serve
@@ -280,16 +280,16 @@ class _Endpoint:
 
 
 def serve(host: Host, address: str, port: int) -> None:
-    """Serve until interrupted; the address, also when the system chose the port, is printed as one JSON line.
+    """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
 
     Raises:
-        OSError: The address cannot be listened on.
+        OSError: The system does not allow listening on this address.
     """
-    import uvicorn  # noqa: PLC0415 - half a second that stdio episodes need not wait for
+    import uvicorn  # noqa: PLC0415 - takes half a second, and episodes on stdio do not need it
 
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
-    # Inherited by every connection: held-back small packets would cost 40 ms a call.
+    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     bound, chosen = listener.getsockname()[:2]
     shown = f"[{bound}]" if ":" in bound else bound

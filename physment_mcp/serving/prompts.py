@@ -1,6 +1,6 @@
-"""The opening prompt: what any agent is told before its first call. One source for every client.
+"""The opening prompt: what every agent is told before its first call, whatever its client.
 
-Rendered from the session's public view at the start of the episode, so it never depends on hidden values.
+It is made from what is public at the start of the episode, so it never depends on hidden values.
 """
 
 import json
@@ -15,7 +15,7 @@ from scenes import AnswerForm, AnswerKind
 
 
 class Prompting(StrEnum):
-    """How much the prompt shows by example."""
+    """How many worked examples the prompt shows."""
 
     ZERO_SHOT = "zero-shot"
     ONE_SHOT = "one-shot-cot"
@@ -31,7 +31,7 @@ class CallProtocol(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PromptOptions:
-    """Choices a client may make about the opening prompt."""
+    """What a client may choose about the opening prompt."""
 
     prompting: Prompting = Prompting.ZERO_SHOT
     protocol: CallProtocol = CallProtocol.NATIVE
@@ -58,7 +58,7 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
     """The whole opening prompt of an episode.
 
     Args:
-        session: The episode; only its public view is used.
+        session: The episode; only what is public at its start is used.
         options: Prompting, call protocol and iteration budget.
     """
     text = options.protocol is CallProtocol.TEXT
@@ -99,11 +99,11 @@ def _objects(session: Session) -> str:
         "| id | name | " + " | ".join(title for _, title in columns) + " |",
         "|---" * (2 + len(columns)) + "|",
     ]
-    for one, look in session.opening:
+    for item, look in session.opening:
         cells = [_cell(look[key]) for key, _ in columns]
-        lines.append("| " + " | ".join([one.object_id, one.name, *cells]) + " |")
-    sealed = [one.object_id for one, _ in session.opening if not one.permissions.actuate]
-    unread = [one.object_id for one, _ in session.opening if not one.permissions.velocity]
+        lines.append("| " + " | ".join([item.object_id, item.name, *cells]) + " |")
+    sealed = [item.object_id for item, _ in session.opening if not item.permissions.actuate]
+    unread = [item.object_id for item, _ in session.opening if not item.permissions.velocity]
     notes = ["n/a: not shown in this scene." if any("n/a" in line for line in lines) else ""]
     notes.append(f"Sealed, to be observed but not acted on: {', '.join(sealed)}." if sealed else "")
     notes.append(f"Velocity and what follows from it withheld: {', '.join(unread)}." if unread else "")

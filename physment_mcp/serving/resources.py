@@ -1,6 +1,6 @@
-"""The resources of a laboratory: which scenes there are, the open one, where its episode stands, and what was measured.
+"""The resources that MCP clients can read: the scenes, the open scene, the state of its episode, the measurements.
 
-All of it is what the agent was told or has seen; reading costs no call and moves nothing.
+They contain only what the agent was told or has seen. Reading one is not a call, and changes nothing.
 """
 
 import json
@@ -15,19 +15,19 @@ from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 
 FRESH_MS = 3_600_000
-"""How long a client may take what never changes for fresh [ms]."""
+"""How long a client may keep a copy of what never changes [ms]."""
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A resource, and how it is written."""
+    """A resource, and how its content is made."""
 
     name: str
     title: str
     description: str
     write: Callable[[EpisodeSlot], dict[str, Any]]
     settled: bool
-    """Whether it stays as it is while the open episode is the only one."""
+    """Whether it never changes, as long as no other scene can be opened."""
 
 
 def _scenes(slot: EpisodeSlot) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def _episode(slot: EpisodeSlot) -> dict[str, Any]:
 
 def _measurements(slot: EpisodeSlot) -> dict[str, Any]:
     log = slot.log
-    notes = [{"call": number, **one.as_note()} for number, one in enumerate(log.calls, log.left_out + 1)]
+    notes = [{"call": number, **logged.as_note()} for number, logged in enumerate(log.calls, log.left_out + 1)]
     return {"left_out": log.left_out, "calls": notes}
 
 
@@ -60,7 +60,7 @@ def _scene_view(session: Session) -> dict[str, Any]:
         "name": scene.name,
         "task": scene.task,
         "problem_type": scene.problem_type,
-        "objects": [{"object_id": one.object_id, "name": one.name, **look} for one, look in session.opening],
+        "objects": [{"object_id": item.object_id, "name": item.name, **look} for item, look in session.opening],
         "answer": form and {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options},
         "disabled_tools": sorted(scene.disabled_tools),
         "timestep_s": session.world.timestep,
@@ -73,7 +73,7 @@ def _episode_view(session: Session) -> dict[str, Any]:
         "sim_time": session.world.time,
         "calls": session.calls,
         **({} if session.max_calls is None else {"max_calls": session.max_calls}),
-        "objects": [one.object_id for one in session.known()],
+        "objects": [item.object_id for item in session.known()],
     }
 
 
@@ -109,10 +109,10 @@ def listed_resources() -> list[types.Resource]:
 
 
 def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
-    """A resource as it is now, and how long it will stay so.
+    """The content of a resource now, and how long a client may keep it.
 
     Raises:
-        LookupError: There is no such resource; the message lists those there are.
+        LookupError: There is no such resource; the message lists all resources.
     """
     view = _VIEWS.get(uri)
     if view is None:

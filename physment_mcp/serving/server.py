@@ -1,6 +1,6 @@
-"""One episode, one low-level MCP server: tools, prompt, resources, instructions. Refusals become error results.
+"""The MCP server of one episode: tools, prompt, resources, instructions. Refusals become error results.
 
-Knows MCP; leaves physics to the session and files to `scene`.
+Knows MCP. Knows no physics and no files.
 """
 
 import base64
@@ -33,11 +33,11 @@ logger = logging.getLogger(__name__)
 _PROMPT = "scene"
 _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
 GONE = "physment/gone"
-"""Key in `_meta` of a result: there is no episode any more, which is no fault of the agent."""
+"""Key in `_meta` of a result: the episode is gone, which is not the agent's fault."""
 
 
 def build_server(slot: EpisodeSlot) -> Server[Any]:
-    """An MCP server for one laboratory; connect it to any transport."""
+    """An MCP server for the episode in a slot; connect it to any transport."""
     service = _Service(slot)
     return Server(
         "physment-mcp",
@@ -73,7 +73,7 @@ def _instructions(slot: EpisodeSlot) -> str:
 
 @functools.cache
 def published_tools() -> tuple[types.Tool, ...]:
-    """The 26 tools as MCP publishes them: always the same, in the same order."""
+    """The 26 tools as MCP publishes them, in a fixed order; the same for every episode."""
     return tuple(
         types.Tool(
             name=tool.name,
@@ -99,7 +99,7 @@ def _input_schemas() -> dict[str, dict[str, Any]]:
 
 
 class _Service:
-    """The request handlers of one laboratory."""
+    """The request handlers of one server."""
 
     def __init__(self, slot: EpisodeSlot) -> None:
         self._slot = slot
@@ -136,8 +136,8 @@ class _Service:
             return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
             return _error(str(refusal))
-        except Exception as crash:  # a fault of ours must not end the episode
-            # The traceback may name hidden things, so it is not for the default log level.
+        except Exception as crash:  # an error in our code must not end the episode
+            # The traceback may name hidden things, so it is not logged at the default level.
             logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
             logger.debug("traceback", exc_info=True)
             return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
@@ -157,7 +157,7 @@ class _Service:
                 name="scene_id",
                 title="Scene",
                 description="Which scene to open, by its number; needed unless one is open.",
-                # Clients ask the person for what is required, which is how a scene is chosen after an idle start.
+                # Clients ask the person for required arguments: this is how a scene is chosen after an idle start.
                 required=self._slot.reopen is not None,
             ),
             types.PromptArgument(
@@ -225,7 +225,7 @@ class _Service:
     async def list_resource_templates(
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListResourceTemplatesResult:
-        # Who offers resources is asked for templates too, and an empty list is no error to a client.
+        # Clients also ask a server with resources for templates; an empty list is a valid answer.
         return types.ListResourceTemplatesResult(resource_templates=[])
 
     async def read_resource(
@@ -241,12 +241,12 @@ class _Service:
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
     ) -> types.CompleteResult:
         choices = {
-            "scene_id": [str(one) for one in self._slot.scene_ids],
+            "scene_id": [str(scene_id) for scene_id in self._slot.scene_ids],
             "prompting": list(Prompting),
             "protocol": list(CallProtocol),
             "budget": ["5", "10", "15", "20"],
         }.get(params.argument.name, [])
-        matching = [str(one) for one in choices if str(one).startswith(params.argument.value)]
+        matching = [str(choice) for choice in choices if str(choice).startswith(params.argument.value)]
         return types.CompleteResult(
             completion=types.Completion(values=matching[:100], total=len(matching), has_more=len(matching) > 100)
         )
@@ -267,17 +267,17 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
 
 
 def _is_count(text: str) -> bool:
-    # int() raises on decimal text of more than some thousand digits.
+    # int() refuses text of more than 4300 digits.
     return text.isdecimal() and len(text) < 10
 
 
 async def _frame(frames: Frames) -> list[types.ImageContent]:
-    """The frame of a call that is done: nothing that befalls it may undo or hide the result."""
+    """The picture for a finished call; a failure or a cancellation here must not undo or hide the result."""
     png: bytes | None = None
     try:
         with anyio.CancelScope(shield=True):
             png = await anyio.to_thread.run_sync(frames.draw)
-    except Exception as crash:  # noqa: BLE001 - a fault of ours must not end the episode
+    except Exception as crash:  # noqa: BLE001 - an error in our code must not end the episode
         logger.error("no frame: %s", type(crash).__name__)  # noqa: TRY400 - as for the call
     if png is None:
         return []

@@ -1,6 +1,6 @@
-"""The place of at most one open episode: which it is, how another is opened, and what was measured in it.
+"""The place of one episode in a server: the open episode, how to open another, and the log of its calls.
 
-Knows sessions and the log of calls. Knows neither MCP handlers nor transports nor files.
+Knows sessions and the log of calls. Knows no MCP handlers, no transports and no files.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,11 +15,11 @@ from physment_mcp.session import Session
 from scenes import PublicPack
 
 KEPT_CALLS = 500
-"""Calls that the log of an episode without a limit keeps: enough to look back, bounded for a host of many."""
+"""Calls that the log keeps of an episode without a limit, so that a host of many episodes needs bounded memory."""
 
 
 class EpisodeSlot:
-    """The place of at most one open episode; calls on it run one at a time."""
+    """The place of at most one open episode; its calls run one at a time."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class EpisodeSlot:
 
         Args:
             session: The open episode; None for an idle start.
-            reopen: For an idle start, how to open an episode by scene id.
+            reopen: For an idle start, opens an episode by scene id.
             scene_ids: Which scenes can be opened; by default the open one.
-            list_scenes: What may be told of those; by default the open one is told of.
-            watch: What draws frames of an episode for results; None for results of text alone.
-            gone: Why no episode can be opened here at all; None if one is or can be.
+            list_scenes: Lists the scenes that can be opened; by default the open one.
+            watch: Makes the pictures for results; None for results without pictures.
+            gone: Why there is no episode and none can be opened; None if one is or can be open.
         """
         self.session = session
         self.reopen = reopen
@@ -55,21 +55,21 @@ class EpisodeSlot:
 
     @property
     def fixed(self) -> bool:
-        """True if the open episode stays the only one."""
+        """True if no other episode can be opened here."""
         return self.reopen is None and self.session is not None
 
     def enter(self, session: Session) -> None:
-        """Make this the open episode, with an empty log."""
+        """Make a session the open episode, with an empty log."""
         frames = None if self._watch is None else self._watch(session)
         self.session, self.frames = session, frames
-        # Whoever sets a limit reads the log as the record of the episode, which must be whole.
+        # With a limit, the log is the record of the episode for its owner, so it must be complete.
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
 
     def open_session(self) -> Session:
         """The open episode.
 
         Raises:
-            EpisodeGone: There is none any more, and none can be opened here.
+            EpisodeGone: It is gone, and none can be opened here.
             EpisodeOver: No scene is open yet.
         """
         if self.gone is not None:

@@ -62,64 +62,64 @@ class CollisionArguments(Arguments):
     ] = True
 
 
-def _relocate(session: Session, one: LabObject, target: Array) -> str | None:
-    """Place an object, and say so if its joints did not allow the whole move."""
-    moving = set(session.world.with_children(one.body))
+def _relocate(session: Session, item: LabObject, target: Array) -> str | None:
+    """Place an object; returns a note for the agent if its joints did not allow the whole move."""
+    moving = set(session.world.with_children(item.body))
     if any(other.attached for other in session.state.objects.values() if other.body in moving):
-        raise NotPossible(f"{one.object_id} is attached to another object and cannot be moved by itself")
-    session.readable(one.object_id, "position")
+        raise NotPossible(f"{item.object_id} is attached to another object and cannot be moved by itself")
+    session.readable(item.object_id, "position")
     try:
-        restricted = session.world.place(one.body, target, session.obstacles())
+        restricted = session.world.place(item.body, target, session.obstacles())
     except NotPossible as refusal:
-        raise NotPossible(f"{one.object_id} was not moved: {refusal}") from refusal
-    if restricted and not np.allclose(session.world.pose(one.body).position, target, rtol=0, atol=1e-9):
+        raise NotPossible(f"{item.object_id} was not moved: {refusal}") from refusal
+    if restricted and not np.allclose(session.world.pose(item.body).position, target, rtol=0, atol=1e-9):
         return "its joints let it move only along its slides, and within their range; it went as near as they allow"
     return None
 
 
 def _move_object(session: Session, args: PlaceArguments) -> Moved:
-    one = session.movable(args.object_id)
-    note = _relocate(session, one, array([args.x, args.y, args.z]))
-    return Moved(sim_time=session.world.time, position=plain(session.world.pose(one.body).position), note=note)
+    item = session.movable(args.object_id)
+    note = _relocate(session, item, array([args.x, args.y, args.z]))
+    return Moved(sim_time=session.world.time, position=plain(session.world.pose(item.body).position), note=note)
 
 
 def _change_position(session: Session, args: ShiftArguments) -> Shifted:
-    one = session.movable(args.object_id)
+    item = session.movable(args.object_id)
     shift = array([args.dx, args.dy, args.dz])
-    pose = session.world.pose(one.body)
+    pose = session.world.pose(item.body)
     if not args.in_world_frame:
-        session.readable(one.object_id, "orientation")
+        session.readable(item.object_id, "orientation")
         shift = rotation_matrix(pose.quaternion) @ shift
-    note = _relocate(session, one, pose.position + shift)
-    return Shifted(sim_time=session.world.time, new_position=plain(session.world.pose(one.body).position), note=note)
+    note = _relocate(session, item, pose.position + shift)
+    return Shifted(sim_time=session.world.time, new_position=plain(session.world.pose(item.body).position), note=note)
 
 
 def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
-    one = session.movable(args.object_id)
+    item = session.movable(args.object_id)
     try:
-        session.world.set_velocity(one.body, array(args.velocity_vector))
+        session.world.set_velocity(item.body, array(args.velocity_vector))
     except NotPossible as refusal:
-        raise NotPossible(f"{one.object_id} cannot be given a velocity: {refusal}") from refusal
-    # On joints part of the velocity is what it was before.
-    obtained = plain(session.world.twist(one.body).linear) if session.may_read(one, "velocity") else None
-    return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=one.object_id, velocity=obtained)
+        raise NotPossible(f"{item.object_id} cannot be given a velocity: {refusal}") from refusal
+    # Joints may keep a part of the old velocity.
+    obtained = plain(session.world.twist(item.body).linear) if session.may_read(item, "velocity") else None
+    return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=item.object_id, velocity=obtained)
 
 
 def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
-    one = session.movable(args.object_id)
-    session.world.push(one.body, force=array(args.force_vector))
+    item = session.movable(args.object_id)
+    session.world.push(item.body, force=array(args.force_vector))
     return ForceSet(
-        sim_time=session.world.time, status="force set", object_id=one.object_id, force=plain(array(args.force_vector))
+        sim_time=session.world.time, status="force set", object_id=item.object_id, force=plain(array(args.force_vector))
     )
 
 
 def _apply_torque(session: Session, args: TorqueArguments) -> TorqueSet:
-    one = session.movable(args.object_id)
-    session.world.push(one.body, torque=array(args.torque_vector))
+    item = session.movable(args.object_id)
+    session.world.push(item.body, torque=array(args.torque_vector))
     return TorqueSet(
         sim_time=session.world.time,
         status="torque set",
-        object_id=one.object_id,
+        object_id=item.object_id,
         torque=plain(array(args.torque_vector)),
     )
 
@@ -129,27 +129,27 @@ def _detect_collision(session: Session, args: CollisionArguments) -> Collision:
     if first is second:
         raise NotPossible(f"{first.object_id} cannot collide with itself; name two objects")
     if args.elastic_response:
-        for one in (first, second):
-            if not one.permissions.actuate:
+        for item in (first, second):
+            if not item.permissions.actuate:
                 raise NotPermitted(
-                    f"{one.object_id} is sealed in this scene: call detect_collision with elastic_response=false"
+                    f"{item.object_id} is sealed in this scene: call detect_collision with elastic_response=false"
                 )
     touching = session.world.contact(first.body, second.body)
     impulse = _respond(session, first, second, touching) if args.elastic_response else None
     pair = (first, second)
     seen = touching is not None
-    shows_place = seen and all(session.may_read(one, "position") for one in pair)
-    # The normal on a flat face gives its tilt away; on a sphere it only gives the direction of the contact.
+    shows_place = seen and all(session.may_read(item, "position") for item in pair)
+    # The normal of a flat face reveals its tilt; that of a sphere reveals only where it is touched.
     shows_normal = shows_place and all(
-        session.may_read(one, "orientation")
-        or (session.may_read(one, "type") and session.world.shape(one.body).type == "sphere")
-        for one in pair
+        session.may_read(item, "orientation")
+        or (session.may_read(item, "type") and session.world.shape(item.body).type == "sphere")
+        for item in pair
     )
-    # The closing speed is the velocity along the normal: with the velocities it gives the normal away.
-    shows_speed = shows_normal and all(session.may_read(one, "velocity") for one in pair)
-    # The impulse gives the effective mass away, and with known masses the approach speed.
+    # The closing speed is the velocity along the normal, so together with the velocities it reveals the normal.
+    shows_speed = shows_normal and all(session.may_read(item, "velocity") for item in pair)
+    # The impulse reveals the effective mass, and with known masses the closing speed.
     shows_impulse = (shows_speed or not seen) and all(
-        session.may_read(one, "mass") or not session.world.is_movable(one.body) for one in pair
+        session.may_read(item, "mass") or not session.world.is_movable(item.body) for item in pair
     )
     return Collision(
         sim_time=session.world.time,

@@ -1,4 +1,4 @@
-"""What a tool is, and the types its arguments are made of."""
+"""What a tool is, and the types of its arguments."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
@@ -37,9 +37,9 @@ ObjectId = Annotated[
 
 
 class Arguments(BaseModel):
-    """Base of all argument models: closed and strict, so nothing is guessed from a near miss."""
+    """Base of all argument models: strict and without extra fields, so a wrong argument is never guessed at."""
 
-    # Built at first use, as the results are.
+    # Validators are built at their first use, as those of the results are.
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
@@ -63,19 +63,19 @@ A = TypeVar("A", bound=Arguments)
 
 
 class Progress(NamedTuple):
-    """How far a tool that takes noticeable wall time has come, in a unit of its own."""
+    """How much of its work a tool has done, for tools that may take noticeable wall time."""
 
     done: float
     total: float
 
 
 Pieces = Generator[Progress, None, Result]
-"""Work that is done piece by piece. It yields before each piece, and once more after the last one."""
+"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tool(Generic[A]):
-    """A published tool: what the agent reads, the types both ways, and the physics behind it."""
+    """A published tool: what the agent reads, the types of arguments and result, and what it does."""
 
     name: str
     title: str
@@ -83,7 +83,7 @@ class Tool(Generic[A]):
     arguments: type[A]
     result: type[Result]
     run: Callable[[Session, A], Result | Pieces]
-    """What the tool does; returns pieces if it may take noticeable wall time. Roll-back is the caller's."""
+    """What the tool does; returns pieces if it may take noticeable wall time. The caller rolls back a failure."""
     reads_only: bool = False
     destructive: bool = False
     idempotent: bool = False
@@ -109,20 +109,20 @@ class Tool(Generic[A]):
 
 
 def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
-    """What is wrong, by argument; an argument of several possible types is described instead."""
+    """What is wrong with each argument; one with several possible types gets its description instead."""
     fields = arguments.model_fields
     problems: dict[str, str] = {}
-    for one in error.errors(include_url=False):
-        name, path = str(one["loc"][0]), ".".join(str(part) for part in one["loc"])
-        if one["type"] == "extra_forbidden":
+    for detail in error.errors(include_url=False):
+        name, path = str(detail["loc"][0]), ".".join(str(part) for part in detail["loc"])
+        if detail["type"] == "extra_forbidden":
             problems[name] = f"there is no argument {name[:64]!r}; the arguments are {', '.join(fields) or 'none'}"
-        elif one["type"] == "missing":
+        elif detail["type"] == "missing":
             problems[name] = f"the argument {name!r} is missing"
         elif name in problems:
             problems[name] = f"{name} has not the right form. {fields[name].description}"
         else:
-            message = one["msg"].removeprefix("Input should be ")
-            problems[name] = f"{path}: {message}" if message == one["msg"] else f"{path} must be {message}"
+            message = detail["msg"].removeprefix("Input should be ")
+            problems[name] = f"{path}: {message}" if message == detail["msg"] else f"{path} must be {message}"
     return "; ".join(list(problems.values())[:3])
 
 

@@ -42,30 +42,30 @@ class QuaternionArguments(Arguments):
 
 
 def _compute_force(session: Session, args: MassArguments) -> Force:
-    one = session.readable(args.object_id, "velocity")
-    x, y, z = plain(args.mass * session.world.acceleration(one.body))
+    item = session.readable(args.object_id, "velocity")
+    x, y, z = plain(args.mass * session.world.acceleration(item.body))
     return Force(sim_time=session.world.time, x=x, y=y, z=z)
 
 
 def _get_kinetic_energy(session: Session, args: MassArguments) -> KineticEnergy:
-    one = session.readable(args.object_id, "velocity")
-    energy = kinetic_energy(args.mass, session.world.twist(one.body).linear)
+    item = session.readable(args.object_id, "velocity")
+    energy = kinetic_energy(args.mass, session.world.twist(item.body).linear)
     return KineticEnergy(sim_time=session.world.time, kinetic_energy=energy)
 
 
 def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> PotentialEnergy:
-    one = session.readable(args.object_id, "position")
-    energy = potential_energy(args.mass, args.gravity, float(session.world.centre(one.body)[2]))
+    item = session.readable(args.object_id, "position")
+    energy = potential_energy(args.mass, args.gravity, float(session.world.centre(item.body)[2]))
     return PotentialEnergy(sim_time=session.world.time, potential_energy=energy)
 
 
 def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
-    """Inertia scaled to the agent's mass, so that the true mass does not show, and spin."""
-    one = session.readable(args.object_id, "velocity")
-    true_mass = session.world.mass(one.body)
+    """Inertia scaled to the agent's mass, so that it does not reveal the true mass; and spin."""
+    item = session.readable(args.object_id, "velocity")
+    true_mass = session.world.mass(item.body)
     if true_mass <= 0:
-        raise NotPossible(f"{one.object_id} has no mass of its own, so it has no inertia")
-    return args.mass * session.world.inertia(one.body) / true_mass, session.world.twist(one.body).angular
+        raise NotPossible(f"{item.object_id} has no mass of its own, so it has no inertia")
+    return args.mass * session.world.inertia(item.body) / true_mass, session.world.twist(item.body).angular
 
 
 def _get_rotational_energy(session: Session, args: MassArguments) -> RotationalEnergy:
@@ -79,8 +79,8 @@ def _get_angular_momentum(session: Session, args: MassArguments) -> AngularMomen
 
 
 def _get_momentum(session: Session, args: MassArguments) -> Momentum:
-    one = session.readable(args.object_id, "velocity")
-    x, y, z = plain(momentum(args.mass, session.world.twist(one.body).linear))
+    item = session.readable(args.object_id, "velocity")
+    x, y, z = plain(momentum(args.mass, session.world.twist(item.body).linear))
     return Momentum(sim_time=session.world.time, momentum=Components(x=x, y=y, z=z))
 
 

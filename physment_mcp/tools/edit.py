@@ -80,24 +80,24 @@ def _create_objects(session: Session, args: CreateArguments) -> Created:
 
 
 def _delete_objects(session: Session, args: ObjectArguments) -> Deleted:
-    one = session.unsealed(args.object_id)
-    bodies = set(session.world.with_children(one.body))
+    item = session.unsealed(args.object_id)
+    bodies = set(session.world.with_children(item.body))
     going = [other for other in session.state.objects.values() if other.body in bodies]
     if any(not other.known or not other.permissions.actuate for other in going):
-        raise NotPermitted(f"{one.object_id} cannot be deleted in this scene")
-    session.world.remove(one.body)
+        raise NotPermitted(f"{item.object_id} cannot be deleted in this scene")
+    session.world.remove(item.body)
     session.drop({other.object_id for other in going})
     return Deleted(
         sim_time=session.world.time,
         status="deleted",
-        object_id=one.object_id,
-        also_deleted=[other.object_id for other in going if other is not one],
+        object_id=item.object_id,
+        also_deleted=[other.object_id for other in going if other is not item],
     )
 
 
 def _find_objects(session: Session, args: NoArguments) -> Found:
     del args
-    revealed = [{"object_id": one.object_id, "name": one.name, **session.describe(one)} for one in session.reveal()]
+    revealed = [{"object_id": item.object_id, "name": item.name, **session.describe(item)} for item in session.reveal()]
     status = f"{len(revealed)} hidden object(s) revealed" if revealed else "there is nothing hidden here"
     return Found(sim_time=session.world.time, status=status, revealed=revealed)
 
@@ -120,7 +120,7 @@ def _check_pair(session: Session, first: LabObject, second: LabObject) -> None:
         raise NotPossible(f"{first.object_id} cannot be attached to itself; name two objects")
     if frozenset({first.object_id, second.object_id}) in session.state.joined:
         raise NotPossible(f"{first.object_id} and {second.object_id} are attached already")
-    if not any(session.world.is_movable(one.body) for one in (first, second)):
+    if not any(session.world.is_movable(item.body) for item in (first, second)):
         raise NotPossible(f"{first.object_id} and {second.object_id} are both fixed in the laboratory")
 
 

@@ -1,4 +1,4 @@
-"""Tools that move the episode on: let time pass, and answer."""
+"""Tools that advance the episode: let time pass, and answer."""
 
 import time
 from typing import Annotated

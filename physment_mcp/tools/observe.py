@@ -19,40 +19,40 @@ from physment_mcp.tools.results import (
 
 
 def _get_position(session: Session, args: ObjectArguments) -> Position:
-    one = session.readable(args.object_id, "position")
-    pose = session.world.pose(one.body)
-    orientation = plain(pose.quaternion) if session.may_read(one, "orientation") else None
+    item = session.readable(args.object_id, "position")
+    pose = session.world.pose(item.body)
+    orientation = plain(pose.quaternion) if session.may_read(item, "orientation") else None
     return Position(sim_time=session.world.time, position=plain(pose.position), orientation=orientation)
 
 
 def _get_velocity(session: Session, args: ObjectArguments) -> Velocity:
-    one = session.readable(args.object_id, "velocity")
-    return Velocity(sim_time=session.world.time, velocity=plain(session.world.twist(one.body).linear))
+    item = session.readable(args.object_id, "velocity")
+    return Velocity(sim_time=session.world.time, velocity=plain(session.world.twist(item.body).linear))
 
 
 def _get_acceleration(session: Session, args: ObjectArguments) -> Acceleration:
-    one = session.readable(args.object_id, "velocity")
-    x, y, z = plain(session.world.acceleration(one.body))
+    item = session.readable(args.object_id, "velocity")
+    x, y, z = plain(session.world.acceleration(item.body))
     return Acceleration(sim_time=session.world.time, x=x, y=y, z=z)
 
 
 def _get_torque(session: Session, args: ObjectArguments) -> Torque:
-    one = session.find(args.object_id)
-    x, y, z = plain(session.world.applied_torque(one.body))
+    item = session.find(args.object_id)
+    x, y, z = plain(session.world.applied_torque(item.body))
     return Torque(sim_time=session.world.time, torque=Components(x=x, y=y, z=z))
 
 
 def _get_parameters(session: Session, args: ObjectArguments) -> Parameters:
-    one = session.find(args.object_id)
-    shape = session.world.shape(one.body)
+    item = session.find(args.object_id)
+    shape = session.world.shape(item.body)
     allowed = {
-        "mass": session.may_read(one, "mass"),
-        "bounding_box": session.may_read(one, "size"),
-        "type": session.may_read(one, "type"),
+        "mass": session.may_read(item, "mass"),
+        "bounding_box": session.may_read(item, "size"),
+        "type": session.may_read(item, "type"),
     }
     return Parameters(
         sim_time=session.world.time,
-        mass=session.world.mass(one.body) if allowed["mass"] else None,
+        mass=session.world.mass(item.body) if allowed["mass"] else None,
         bounding_box=plain(shape.box) if allowed["bounding_box"] and shape.box is not None else None,
         type=shape.type if allowed["type"] else None,
         withheld=[field for field, may in allowed.items() if not may],
@@ -60,27 +60,27 @@ def _get_parameters(session: Session, args: ObjectArguments) -> Parameters:
 
 
 def _get_displacement(session: Session, args: ObjectArguments) -> Displacement:
-    one = session.readable(args.object_id, "position")
-    path = session.world.pose(one.body).position - one.start
+    item = session.readable(args.object_id, "position")
+    path = session.world.pose(item.body).position - item.start
     return Displacement(sim_time=session.world.time, displacement=float(np.linalg.norm(path)))
 
 
 def _get_center_of_mass(session: Session, args: NoArguments) -> CenterOfMass:
     del args
-    movable = [one for one in session.known() if session.world.is_movable(one.body)]
-    counted = [one for one in movable if session.may_read(one, "mass") and session.may_read(one, "position")]
+    movable = [item for item in session.known() if session.world.is_movable(item.body)]
+    counted = [item for item in movable if session.may_read(item, "mass") and session.may_read(item, "position")]
     if not counted:
         raise NotPossible("there is no movable object whose mass and position you may both read")
     centre = centre_of_mass(
-        np.array([session.world.mass(one.body) for one in counted]),
-        np.array([session.world.centre(one.body) for one in counted]),
+        np.array([session.world.mass(item.body) for item in counted]),
+        np.array([session.world.centre(item.body) for item in counted]),
     )
     x, y, z = plain(centre)
     return CenterOfMass(
         sim_time=session.world.time,
         center_of_mass=Components(x=x, y=y, z=z),
-        included=[one.object_id for one in counted],
-        excluded=[one.object_id for one in movable if one not in counted],
+        included=[item.object_id for item in counted],
+        excluded=[item.object_id for item in movable if item not in counted],
     )
 
 

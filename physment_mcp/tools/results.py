@@ -1,4 +1,4 @@
-"""What the tools return: closed models, every field with its unit and frame, finite numbers only."""
+"""What the tools return: models without extra fields, finite numbers, a unit and a frame for every field."""
 
 from typing import Annotated, Any
 
@@ -11,7 +11,7 @@ Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 class Result(BaseModel):
     """Base of all results."""
 
-    # Built at first use: an episode uses a few of the 26, and starts sooner.
+    # Validators are built at their first use: an episode uses a few of the 26 tools, so it starts sooner.
     model_config = ConfigDict(
         extra="forbid", allow_inf_nan=False, json_schema_serialization_defaults_required=True, defer_build=True
     )

@@ -28,7 +28,7 @@ def with_ball(
 
 
 def without_body(spec: mujoco.MjSpec, body: str) -> mujoco.MjSpec:
-    """A copy of `spec` without the body, what is jointed to it, and the constraints that refer to any of it."""
+    """A copy of `spec` without the body, the bodies jointed to it, and the constraints that refer to any of them."""
     edited = compiled_copy(spec)
     edited.detach_body(edited.body(body))
     return edited
@@ -39,20 +39,20 @@ def with_joint(
 ) -> mujoco.MjSpec:
     """A copy of `spec` in which two bodies are constrained at their present relative pose.
 
-    Pairs of sites carry the joint, because a constraint between bodies is fixed at the model's initial pose and
-    not at the present one. A hinge is held at two points of its axis, which passes through the second body's origin.
-    Contact between the two is switched off: it would fight the joint.
+    The constraint acts between pairs of sites, because a constraint between bodies would use the model's initial pose
+    instead of the present one. A hinge is held at two points of its axis, which passes through the second body's
+    origin. Contact between the two bodies is switched off, because it would work against the joint.
 
     Args:
         spec: The spec to copy.
         settled: Data with current poses.
         bodies: Names of the two bodies.
         kind: `weld`, or a pivot at the second body's origin: `ball`, `hinge`.
-        axis: Hinge axis (3,) in the world, not zero; None otherwise.
+        axis: Axis of a hinge (3,), world, not zero; None for the other kinds.
     """
     edited = compiled_copy(spec)
     taken = {site.name for site in edited.sites}
-    # Sites outlive a joint whose other body was deleted, so names of bodies would repeat.
+    # When one of two joined bodies is deleted, the other keeps its sites, so names made of body names could repeat.
     label = next(
         label
         for label in (f"attached:{number}" for number in itertools.count())
@@ -68,7 +68,7 @@ def with_joint(
     mujoco.mju_mulQuat(turned, back, second.xquat)
     points: list[Array] = [np.zeros(3)]
     if kind == "hinge" and axis is not None:
-        # Scaling by the largest part first keeps the norm of a tiny axis from underflowing.
+        # Scaled by its largest part first, because the norm of a tiny axis would underflow.
         direction = (scaled := axis / np.abs(axis).max()) / np.linalg.norm(scaled)
         points = [0.5 * direction, -0.5 * direction]
     equality = mujoco.mjtEq.mjEQ_WELD if kind == "weld" else mujoco.mjtEq.mjEQ_CONNECT
@@ -91,11 +91,11 @@ def with_joint(
 
 
 def _stiffness(spec: mujoco.MjSpec) -> list[float]:
-    """The engine's direct `solref`, -stiffness and -damping, critically damped, as stiff as the integrator can follow.
+    """A direct `solref` (-stiffness, -damping): critically damped, and as stiff as the integrator can follow.
 
-    MuJoCo's equality constraints know nothing of the centripetal acceleration v²/r and give way by τ² v²/r under it:
-    1.9 mm for a pendulum let go at the horizontal and τ of two 5 ms steps. A critically damped constraint is stable
-    in the fourth-order Runge-Kutta method with τ of one time step, in the Euler methods not below 1.25.
+    MuJoCo's equality constraints do not account for the centripetal acceleration v²/r, so they give way by τ² v²/r: by
+    1.9 mm for a pendulum released at the horizontal, with τ of two time steps of 5 ms. A critically damped constraint
+    is stable with τ of one time step in the fourth-order Runge-Kutta method, and of 1.25 or more in the Euler methods.
     """
     steps = 1.0 if spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 2.0
     tau = steps * spec.option.timestep

@@ -1,6 +1,6 @@
-"""From MJCF text to a compiled spec at its start state, and state carried from one compiled model to the next.
+"""Compiles MJCF text into a model at its start state, and carries the state from one compiled model to the next.
 
-Knows MuJoCo specs, models and data; knows nothing of what is done with them.
+Knows MuJoCo specs, models and data, and no use of them.
 """
 
 from collections.abc import Generator
@@ -11,7 +11,7 @@ import numpy as np
 from physment_mcp.errors import SceneError
 
 START_KEY = "start"
-"""Name of the keyframe that gives the initial state."""
+"""Name of the keyframe that holds the initial state."""
 
 _INSTABILITY = [
     int(kind)
@@ -21,11 +21,11 @@ _INSTABILITY = [
         mujoco.mjtWarning.mjWARN_BADQACC,
     )
 ]
-"""Indices of the engine's warning counters for a state that left the finite numbers."""
+"""Indices of the warning counters that the engine raises when its state is no longer finite."""
 
 
 def _ignore_warning(_text: str) -> None:
-    """Drop engine warnings: the world reads the warning counters, and the text could name hidden things."""
+    """Discard the text of engine warnings, which could name hidden things; the world reads the warning counters."""
 
 
 # Without a handler MuJoCo writes MUJOCO_LOG.TXT into the working directory.
@@ -33,7 +33,7 @@ mujoco.set_mju_user_warning(_ignore_warning)
 
 
 def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoco.MjModel, mujoco.MjData]:
-    """Compile `mjcf` and put it into its start state.
+    """Compile `mjcf` and set its start state.
 
     Args:
         mjcf: MuJoCo XML.
@@ -46,14 +46,14 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
         spec = mujoco.MjSpec.from_string(mjcf)
         if timestep is not None:
             spec.option.timestep = timestep
-        # A blown-up state must stay visible: by default the engine silently restarts the scene at t = 0.
+        # By default the engine silently restarts an unstable scene at t = 0, which would hide the instability.
         spec.option.disableflags = int(spec.option.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         _name_everything(spec)
         with_keys = spec.compile()
         started = mujoco.MjData(with_keys)
         if any(key.name == START_KEY for key in spec.keys):
             mujoco.mj_resetDataKeyframe(with_keys, started, with_keys.key(START_KEY).id)
-        # Keyframes have the size of the state, so they would break every later model edit.
+        # A keyframe has the size of the state, so it would not fit the model after an edit.
         for key in list(spec.keys):
             key.delete()
         model = spec.compile()
@@ -67,17 +67,17 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
 
 
 def compiled_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """A copy of `spec` to edit: if the edit fails, the original is untouched."""
+    """A copy of `spec` to edit; if the edit fails, the original is unchanged."""
     copy = spec.copy()
     copy.compile()
     return copy
 
 
 def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) -> mujoco.MjData:
-    """Data for `new` with the clock, motion, loads and warm start of everything that `old` has too, by name.
+    """Data for `new` with the clock, motion, loads and warm start of all elements that both models have, by name.
 
-    Source: the fields of MuJoCo's `mjSTATE_INTEGRATION`. Carried by hand because `MjSpec.recompile` drops applied
-    forces, equality switches and the solver's warm start.
+    Source: the fields of MuJoCo's `mjSTATE_INTEGRATION`. `MjSpec.recompile` is not used: it loses applied forces,
+    equality switches and the solver's warm start.
     """
     data = mujoco.MjData(new)
     data.time = state.time
@@ -102,7 +102,7 @@ def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) 
 
 
 def _in_both(old: mujoco.MjModel, new: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> Generator[tuple[int, int]]:
-    """Index in `new` and index in `old` of everything of a kind that both have, by name."""
+    """Index in `new` and index in `old` of every element of a kind that both models have, by name."""
     for index in range(count):
         before = mujoco.mj_name2id(old, kind, mujoco.mj_id2name(new, kind, index))
         if before >= 0:
@@ -110,7 +110,7 @@ def _in_both(old: mujoco.MjModel, new: mujoco.MjModel, kind: mujoco.mjtObj, coun
 
 
 def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
-    """Where a joint lives in qpos and in qvel."""
+    """Slices of a joint in qpos and in qvel."""
     kind = mujoco.mjtJoint(model.jnt_type[joint])
     position, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     sizes = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
@@ -125,7 +125,7 @@ def is_finite(data: mujoco.MjData) -> bool:
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:
-    """Name what the author left unnamed: state is carried by name."""
+    """Name the elements that the author did not name, because state is carried by name."""
     for kind in ("bodies", "joints", "geoms", "equalities", "actuators"):
         for index, element in enumerate(getattr(spec, kind)):
             if not element.name:

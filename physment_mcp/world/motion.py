@@ -1,4 +1,4 @@
-"""Placing bodies and giving them velocities through whatever joints they have. Works on the data it is given."""
+"""Places bodies and gives them velocities, as far as their joints allow. Changes only what it is given."""
 
 import mujoco
 import numpy as np
@@ -8,11 +8,11 @@ from physment_mcp.world.loading import joint_slices
 from physment_mcp.world.readings import Array, twist
 
 _RANK = 1e-9
-"""Singular values below this are directions in which the joints cannot move the body."""
+"""A singular value below this belongs to a direction in which the joints cannot move the body."""
 
 
 def driving_body(model: mujoco.MjModel, body: int) -> int:
-    """The body whose joints move `body`: itself, or the ancestor it is rigidly part of; 0 if nothing moves it."""
+    """The body whose joints move `body`: itself, or the ancestor it is rigidly fixed to; 0 if nothing moves it."""
     return int(model.body_weldid[body])
 
 
@@ -29,7 +29,7 @@ def is_movable(model: mujoco.MjModel, body: int) -> bool:
 
 
 def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int, target: Array) -> bool:
-    """Write into `qpos` the joint positions that bring the body's origin to `target`, as near as its joints allow.
+    """Write into `qpos` the joint positions that bring the body's origin as near to `target` as its joints allow.
 
     Args:
         model: The compiled model.
@@ -67,7 +67,7 @@ def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int,
 def velocity_rates(model: mujoco.MjModel, settled: mujoco.MjData, body: int, velocity: Array) -> Array:
     """Joint rates (nv,) that give the body's centre of mass a velocity, as near as its own joints allow.
 
-    A free body keeps its spin; other joints change as little as possible (least squares, minimum norm).
+    A free body keeps its spin. Rates of other joints change as little as possible (least squares, minimum norm).
 
     Raises:
         NotPossible: No joint of the body can move its centre of mass.
@@ -95,7 +95,7 @@ def elastic_rates(model: mujoco.MjModel, settled: mujoco.MjData, row: Array) -> 
     """Joint rates after the perfectly elastic impulse along a separation row, and the impulse [N·s].
 
     p = −2 v / (J A Jᵀ), where A is the inverse mass matrix with the active equality constraints projected out:
-    A = M⁻¹ − M⁻¹ Eᵀ (E M⁻¹ Eᵀ)⁺ E M⁻¹. So welds, ropes and gears transmit the blow as rigid ones would.
+    A = M⁻¹ − M⁻¹ Eᵀ (E M⁻¹ Eᵀ)⁺ E M⁻¹. So welds, ropes and gears transmit the impulse as if they were rigid.
 
     Args:
         model: The compiled model.
@@ -108,7 +108,7 @@ def elastic_rates(model: mujoco.MjModel, settled: mujoco.MjData, row: Array) -> 
     response = _inverse_mass(model, settled, row)
     equalities = _equality_rows(model, settled)
     if len(equalities):
-        through = np.array([_inverse_mass(model, settled, one) for one in equalities])
+        through = np.array([_inverse_mass(model, settled, equality) for equality in equalities])
         response = response - through.T @ np.linalg.pinv(equalities @ through.T, hermitian=True) @ (through @ row)
     compliance = float(row @ response)
     if compliance < _RANK:

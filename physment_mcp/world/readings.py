@@ -1,4 +1,4 @@
-"""What can be read off a settled model and data: poses, twists, inertia, shapes, contacts. Changes nothing."""
+"""Readings of a settled model and data: poses, twists, inertia, shapes, contacts. Changes nothing."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -36,7 +36,7 @@ class Twist(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """What a body looks like.
+    """Shape of a body.
 
     `type` names its geom, `box` holds the full edge lengths (3,) [m] in the body frame (None if unbounded), `radius`
     [m] is that of a sphere, cylinder or capsule.
@@ -134,17 +134,17 @@ def contact(model: mujoco.MjModel, data: mujoco.MjData, first: int, second: int)
     """The contact between any geoms of two bodies, or None if they do not touch."""
     points: list[Array] = []
     normals: list[Array] = []
-    for one in data.contact:
-        bodies = (int(model.geom_bodyid[one.geom[0]]), int(model.geom_bodyid[one.geom[1]]))
-        if one.dist <= 0 and set(bodies) == {first, second}:
-            points.append(one.pos.copy())
+    for touch in data.contact:
+        bodies = (int(model.geom_bodyid[touch.geom[0]]), int(model.geom_bodyid[touch.geom[1]]))
+        if touch.dist <= 0 and set(bodies) == {first, second}:
+            points.append(touch.pos.copy())
             # MuJoCo's contact normal points from the first geom to the second.
-            normals.append(one.frame[:3] if bodies[0] == first else -one.frame[:3])
+            normals.append(touch.frame[:3] if bodies[0] == first else -touch.frame[:3])
     if not points:
         return None
     normal = np.sum(normals, axis=0)
     length = float(np.linalg.norm(normal))
-    # Opposite normals cancel only if one body is wrapped around the other; then any one of them must do.
+    # Opposite normals cancel only if one body is wrapped around the other; then the first normal stands for all.
     normal = normal / length if length > 1e-9 else normals[0].copy()
     point = np.mean(points, axis=0)
     row = normal_row(model, data, point, normal, first, second)
@@ -162,13 +162,13 @@ def normal_row(
 
 
 def overlaps(model: mujoco.MjModel, data: mujoco.MjData, bodies: Iterable[int]) -> dict[tuple[int, int], float]:
-    """Depth [m] of the deepest overlap of each pair (one of `bodies`, another body)."""
+    """Greatest depth [m] of overlap of each pair of a body of `bodies` and a body outside them."""
     own = set(bodies)
     depths: dict[tuple[int, int], float] = {}
-    for one in data.contact:
-        pair = (int(model.geom_bodyid[one.geom[0]]), int(model.geom_bodyid[one.geom[1]]))
+    for touch in data.contact:
+        pair = (int(model.geom_bodyid[touch.geom[0]]), int(model.geom_bodyid[touch.geom[1]]))
         if (pair[0] in own) == (pair[1] in own):
             continue
         ordered = pair if pair[0] in own else (pair[1], pair[0])
-        depths[ordered] = max(depths.get(ordered, 0.0), -float(one.dist))
+        depths[ordered] = max(depths.get(ordered, 0.0), -float(touch.dist))
     return depths

@@ -1,8 +1,8 @@
 """A simulated world that can be read without disturbing it, acted on, edited and rolled back.
 
-Two rules make readings trustworthy. Reads never touch the live data: they use a settled copy of its state, because
-`mj_forward` on the live data would change later steps through the solver's warm start. And every reading is current:
-after `mj_step` the engine's own poses and contacts lag one time step behind its joint positions.
+Readings come from a settled copy of the live state, for two reasons. `mj_forward` on the live data would change later
+steps through the solver's warm start. And after `mj_step` the engine's own poses and contacts are one time step older
+than its joint positions.
 """
 
 from collections.abc import Collection, Mapping
@@ -21,18 +21,18 @@ from physment_mcp.world.readings import Array, Contact, Pose, Shape, Twist
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 OVERLAP_LIMIT = 1e-3
-"""Bodies may be placed up to this deep [m] into one another."""
+"""Depth [m] to which a body may be placed into another."""
 
 
 class _Instant(NamedTuple):
-    """A state together with the model it belongs to."""
+    """A state, and the model it belongs to."""
 
     model: mujoco.MjModel
     state: Array
 
 
 class Snapshot(NamedTuple):
-    """Everything a refused call must put back. Opaque to callers."""
+    """Everything of a world that a roll-back restores. Opaque to callers."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
@@ -72,12 +72,12 @@ class World:
         """Advance by a number of time steps.
 
         Raises:
-            Unstable: The state left the finite numbers; the caller rolls back.
+            Unstable: The state is no longer finite; the caller rolls back.
 
         Source: MuJoCo `mj_step(nstep)`.
         """
         self._settled = False
-        # Setting the counters one by one took 0.3 ms, more than all else in a short step.
+        # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
         self._data.warning.number[:] = 0
         if steps > 1:
             mujoco.mj_step(self._model, self._data, steps - 1)
@@ -88,7 +88,7 @@ class World:
             raise Unstable("the simulation became unstable and was rolled back; use smaller forces or speeds")
 
     def save(self) -> Snapshot:
-        """What `restore` needs to undo everything that follows."""
+        """What `restore` needs to undo all later changes."""
         return Snapshot(self._spec, self._model, self._data, self._state(), self._before_step, self._disturbed)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -115,14 +115,14 @@ class World:
         return self._now().xipos[self._id(body)].copy()
 
     def twist(self, body: str) -> Twist:
-        """Spin and velocity of the centre of mass, world axes."""
+        """Spin, and velocity of the centre of mass, world axes."""
         return readings.twist(self._model, self._now(), self._id(body))
 
     def acceleration(self, body: str) -> Array:
-        """Change of the centre of mass's velocity over the last time step, divided by it (3,) [m/s²].
+        """Change of the centre of mass's velocity over the last time step, divided by the time step (3,) [m/s²].
 
         Raises:
-            NoDifference: No step yet, or none since the body was moved, made or given a velocity.
+            NoDifference: No time has passed yet, or none since the body was moved, created or given a velocity.
         """
         index = self._id(body)
         if self._before_step is None or body in self._disturbed:
@@ -148,7 +148,7 @@ class World:
         return readings.shape(self._model, self._id(body))
 
     def density(self, body: str) -> float | None:
-        """Density [kg/m³] of a body of one geom that was given one; None otherwise."""
+        """Density [kg/m³] of a body whose only geom has a density instead of a mass; None for other bodies."""
         geoms = self._spec.body(body).geoms
         return float(geoms[0].density) if len(geoms) == 1 and not np.isfinite(geoms[0].mass) else None
 
@@ -169,15 +169,15 @@ class World:
         return readings.contact(self._model, self._now(), self._id(first), self._id(second))
 
     def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
-        """A model of what may be seen now, and of nothing else; see `showing.shown_model`."""
+        """A model that contains only what may be seen now; see `showing.shown_model`."""
         return showing.shown_model(self._model, self._now(), bodies, parts, turns)
 
     def fixtures(self, objects: Collection[str]) -> frozenset[str]:
-        """Bodies that are fixed, and neither objects nor parts of one; see `showing.fixtures`."""
+        """Fixed bodies that are neither objects nor parts of objects; see `showing.fixtures`."""
         return showing.fixtures(self._model, objects)
 
     def turn_at_centre(self, body: str) -> Array | None:
-        """Orientation (4,) of a body that is one geom about its origin; see `showing.turn_at_centre`."""
+        """Orientation (4,) of a body that is a single geom centred on its origin; see `showing.turn_at_centre`."""
         return showing.turn_at_centre(self._model, self._now(), self._id(body))
 
     # Acting
@@ -204,14 +204,14 @@ class World:
         Args:
             body: The body.
             target: World position (3,) [m].
-            obstacles: Bodies it may not overlap by more than 1 mm (unless it already does so at least as deeply),
-                and what to call them.
+            obstacles: Bodies that it may not overlap by more than 1 mm, or than it already does, each with the name
+                that a refusal gives it.
 
         Returns:
             True if its joints let it move along slide axes only.
 
         Raises:
-            NotPossible: No joint to move along, or it would overlap an obstacle.
+            NotPossible: It has no joint to move along, or it would overlap an obstacle.
         """
         index = self._id(body)
         now = self._now()
@@ -224,8 +224,8 @@ class World:
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
         for pair, depth in readings.overlaps(self._model, trial, tree).items():
-            mine, other = (self._model.body(one).name for one in pair)
-            # What rides along hidden must not be felt, and a soft object may be pressed into a hard one.
+            mine, other = (self._model.body(index).name for index in pair)
+            # Hidden bodies that ride along are no obstacles: a refusal would reveal them. Neither are soft ones.
             if mine in obstacles and other in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
                 raise _overlap(obstacles[other])
         self._data.qpos[:] = qpos
@@ -262,7 +262,7 @@ class World:
         """Add a free sphere; everything else keeps its state.
 
         Raises:
-            NotPossible: It would overlap an obstacle by more than 1 mm, or its inertia is below what the engine takes.
+            NotPossible: It would overlap an obstacle by more than 1 mm, or its inertia is too small for the engine.
         """
         saved = self.save()
         if 0.4 * (4 / 3 * np.pi * radius**3 * density) * radius**2 < mujoco.mjMINVAL:
@@ -315,7 +315,7 @@ class World:
         return self._scratch
 
     def _disturb(self) -> None:
-        """Note which bodies were moved or given a velocity since the last reading; the state has just been changed."""
+        """Note which bodies the change just made has moved or given another velocity."""
         model = self._model
         old_places = self._scratch.xpos.copy()
         old_speeds = [readings.twist(model, self._scratch, index).linear for index in range(model.nbody)]
@@ -330,7 +330,7 @@ class World:
 
 
 def _overlap(label: str) -> NotPossible:
-    # How deep would measure sizes and places that the scene may withhold.
+    # Do not report the depth: it would reveal withheld sizes and positions.
     return NotPossible(f"there it would overlap {label} by more than {1000 * OVERLAP_LIMIT:g} mm")
 
 

@@ -1,7 +1,7 @@
-"""Models drawn off-screen: our own light and backdrop, the camera placed by what is drawn, smooth edges.
+"""Draws models off-screen, with our own light and backdrop, smooth edges, and a camera placed by what is drawn.
 
-Draw in a process of its own: a graphics library that is missing or broken may end the process that loads it, and
-MuJoCo chooses the library when it is imported, from the environment variable MUJOCO_GL.
+Use it in a process of its own: a missing or broken graphics library may end the process that loads it, and MuJoCo
+chooses the library while it is imported, by the environment variable MUJOCO_GL.
 """
 
 from dataclasses import dataclass
@@ -15,24 +15,24 @@ from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 320, 240
 _FINER = 2
-"""Drawn so many times finer and averaged, for smooth edges."""
+"""Pixels drawn for each pixel of the picture, in each direction; their mean gives smooth edges."""
 _WHITE = (1.0, 1.0, 1.0)
 _LARGE = 12.0
-"""An object so many times larger than any that moves is part of the surroundings, as a floor is."""
+"""An object this many times larger than any that moves belongs to the surroundings, as a floor does."""
 _FAR = 60.0
-"""What is so many times its size away would make specks of things: it is left out of the picture."""
+"""A view this many times wider than the smallest moving object shows it too small; farther things are left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class Visible:
-    """Indices of what may be drawn."""
+    """What may be drawn, by index."""
 
     geoms: tuple[int, ...]
     tendons: tuple[int, ...]
 
 
 def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A model at its start under our own light, with group 0 for what is drawn and group 5 for the rest."""
+    """A model at its start under our own light; group 0 is what is drawn and group 5 the rest."""
     spec = mujoco.MjSpec.from_string(mjcf)
     for light in spec.lights:
         light.active = False
@@ -60,12 +60,12 @@ def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def view_on(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> View:
-    """The view that shows what is visible, of which there must be something."""
+    """The view that shows what is visible, which must not be empty."""
     return view_of(_subject(model, data, visible), WIDTH / HEIGHT)
 
 
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
-    """A staged model from a view, as (HEIGHT, WIDTH, 3)."""
+    """A picture (HEIGHT, WIDTH, 3) of a staged model from a view."""
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
@@ -82,14 +82,14 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
 
 
 def check_renderer() -> None:
-    """Draw something; raises what the graphics library raises where nothing can be drawn."""
+    """Draw something; where nothing can be drawn, raises what the graphics library raises."""
     model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', Visible((0,), ()))
     drawn(model, data, View(np.zeros(3), 4.0, 2.0))
 
 
 def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> Subject:
-    """Corners of the boxes round what the scene is about, and round each of its surroundings."""
-    # An unbounded plane has no box; it shows behind the rest.
+    """Corners of the bounding boxes of what the scene is about, and of each part of its surroundings."""
+    # An unbounded plane has no bounding box; it is drawn behind the rest.
     bounded = [geom for geom in visible.geoms if model.geom_rbound[geom] > 0] or list(visible.geoms)
     boxes = {geom: _box(model, data, geom) for geom in bounded}
     named = [geom for geom in bounded if model.body(model.geom_bodyid[geom]).name.startswith("object_")] or bounded
@@ -116,7 +116,7 @@ def _size(corners: Array) -> float:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Corners of a geom's box (8, 3), world axes [m]."""
+    """Corners of a geom's bounding box (8, 3), world axes [m]."""
     box = model.geom_aabb[geom]
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = box[:3] + signs * np.where(box[3:] > 0, box[3:], 1.0)

@@ -1,4 +1,4 @@
-"""Where the camera stands: from corners of what is drawn to a point to look at and a distance. Knows no engine."""
+"""Where the camera is: computes the point to look at and the distance from what is drawn. Knows no engine."""
 
 from dataclasses import dataclass
 
@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AZIMUTH_DEG, ELEVATION_DEG = 106.0, -15.0
-"""From the side of -y, a little from the right and from above: x runs to the right, z up."""
+"""The camera looks from -y, a little from the right and from above: x points to the right, z up."""
 FIELD_DEG = 30.0
 """Vertical field of view."""
 _ROUND_ALL, _ROUND_ONE = 1.2, 2.5
-"""How much of a larger fixture is shown round the things: so much of their extent, or of the size of one of them."""
+"""How much of a larger fixture is shown around the things: a multiple of their extent, or of the largest one's size."""
 _FILLED, _ALONE = 0.86, 0.5
-"""Share of the picture that may be filled, and by a thing that has nothing round it."""
+"""Share of the picture that things may fill, and that a single thing with nothing around it may fill."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Where the camera looks, from how far, and how large what it shows is."""
+    """The point the camera looks at, its distance, and the extent of what it shows."""
 
     centre: Array
     distance: float
@@ -28,7 +28,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is to be shown."""
+    """What to show."""
 
     things: Array
     """Corners of what the scene is about (n, 3) [m]."""
@@ -39,18 +39,18 @@ class Subject:
 
 
 def view_of(subject: Subject, aspect: float) -> View:
-    """The view that shows all things whole, and of the fixtures round them what is near.
+    """The view that shows all things whole, and the near parts of the fixtures around them.
 
     Args:
-        subject: What is to be shown.
+        subject: What to show.
         aspect: Width of the picture over its height.
     """
     things, fixtures = subject.things, subject.fixtures
     low, high = things.min(axis=0), things.max(axis=0)
     reach = min(_ROUND_ALL * float((high - low).max()), _ROUND_ONE * subject.size)
     near = [np.clip(corners, low - reach, high + reach) for corners in fixtures]
-    # What lies wholly elsewhere would be clipped to a flat patch: it is not looked at.
-    near = [one for one in near if np.all(np.ptp(one, axis=0) > 0)]
+    # A fixture that is wholly elsewhere has been clipped to a flat patch; it is left out.
+    near = [corners for corners in near if np.all(np.ptp(corners, axis=0) > 0)]
     points = np.concatenate([things, *near])
     axes = _camera_axes()
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -61,7 +61,7 @@ def view_of(subject: Subject, aspect: float) -> View:
         across, along = (points - centre) @ axes[:2].T, (points - centre) @ axes[2]
         distance = float((np.abs(across) / limits - along[:, None]).max())
         seen = across / (distance + along)[:, None]
-        # Perspective puts the middle of the box off the middle of the picture: move it there.
+        # Perspective moves the middle of the box away from the middle of the picture; this moves it back.
         middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
         centre = centre + distance * (middle @ axes[:2])
     return View(centre, distance, float(np.linalg.norm(np.ptp(points, axis=0))))

@@ -18,10 +18,10 @@ SHAPES = frozenset(
         mujoco.mjtGeom.mjGEOM_BOX,
     }
 )
-"""Shapes that pose and size describe whole. Others are not drawn: their vertices are not compared."""
+"""Shapes that pose and size describe completely. Others are not drawn, because their vertices are not compared."""
 
 Part = tuple[str, int]
-"""A geom by the name of its body and its place among the body's geoms, which editing the model does not change."""
+"""Name of a body, and index of a geom among the body's geoms. Edits of the model change neither."""
 
 
 def colour(model: mujoco.MjModel, geom: int) -> Array:
@@ -31,7 +31,7 @@ def colour(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def look(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Everything that decides how a geom looks (19,), to nanometres: the last bits are arithmetic."""
+    """Everything that decides how a geom looks (19,), to nanometres: smaller differences are rounding errors."""
     parts = (data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom], colour(model, geom))
     return np.round(np.concatenate(parts), 9)
 
@@ -41,8 +41,8 @@ def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozens
 
     Args:
         variants: MJCF of the scene with the values of different seeds.
-        found_later: Bodies that are hidden at the start. Where they are is read from instruments once they are found,
-            so for them only what does not depend on the place is compared.
+        found_later: Bodies that are hidden at the start. An agent that finds them may read where they are, so only
+            what does not depend on their place is compared.
 
     Raises:
         SceneError: A variant does not compile.
@@ -66,12 +66,12 @@ def _looks(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, byt
             seen = look(model, data, geom)
         else:
             continue
-        # Adding 0.0 turns -0.0 into 0.0, whose bytes differ.
+        # Adding 0.0 turns -0.0 into 0.0: the two are equal, but their bytes differ.
         found.add((part, bytes([int(model.geom_type[geom])]) + (seen + 0.0).tobytes()))
     return frozenset(found)
 
 
 def part_of(model: mujoco.MjModel, geom: int) -> Part:
-    """What names a geom in every model of the scene."""
+    """How a geom is named in every model of the scene."""
     body = int(model.geom_bodyid[geom])
     return model.body(body).name, geom - int(model.body_geomadr[body])

@@ -1,6 +1,6 @@
-"""A process that draws: models and views on stdin, one JSON line each, pictures on stdout, one line of base64 each.
+"""A process that draws: reads models and views from stdin as lines of JSON, writes pictures to stdout in base64.
 
-An empty line says that nothing could be drawn; the first line answers before anything is asked whether anything can.
+It first writes `ready`, or ends if nothing can be drawn on this machine. An empty line says that a picture failed.
 """
 
 import base64
@@ -17,7 +17,7 @@ from physment_mcp.world.pictures.png import png_of
 
 def main() -> int:
     """Draw until stdin ends."""
-    # Graphics libraries write where they like: the pipe is for pictures.
+    # Graphics libraries write messages to stdout; send these to stderr, so that stdout carries only pictures.
     replies = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)
     try:
@@ -36,7 +36,7 @@ def _drawn(request: str) -> str:
         model, data = staged(wanted["mjcf"], Visible((), ()))
         model.geom_group[:] = 0
         pixels = drawn(model, data, View(np.array(wanted["centre"]), wanted["distance"], wanted["extent"]))
-    except Exception:  # noqa: BLE001 - as above; a picture less is no reason to end
+    except Exception:  # noqa: BLE001 - as above; the next picture may succeed
         return ""
     return base64.b64encode(png_of(pixels)).decode("ascii")
 

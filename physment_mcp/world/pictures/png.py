@@ -1,4 +1,4 @@
-"""Pixels to PNG, with nothing but zlib: one colour image of eight bits has a short recipe.
+"""Writes pixels as PNG with zlib alone; a colour image of eight bits needs little code.
 
 Source: W3C, Portable Network Graphics (third edition), sections 5 and 9.
 """
@@ -21,7 +21,7 @@ def png_of(pixels: Pixels) -> bytes:
 
 
 def _filtered(pixels: Pixels) -> bytes:
-    """Each row as it is, or less the row above (filter 2), whichever is nearer to zero: flat areas vanish."""
+    """Each row as it is, or minus the row above (filter 2), whichever is nearer to zero and so compresses better."""
     rows = pixels.reshape(pixels.shape[0], -1)
     up = rows - np.vstack([np.zeros_like(rows[:1]), rows[:-1]])
     lines: list[bytes] = []

@@ -1,6 +1,6 @@
-"""A model of nothing but what may be seen: shapes, places and colours of chosen geoms, cut off from their scene.
+"""A model that contains only what may be seen: shapes, places and colours of chosen geoms.
 
-Whoever draws it is given this alone, and so can draw nothing else.
+The process that draws receives only this model, so it cannot draw anything else.
 """
 
 import xml.etree.ElementTree as ET
@@ -22,14 +22,14 @@ def shown_model(
     parts: Collection[Part],
     turns: Mapping[str, Array],
 ) -> str:
-    """MJCF of the geoms of some bodies, where they are now; empty if none is opaque at all.
+    """MJCF of some geoms where they are now; empty if all of them are transparent.
 
     Args:
         model: The scene.
         data: Its settled state.
-        bodies: Whose geoms are shown, if they are among the parts.
+        bodies: Bodies whose geoms are shown, as far as these are among the parts.
         parts: Geoms that may be shown.
-        turns: Orientation in which the first geom of a body is shown instead of its own, as a quaternion (4,).
+        turns: For some bodies, the orientation in which their geoms are shown instead of their own: quaternions (4,).
     """
     root = ET.Element("mujoco")
     world = ET.SubElement(root, "worldbody")
@@ -63,7 +63,7 @@ def shown_model(
 
 
 def view_of_shown(mjcf: str) -> View:
-    """Where the camera stands for a model that `shown_model` wrote."""
+    """The view of a model that `shown_model` wrote."""
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -71,7 +71,7 @@ def view_of_shown(mjcf: str) -> View:
 
 
 def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:
-    """Bodies that are fixed, and neither objects nor parts of one; the world itself is one of them."""
+    """Fixed bodies that are neither objects nor parts of objects; the world itself is one of them."""
     of_objects: set[int] = set()
     for body in range(1, model.nbody):
         if model.body(body).name in objects or int(model.body_parentid[body]) in of_objects:
@@ -83,7 +83,7 @@ def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:
 def turn_at_centre(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array | None:
     """Orientation (4,) of the only geom of a body, if its centre is the body's origin; None otherwise.
 
-    Of such a body the position tells where all of it is, however it turns.
+    The position of such a body says where all of it is, however it is turned.
     """
     first = int(model.body_geomadr[body])
     if int(model.body_geomnum[body]) != 1 or np.any(np.round(model.geom_pos[first], 9)):
@@ -98,5 +98,5 @@ def _turn(data: mujoco.MjData, geom: int) -> Array:
 
 
 def _text(values: Iterable[float]) -> str:
-    # To nanometres: the last bits are arithmetic and differ between seeds.
+    # To nanometres: smaller differences are rounding errors, which differ between seeds.
     return " ".join(f"{round(float(value), 9) + 0.0:.9f}" for value in values)
