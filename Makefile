@@ -15,7 +15,7 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test bench verify pages pages-check ray-test clients conformance inspect-test mcpb lock \
+.PHONY: help setup demo check format test bench verify pages pages-check pictures ray-test clients conformance inspect-test mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -75,6 +75,9 @@ pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (
 # Only the text is compared: pictures may differ in a pixel between versions of the renderer.
 pages-check: pages ## the same, and fail if the text of a page changed: somebody forgot to run it
 	@git diff --exit-code -- 'docs/*.md'
+
+pictures: $(STAMP) ## play an episode and a study, and draw the README's pictures (chromium and libosmesa6; 5 minutes)
+	@$(BIN)/python -m tests.front_page.make
 
 ##@ Other programs (each installs what it tests)
 

@@ -3,6 +3,7 @@
 import base64
 import itertools
 import json
+import shutil
 import subprocess
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -86,15 +87,22 @@ class Page:
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
 
-    def look(self, width: int, scheme: str, height: int = 900) -> None:
-        """Set the width of the window and the colours that the reader prefers."""
-        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+    def look(self, width: int, scheme: str, height: int = 900, scale: int = 1) -> None:
+        """Set the size of the window [px], the colours that the reader prefers, and the screen's pixels per px."""
+        self.send(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
+        )
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 
     def picture(self, file: Path, *, whole: bool = True) -> None:
         """A screenshot."""
         found = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
         file.write_bytes(base64.b64decode(found["data"]))
+
+
+def installed() -> str | None:
+    """The program that is Chromium here; None if there is none."""
+    return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @contextmanager

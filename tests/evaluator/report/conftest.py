@@ -1,12 +1,11 @@
 """A study to report, and a browser to open the page in."""
 
-import shutil
 from collections.abc import Generator
 
 import pytest
 
 from evaluator.report.agent_results import Run
-from tests.builders.chromium import Page, chromium
+from tests.builders.chromium import Page, chromium, installed
 from tests.builders.reports import played, run_of
 
 
@@ -25,7 +24,7 @@ def study() -> Run:
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Generator[Page]:
     """A tab of headless Chromium; tests that need it are skipped where none is installed."""
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    program = installed()
     if program is None:
         pytest.skip("no Chromium is installed, so the page is not opened in a browser")
     with chromium(program, tmp_path_factory.mktemp("profile")) as page:

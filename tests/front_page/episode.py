@@ -1,0 +1,130 @@
+"""The episode that the README shows: played through the command line, and told as a transcript of at most 20 lines.
+
+Scene 26 is one of the scenes whose method the worked examples disclose already, at the same seed: the README gives
+nothing more away.
+"""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import JsonValue
+
+from evaluator.records import Episode, Exchange, GradeRecord
+
+SCENE, SEED = 26, 1
+RAMPS = 12
+SLIDES = 0.01
+"""Momentum of 1 kg [kg·m/s] above which the slider slides; `solution.py` of the scene draws the same line."""
+
+
+class Trial(NamedTuple):
+    """One iteration: the slider is set down on a ramp, and its momentum is read after a second."""
+
+    ramp: int
+    momentum: float
+    """Along x, of 1 kg [kg·m/s]."""
+    low: int
+    """The lowest ramp that may still be the answer, before this trial."""
+    high: int
+    """The highest one."""
+
+    @property
+    def slides(self) -> bool:
+        """Whether the slider began to slide."""
+        return self.momentum > SLIDES
+
+
+def played(folder: Path) -> tuple[Episode, GradeRecord]:
+    """Let the reference agent play the episode, and grade it.
+
+    Args:
+        folder: Where the run is written to; it does not exist yet.
+    """
+    run = [sys.executable, "-m", "evaluator", "run", "--scenes", str(SCENE), "--seeds", str(SEED)]
+    subprocess.run([*run, "--out", str(folder)], check=True, capture_output=True)
+    return (
+        Episode.model_validate_json((folder / "episodes.jsonl").read_text(encoding="utf-8")),
+        GradeRecord.model_validate_json((folder / "grades.jsonl").read_text(encoding="utf-8")),
+    )
+
+
+def trials(episode: Episode) -> list[Trial]:
+    """What was tried in which iteration, and which ramps were still possible before it."""
+    found: list[Trial] = []
+    low, high = 1, RAMPS
+    for turn in episode.turns[:-1]:
+        placed, momentum = turn.exchanges[0].call.arguments["y"], _x_of(turn.exchanges[-1])
+        assert isinstance(placed, int)
+        trial = Trial(placed, momentum, low, high)
+        found.append(trial)
+        low, high = (low, trial.ramp) if trial.slides else (trial.ramp + 1, high)
+    return found
+
+
+def _x_of(exchange: Exchange) -> float:
+    assert exchange.content is not None
+    return float(exchange.content["momentum"]["x"])
+
+
+def transcript(episode: Episode, grade: GradeRecord) -> list[str]:
+    """The episode, a line for each call; the number at the beginning of a line counts the iterations."""
+    calls = sum(len(turn.exchanges) for turn in episode.turns)
+    lines = [f"scene {episode.key.scene}, seed {episode.key.seed}, at most {episode.key.budget} iterations"]
+    for number, turn in enumerate(episode.turns, start=1):
+        for place, exchange in enumerate(turn.exchanges):
+            call = _call(exchange.call.tool, exchange.call.arguments)
+            lines.append(f"{'' if place else number:>2}  {call:<51}{_came_back(exchange)}".rstrip())
+    verdict = grade.grade.strict.value
+    return [*lines, f"graded {verdict} after {len(episode.turns)} iterations and {calls} calls"]
+
+
+def caption(episode: Episode, grade: GradeRecord) -> str:
+    """The picture of the scene in words, for those who do not see it."""
+    told = [
+        f"{number}: ramp {trial.ramp}, {reading(trial.momentum)} kg m/s, {'slides' if trial.slides else 'holds'}."
+        for number, trial in enumerate(trials(episode), start=1)
+    ]
+    return (
+        f"Twelve ramps, each steeper than the one before, and a red slider on four of them. Iteration {' '.join(told)}"
+        f" Answer: {episode.answer}, {grade.grade.strict.value}."
+    )
+
+
+def reading(value: float) -> str:
+    """A reading in two digits."""
+    return f"{value:.4f}" if abs(value) < SLIDES else f"{value:.2f}"
+
+
+def _call(tool: str, arguments: dict[str, JsonValue]) -> str:
+    told = (_value(value) if name == "object_id" else f"{name}={_value(value)}" for name, value in arguments.items())
+    return f"{tool}({', '.join(told)})"
+
+
+def _came_back(exchange: Exchange) -> str:
+    match exchange.content:
+        case {"momentum": dict() as momentum}:
+            return f"→ momentum {_value(list(momentum.values()))}"
+        case {"position": position}:
+            return f"→ position {_value(position)}"
+        case {"status": status}:
+            return f"→ {status}"
+        case {"steps": _, "sim_time": time}:
+            return f"→ t = {_value(time)}"
+        case _:
+            return ""
+
+
+def _value(value: JsonValue) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return str(value)
+
+
+def block(lines: Sequence[str]) -> str:
+    """Lines as a block of Markdown."""
+    return "\n".join(["```text", *lines, "```"])

@@ -1,0 +1,69 @@
+"""The README shows a real episode: its transcript and the words of its picture are remade and compared."""
+
+import re
+
+import pytest
+from PIL import Image
+
+from evaluator.records import Episode, GradeRecord, Verdict
+from tests.builders.paths import ROOT
+from tests.front_page.episode import block, caption, played, transcript, trials
+from tests.front_page.make import DESCRIPTION, PICTURES
+
+README = ROOT / "README.md"
+LARGEST_BYTES = 150_000
+
+Played = tuple[Episode, GradeRecord]
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory) -> Played:
+    return played(tmp_path_factory.mktemp("front") / "run")
+
+
+def with_episode(readme: str, episode: Played) -> str:
+    """The README with the transcript of an episode, and with its caption as the text of the first picture."""
+    readme = re.sub(r"```text\n.*?```", lambda _: block(transcript(*episode)), readme, count=1, flags=re.DOTALL)
+    return re.sub(r'alt="[^"]*"', lambda _: f'alt="{caption(*episode)}"', readme, count=1)
+
+
+def test_the_readme_shows_the_transcript_of_a_real_episode(episode: Played, update_goldens: bool) -> None:
+    text = README.read_text(encoding="utf-8")
+    if update_goldens:
+        README.write_text(with_episode(text, episode), encoding="utf-8")
+        text = README.read_text(encoding="utf-8")
+    assert with_episode(text, episode) == text
+
+
+def test_the_transcript_has_at_most_twenty_lines_that_fit_the_page(episode: Played) -> None:
+    lines = transcript(*episode)
+    assert len(lines) <= 20
+    assert max(map(len, lines)) <= 100
+
+
+def test_the_trials_of_the_episode_halve_the_range_until_its_answer_is_left(episode: Played) -> None:
+    played, grade = episode
+    tried = trials(played)
+    assert all(trial.low <= trial.ramp <= trial.high for trial in tried)
+    assert grade.grade.strict is Verdict.CORRECT
+    last = tried[-1]
+    left = (last.low, last.ramp) if last.slides else (last.ramp + 1, last.high)
+    assert left == (int(str(played.answer)),) * 2
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_picture_of_the_scene_is_of_this_episode(episode: Played, scheme: str) -> None:
+    """If not, the scene has changed: `make pictures` draws it again."""
+    with Image.open(PICTURES / f"scene-{scheme}.webp") as picture:
+        assert picture.getexif()[DESCRIPTION] == caption(*episode)
+
+
+def test_every_picture_is_small_and_shown_by_the_readme() -> None:
+    files = sorted(PICTURES.iterdir())
+    shown = re.findall(r'(?:src|srcset)="([^"]+)"', README.read_text(encoding="utf-8"))
+    assert sorted(ROOT / name for name in shown) == files
+    assert [file.name for file in files if file.stat().st_size > LARGEST_BYTES] == []
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 150
