@@ -42,29 +42,8 @@ Exit code: 0 all episodes played and recorded, or all scenes sound; 1 some not; 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     make_room()
-    words = list(sys.argv[1:] if argv is None else argv)
-    parser = argparse.ArgumentParser(
-        "physment-eval", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--version", action="version", version=f"physment-eval {own_version()}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    run.add(commands, _DESCRIPTION)
-    results.add(commands)
-    report.add(commands)
-    compare.add(commands)
-    play.add(commands)
-    verify.add(commands)
-    scenes.add(commands)
-    models.add(commands)
-    replay.add(commands)
-    replay_original.add(commands)
-    # `run` is the default command: put it in where the first word is an option.
-    if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
-        words.insert(0, "run")
     try:
-        if words[0] == "run":
-            words = ["run", *with_config(words[1:], long_options(commands.choices["run"]))]
-        args = parser.parse_args(words)
+        args = parsed(sys.argv[1:] if argv is None else argv)
         return args.run(args)
     except (UsageError, StoreError) as error:
         return _fail(str(error), 2)
@@ -73,6 +52,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("physment-eval: interrupted", file=sys.stderr)
         return 130
+
+
+def parsed(argv: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line; its `run` executes the command.
+
+    Raises:
+        UsageError: The study file that the command line names cannot be used.
+        SystemExit: The command line is wrong, or asks for help.
+    """
+    parser = argparse.ArgumentParser(
+        "physment-eval", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--version", action="version", version=f"physment-eval {own_version()}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    run.add(commands, _DESCRIPTION)
+    for command in (results, report, compare, play, verify, scenes, models, replay, replay_original):
+        command.add(commands)
+    words = list(argv)
+    # `run` is the default command: put it in where the first word is an option.
+    if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
+        words.insert(0, "run")
+    if words[0] == "run":
+        words = ["run", *with_config(words[1:], long_options(commands.choices["run"]))]
+    return parser.parse_args(words)
 
 
 def _fail(sentence: str, code: int) -> int:
