@@ -1,7 +1,6 @@
-"""The episode that the README shows: played through the command line, and told as a transcript of at most 20 lines.
+"""The episode that the README shows: played through the command line, and written as a transcript of at most 20 lines.
 
-Scene 26 is one of the scenes whose method the worked examples disclose already, at the same seed: the README gives
-nothing more away.
+The worked examples already show the method of scene 26, at the same seed, so the README discloses nothing new.
 """
 
 import subprocess
@@ -20,14 +19,14 @@ SLIDES = 0.01
 """Momentum of 1 kg [kg·m/s] above which the slider slides; `solution.py` of the scene draws the same line."""
 
 
-class Trial(NamedTuple):
+class Measurement(NamedTuple):
     """One iteration: the slider is set down on a ramp, and its momentum is read after a second."""
 
     ramp: int
     momentum: float
     """Along x, of 1 kg [kg·m/s]."""
     low: int
-    """The lowest ramp that may still be the answer, before this trial."""
+    """The lowest ramp that may still be the answer, before this measurement."""
     high: int
     """The highest one."""
 
@@ -51,16 +50,16 @@ def played(folder: Path) -> tuple[Episode, GradeRecord]:
     )
 
 
-def trials(episode: Episode) -> list[Trial]:
+def measurements(episode: Episode) -> list[Measurement]:
     """What was tried in which iteration, and which ramps were still possible before it."""
-    found: list[Trial] = []
+    found: list[Measurement] = []
     low, high = 1, RAMPS
     for turn in episode.turns[:-1]:
         placed, momentum = turn.exchanges[0].call.arguments["y"], _x_of(turn.exchanges[-1])
         assert isinstance(placed, int)
-        trial = Trial(placed, momentum, low, high)
-        found.append(trial)
-        low, high = (low, trial.ramp) if trial.slides else (trial.ramp + 1, high)
+        measured = Measurement(placed, momentum, low, high)
+        found.append(measured)
+        low, high = (low, measured.ramp) if measured.slides else (measured.ramp + 1, high)
     return found
 
 
@@ -70,25 +69,25 @@ def _x_of(exchange: Exchange) -> float:
 
 
 def transcript(episode: Episode, grade: GradeRecord) -> list[str]:
-    """The episode, a line for each call; the number at the beginning of a line counts the iterations."""
+    """The episode, one line for each call; the number at the start of a line is the iteration."""
     calls = sum(len(turn.exchanges) for turn in episode.turns)
     lines = [f"scene {episode.key.scene}, seed {episode.key.seed}, at most {episode.key.budget} iterations"]
     for number, turn in enumerate(episode.turns, start=1):
         for place, exchange in enumerate(turn.exchanges):
             call = _call(exchange.call.tool, exchange.call.arguments)
-            lines.append(f"{'' if place else number:>2}  {call:<51}{_came_back(exchange)}".rstrip())
+            lines.append(f"{'' if place else number:>2}  {call:<51}{_return_of(exchange)}".rstrip())
     verdict = grade.grade.strict.value
     return [*lines, f"graded {verdict} after {len(episode.turns)} iterations and {calls} calls"]
 
 
 def caption(episode: Episode, grade: GradeRecord) -> str:
     """The picture of the scene in words, for those who do not see it."""
-    told = [
-        f"{number}: ramp {trial.ramp}, {reading(trial.momentum)} kg m/s, {'slides' if trial.slides else 'holds'}."
-        for number, trial in enumerate(trials(episode), start=1)
+    parts = [
+        f"{number}: ramp {done.ramp}, {reading(done.momentum)} kg m/s, {'slides' if done.slides else 'holds'}."
+        for number, done in enumerate(measurements(episode), start=1)
     ]
     return (
-        f"Twelve ramps, each steeper than the one before, and a red slider on four of them. Iteration {' '.join(told)}"
+        f"Twelve ramps, each steeper than the one before, and a red slider on four of them. Iteration {' '.join(parts)}"
         f" Answer: {episode.answer}, {grade.grade.strict.value}."
     )
 
@@ -99,11 +98,11 @@ def reading(value: float) -> str:
 
 
 def _call(tool: str, arguments: dict[str, JsonValue]) -> str:
-    told = (_value(value) if name == "object_id" else f"{name}={_value(value)}" for name, value in arguments.items())
-    return f"{tool}({', '.join(told)})"
+    named = (_value(value) if name == "object_id" else f"{name}={_value(value)}" for name, value in arguments.items())
+    return f"{tool}({', '.join(named)})"
 
 
-def _came_back(exchange: Exchange) -> str:
+def _return_of(exchange: Exchange) -> str:
     match exchange.content:
         case {"momentum": dict() as momentum}:
             return f"→ momentum {_value(list(momentum.values()))}"

@@ -1,4 +1,4 @@
-"""The picture of the scene: all four trials in one exposure, and below each ramp what was read on it.
+"""The picture of the scene: all four measurements in one exposure, and below each ramp what was read on it.
 
 Import this after MUJOCO_GL is set. What is drawn is what the server may show of the scene, at the moments of the calls.
 """
@@ -25,7 +25,7 @@ from physment_mcp.session import Session
 from physment_mcp.world.pictures.drawing import Visible, staged
 from physment_mcp.world.pictures.looks import same_parts
 from scenes.protocol import Call
-from tests.front_page.episode import RAMPS, Trial, reading, trials
+from tests.front_page.episode import RAMPS, Measurement, reading, measurements
 
 SLIDER = "object_1"
 GHOST = "0.80 0.30 0.20 0.30"
@@ -64,7 +64,7 @@ line { stroke: var(--line); }
 
 def page_of(episode: Episode, grade: GradeRecord) -> str:
     """The picture as a page of HTML that follows the reader's colours; its SVG is as large as the picture."""
-    tried = trials(episode)
+    tried = measurements(episode)
     strip = base64.b64encode(_png(_matted(_exposed(_moments(episode))))).decode("ascii")
     height = ROWS_TOP + ROW * (len(tried) + 1) + 12 + NOTE_LINE * len(NOTE)
     parts = [
@@ -73,7 +73,7 @@ def page_of(episode: Episode, grade: GradeRecord) -> str:
         f'<image x="{STRIP_LEFT}" y="{STRIP_TOP}" width="{STRIP_WIDTH}" height="{STRIP_HEIGHT}"'
         f' href="data:image/png;base64,{strip}"/>',
         *_scale(),
-        *(part for row, trial in enumerate(tried) for part in _row(row, trial)),
+        *(part for row, measured in enumerate(tried) for part in _row(row, measured)),
         *_answer(len(tried), int(str(episode.answer)), grade.grade.strict.value),
         *(
             f'<text class="soft small" x="0" y="{height - 6 - NOTE_LINE * above}">{line}</text>'
@@ -102,18 +102,18 @@ def _scale() -> list[str]:
     return [f'<text class="soft" x="0" y="{y}">ramp, tilt</text>', *ramps]
 
 
-def _row(row: int, trial: Trial) -> list[str]:
-    top, kind = ROWS_TOP + row * ROW, "slides" if trial.slides else "holds"
+def _row(row: int, measured: Measurement) -> list[str]:
+    top, kind = ROWS_TOP + row * ROW, "slides" if measured.slides else "holds"
     half, middle = STRIP_WIDTH / SHOWN_M / 2, top + ROW / 2
-    left, right = _x(trial.low) - half + 2, _x(trial.high) + half - 2
-    dot = _x(trial.ramp)
+    left, right = _x(measured.low) - half + 2, _x(measured.high) + half - 2
+    dot = _x(measured.ramp)
     # A text that would cross the end of its band goes behind it.
     text = dot + 15 if dot + 15 + TEXT_WIDTH < right else right + 10
     return [
         f'<text class="soft" x="0" y="{middle + 5}">iteration {row + 1}</text>',
         f'<rect class="band" x="{left:.1f}" y="{top + 3}" width="{right - left:.1f}" height="{ROW - 6}" rx="6"/>',
         f'<circle class="{kind}" cx="{dot:.1f}" cy="{middle}" r="7"/>',
-        f'<text x="{text:.1f}" y="{middle + 5}">{reading(trial.momentum)} kg·m/s: '
+        f'<text x="{text:.1f}" y="{middle + 5}">{reading(measured.momentum)} kg·m/s: '
         f'<tspan class="strong {kind}">{kind}</tspan></text>',
     ]
 

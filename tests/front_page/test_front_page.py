@@ -7,7 +7,7 @@ from PIL import Image
 
 from evaluator.records import Episode, GradeRecord, Verdict
 from tests.builders.paths import ROOT
-from tests.front_page.episode import block, caption, played, transcript, trials
+from tests.front_page.episode import block, caption, played, transcript, measurements
 from tests.front_page.make import DESCRIPTION, PICTURES
 
 README = ROOT / "README.md"
@@ -43,8 +43,8 @@ def test_the_transcript_has_at_most_twenty_lines_that_fit_the_page(episode: Play
 
 def test_the_trials_of_the_episode_halve_the_range_until_its_answer_is_left(episode: Played) -> None:
     played, grade = episode
-    tried = trials(played)
-    assert all(trial.low <= trial.ramp <= trial.high for trial in tried)
+    tried = measurements(played)
+    assert all(measured.low <= measured.ramp <= measured.high for measured in tried)
     assert grade.grade.strict is Verdict.CORRECT
     last = tried[-1]
     left = (last.low, last.ramp) if last.slides else (last.ramp + 1, last.high)
