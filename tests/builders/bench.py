@@ -1,4 +1,4 @@
-"""A bench: a session on an inline world whose every object is public unless told otherwise, and the calls on it."""
+"""A bench: a session on MJCF written in the test, without MCP; by default its objects may be read completely."""
 
 import re
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ class Bench:
         return str(refusal.value)
 
     async def vector(self, tool: str, object_id: Any, **arguments: Any) -> np.ndarray:
-        """The vector that a tool returns of an object."""
+        """The vector that a tool returns for an object."""
         result = await self(tool, object_id=object_id, **arguments)
         del result["sim_time"]
         result.pop("orientation", None)
@@ -68,7 +68,7 @@ class Bench:
         return await self.vector("get_velocity", object_id)
 
     async def number(self, tool: str, object_id: Any, **arguments: Any) -> float:
-        """The number that a tool returns of an object."""
+        """The number that a tool returns for an object."""
         result = await self(tool, object_id=object_id, **arguments)
         (value,) = (value for key, value in result.items() if key != "sim_time")
         return value

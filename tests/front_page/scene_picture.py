@@ -25,7 +25,7 @@ from physment_mcp.session import Session
 from physment_mcp.world.pictures.drawing import Visible, staged
 from physment_mcp.world.pictures.looks import same_parts
 from scenes.protocol import Call
-from tests.front_page.episode import RAMPS, Measurement, reading, measurements
+from tests.front_page.episode import RAMPS, Measurement, measurements, reading
 
 SLIDER = "object_1"
 GHOST = "0.80 0.30 0.20 0.30"

@@ -7,7 +7,7 @@ from PIL import Image
 
 from evaluator.records import Episode, GradeRecord, Verdict
 from tests.builders.paths import ROOT
-from tests.front_page.episode import block, caption, played, transcript, measurements
+from tests.front_page.episode import block, caption, measurements, played, transcript
 from tests.front_page.make import DESCRIPTION, PICTURES
 
 README = ROOT / "README.md"

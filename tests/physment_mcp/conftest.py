@@ -1,4 +1,4 @@
-"""Tiny packs on disk, and the scene they describe: with a client in memory, and on a host without sockets."""
+"""Small packs on disk, opened with a client in memory, or on a host without sockets."""
 
 import contextlib
 import json

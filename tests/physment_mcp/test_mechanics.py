@@ -1,4 +1,4 @@
-"""Formulas against values worked by hand."""
+"""Formulas, compared with values computed by hand."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_formulas_give_what_the_textbook_gives() -> None:
     assert centre.tolist() == [3.0, 0.0, 6.0]
 
 
-def test_a_quaternion_of_any_size_turns_alike_and_zero_turns_nothing() -> None:
+def test_the_length_of_a_quaternion_does_not_matter_and_zero_is_refused() -> None:
     quarter = np.array([1.0, 0.0, 0.0, 1.0])
     for size in (1.0, 1e-300, 1e150):
         turned = mechanics.rotation_matrix(size * quarter) @ np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Time, limits, roll-back, purity of reads and repeatability of whole episodes."""
+"""Time, limits and roll-back; readings change nothing; the same calls give the same episode."""
 
 import math
 from collections.abc import Generator
@@ -16,7 +16,7 @@ from physment_mcp.session import MAX_SIMULATED_S
 from physment_mcp.world import World
 from tests.builders.bench import Bench, ball_mjcf, open_bench
 
-# A spring far too stiff for the time step: k Δt²/m = 2500 is beyond every explicit integrator.
+# A spring far too stiff for the time step: with k Δt²/m = 2500 every explicit integrator is unstable.
 BOMB = """
 <body name="object_1" pos="0 0 1"><joint type="slide" axis="0 0 1" stiffness="1e5" springref="0.1"/>
   <geom size="0.01" mass="1e-3"/>
@@ -66,7 +66,7 @@ async def test_progress_does_not_change_the_physics() -> None:
     assert once.session.world._state().tobytes() == often.session.world._state().tobytes()
 
 
-async def test_a_cancelled_step_is_as_if_it_had_never_begun() -> None:
+async def test_a_cancelled_step_changes_nothing() -> None:
     lab = open_bench(ball_mjcf(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
     await lab("apply_force", object_id=1, force_vector=[1, 0, 0])
     await lab("step", duration=0.5)
@@ -83,12 +83,12 @@ async def test_a_cancelled_step_is_as_if_it_had_never_begun() -> None:
     twin = open_bench(ball_mjcf(1, "0 0 0.5") + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>')
     await twin("apply_force", object_id=1, force_vector=[1, 0, 0])
     await twin("step", duration=0.5)
-    for one in (lab, twin):
-        await one("step", duration=1)
+    for side in (lab, twin):
+        await side("step", duration=1)
     assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
 
 
-async def test_a_step_cancelled_in_its_last_chunk_is_as_if_it_had_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     lab = open_bench(ball_mjcf(1, "0 0 5"))
     before, step = lab.fingerprint(), lab.session.world.step
     with anyio.CancelScope() as scope:
@@ -105,7 +105,7 @@ async def test_a_step_cancelled_in_its_last_chunk_is_as_if_it_had_never_begun(mo
 
 @pytest.fixture
 def no_engine_log() -> Generator[None]:
-    """The engine writes its warnings into the working directory unless it is told not to."""
+    """Checks afterwards that the engine has not written its log of warnings into the working directory."""
     yield
     assert not Path("MUJOCO_LOG.TXT").exists()
 
@@ -141,7 +141,7 @@ async def test_limits_of_force_and_speed_do_not_break_the_world() -> None:
     for told in await play(lab, [("step", {"duration": 1})]):
         assert "rolled back" in told or told["sim_time"] == pytest.approx(1)
     readings = [*await lab.position(1), *await lab.velocity(1)]
-    assert all(math.isfinite(one) for one in readings)
+    assert all(math.isfinite(value) for value in readings)
 
 
 PLAYGROUND = """
@@ -253,7 +253,7 @@ async def test_a_failure_after_any_calls_undoes_them_all(before: Any, within: An
     pushes=st.lists(st.tuples(st.integers(1, 4), vector, vector), min_size=1, max_size=4),
     duration=st.sampled_from([0.05, 0.2, 0.5]),
 )
-async def test_momentum_is_kept_once_nothing_pushes(pushes: Any, duration: float) -> None:
+async def test_momentum_is_conserved_when_nothing_pushes(pushes: Any, duration: float) -> None:
     # Four balls that may hit each other, two of them attached, and no gravity: no outside force is left.
     masses = {1: 1.0, 2: 2.0, 3: 0.5, 4: 4.0}
     bodies = "".join(
@@ -275,11 +275,11 @@ async def test_momentum_is_kept_once_nothing_pushes(pushes: Any, duration: float
 
     before = await total()
     await lab("step", duration=duration)
-    # Constraint forces come in exact pairs: rounding of forces of some 1e4 N over a hundred steps.
+    # Constraint forces come in exact pairs. What remains is the rounding of forces of some 1e4 N over a hundred steps.
     assert await total() == pytest.approx(before, abs=1e-8)
 
 
-async def test_a_world_of_half_the_time_step_falls_the_same() -> None:
+async def test_half_the_time_step_gives_the_same_fall() -> None:
     lab = open_bench(ball_mjcf(1, "0 0 5"))
     finer = World(lab.session.scene.mjcf, timestep=0.0025)
     assert finer.timestep == 0.0025
@@ -291,13 +291,13 @@ async def test_a_world_of_half_the_time_step_falls_the_same() -> None:
 @pytest.mark.parametrize(
     "xml", ["", "<mujoco>", "<mujoco><worldbody><body><geom size='-1'/></body></worldbody></mujoco>", "x"]
 )
-def test_a_model_that_does_not_compile_is_one_sentence(xml: str) -> None:
+def test_a_model_that_does_not_compile_is_refused_in_one_sentence(xml: str) -> None:
     with pytest.raises(SceneError, match="does not compile") as error:
         World(xml)
     assert "\n" not in str(error.value)
 
 
-async def test_calls_are_counted_refused_ones_too() -> None:
+async def test_refused_calls_are_counted_too() -> None:
     lab = open_bench(ball_mjcf(1, "0 0 5"))
     await lab("step", duration=0.1)
     await lab.refused("step", duration=-1)

@@ -1,4 +1,4 @@
-"""The pack format: draws, expressions, what is said of a bad pack; and every pack there is."""
+"""The pack format: draws, expressions, errors of bad packs; and every pack of the suite."""
 
 import json
 from collections.abc import Callable
@@ -40,7 +40,7 @@ def pack(**changes: Any) -> Pack:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Callable[..., Path]:
-    """Write one pack; returns the folder of packs."""
+    """Writes a pack; returns the folder of packs."""
 
     def write(text: str | None, xml: str | None = "<mujoco/>") -> Path:
         inner = tmp_path / "Scene7"
@@ -67,7 +67,7 @@ def folder(tmp_path: Path) -> Callable[..., Path]:
         (10**30, {"u": 8.30266, "l": 4.14569, "c": "b", "p": (1, 4, 3, 2), "d": 8.30266 * 4.14569}),
     ],
 )
-def test_a_seed_draws_the_same_values_everywhere_and_for_ever(seed: int, drawn: dict[str, Any]) -> None:
+def test_a_seed_always_draws_the_same_values(seed: int, drawn: dict[str, Any]) -> None:
     assert draw_knobs(NOWHERE, pack(), seed) == drawn
 
 
@@ -77,9 +77,9 @@ def test_a_knob_does_not_depend_on_which_other_knobs_there_are() -> None:
 
 
 def test_twins_differ_in_the_reseeded_knobs_alone() -> None:
-    one, two = draw_knobs(NOWHERE, pack(), 1), draw_knobs(NOWHERE, pack(), 1, reseed={"u": 2})
-    assert {name for name in one if one[name] != two[name]} == {"u", "d"}
-    assert two["u"] == draw_knobs(NOWHERE, pack(), 2)["u"]
+    first, second = draw_knobs(NOWHERE, pack(), 1), draw_knobs(NOWHERE, pack(), 1, reseed={"u": 2})
+    assert {name for name in first if first[name] != second[name]} == {"u", "d"}
+    assert second["u"] == draw_knobs(NOWHERE, pack(), 2)["u"]
 
 
 def test_draws_stay_in_their_ranges_and_meet_the_conditions() -> None:
@@ -130,7 +130,7 @@ def test_an_expression_that_is_anything_else_is_refused_with_file_and_field(expr
     assert str(error.value).startswith("Scene7/scene7.json: field derive.x: ")
 
 
-# What is said of a bad pack
+# Errors of bad packs
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_an_expression_that_is_anything_else_is_refused_with_file_and_field(expr
         ({"number_of_objects": "many"}, "number_of_objects"),
     ],
 )
-def test_a_malformed_pack_is_one_sentence_with_file_and_field(
+def test_a_malformed_pack_is_refused_with_file_and_field_in_one_sentence(
     folder: Callable[..., Path], changes: dict[str, Any], field: str
 ) -> None:
     files = find_pack(7, folder(json.dumps(GOOD | changes)))
@@ -188,7 +188,7 @@ def test_a_file_that_is_not_utf8_is_named(folder: Callable[..., Path]) -> None:
         drawn_mjcf(files, pack(), {}, canonical=True)
 
 
-def test_a_missing_pack_is_answered_with_those_there_are(folder: Callable[..., Path], tmp_path: Path) -> None:
+def test_a_missing_pack_is_refused_with_the_ids_of_all_packs(folder: Callable[..., Path], tmp_path: Path) -> None:
     with pytest.raises(PackError, match="no scene 8; the scenes here are 7"):
         find_pack(8, folder("{}"))
     with pytest.raises(PackError, match="no such folder"):
@@ -253,7 +253,7 @@ def test_calls_of_a_protocol_are_plain_records() -> None:
     assert answer([1.5, "a"]) == Call("answer", {"answer": [1.5, "a"]})
 
 
-# Packs there are
+# All packs
 
 
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published packs are not beside this checkout")
@@ -277,14 +277,14 @@ def test_canonical_values_written_in_give_the_scene_as_written(files: PackFiles)
     read = read_pack(files)
     text = drawn_mjcf(files, read, {}, canonical=True)
     models = [
-        mujoco.MjModel.from_xml_string(one)
-        for one in (text, write_values(files, read, draw_knobs(files, read, 0), text))
+        mujoco.MjModel.from_xml_string(model)
+        for model in (text, write_values(files, read, draw_knobs(files, read, 0), text))
     ]
     for name in dir(models[0]):
-        one, two = (getattr(model, name) for model in models)
-        if isinstance(one, np.ndarray) and one.dtype.kind in "fiub":
-            # Derived values may have been written with fewer digits than they are computed with.
-            np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9, err_msg=name)
+        written, drawn = (getattr(model, name) for model in models)
+        if isinstance(written, np.ndarray) and written.dtype.kind in "fiub":
+            # In the XML, derived values may have fewer digits than the computed ones.
+            np.testing.assert_allclose(written, drawn, rtol=1e-6, atol=1e-9, err_msg=name)
     for name in ("timestep", "gravity", "density", "viscosity", "wind", "integrator"):
         np.testing.assert_allclose(getattr(models[0].opt, name), getattr(models[1].opt, name), rtol=1e-6, err_msg=name)
 

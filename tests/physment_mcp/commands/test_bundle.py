@@ -1,4 +1,4 @@
-"""The bundle for Claude Desktop: what its manifest promises is in it, it starts anywhere, and it tells no answer."""
+"""The bundle for Claude Desktop: it contains what its manifest promises, starts anywhere, and reveals no answer."""
 
 import ast
 import json
@@ -55,7 +55,7 @@ def test_the_manifest_promises_what_is_in_the_bundle(unpacked: Path, manifest: d
 
 
 async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[str, Any], tmp_path: Path) -> None:
-    """As the application starts it, but with our interpreter in place of the one that `uv` would make."""
+    """As the application starts it, but with this interpreter instead of the one that `uv` would install."""
     words = [
         word.replace("${__dirname}", str(unpacked)).replace("${user_config.seed}", "20")
         for word in manifest["server"]["mcp_config"]["args"]
@@ -65,7 +65,7 @@ async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[s
     with anyio.fail_after(30):
         async with Client(server) as client:
             assert [tool.name for tool in (await client.list_tools()).tools] == [
-                one["name"] for one in manifest["tools"]
+                tool["name"] for tool in manifest["tools"]
             ]
             prompt = await client.get_prompt("scene", {"scene_id": "7"})
             assert "# Scene: " in prompt.messages[0].content.text
@@ -78,16 +78,18 @@ async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[s
 def test_the_bundle_brings_the_dependencies_of_its_own_code(unpacked: Path) -> None:
     project = tomllib.loads((unpacked / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["tool"]["uv"]["package"] is False
-    named = [one for one in project["project"]["dependencies"] if one.startswith("mujoco")]
+    named = [requirement for requirement in project["project"]["dependencies"] if requirement.startswith("mujoco")]
     assert named == ["mujoco==3.3.3"]  # the benchmark is defined on it
-    brought = {one.split("=")[0].split("<")[0].split(">")[0] for one in project["project"]["dependencies"]}
+    brought = {
+        requirement.split("=")[0].split("<")[0].split(">")[0] for requirement in project["project"]["dependencies"]
+    }
     brought |= {"mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
     own = {"physment_mcp", "scenes"}
     imported: set[str] = set()
     for path in unpacked.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
-                imported |= {one.name.split(".")[0] for one in node.names}
+                imported |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 imported.add((node.module or "").split(".")[0])
     assert imported - own - set(sys.stdlib_module_names) - brought == set()
@@ -113,6 +115,6 @@ def test_the_tool_of_the_format_accepts_the_manifest(unpacked: Path) -> None:
     assert said.returncode == 0, said.stdout
 
 
-def test_a_bundle_has_the_ending_that_the_application_knows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_name_of_a_bundle_must_end_in_mcpb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bundle", str(tmp_path / "physment.zip")]) == 2
     assert "end in .mcpb" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What a person pastes into a client: valid JSON in the client's own form, that really starts the laboratory."""
+"""What a person pastes into a client: valid JSON in the form of the client, which starts the laboratory."""
 
 import json
 import subprocess
@@ -63,7 +63,7 @@ def test_a_folder_of_scenes_is_written_in_full(
     assert server["args"][-4:] == ["--scene", "7", "--scenes-dir", str(tmp_path / "mine")]
 
 
-def test_pictures_are_asked_for_where_they_are_wanted(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_configuration_asks_for_pictures_if_wanted(capsys: pytest.CaptureFixture[str]) -> None:
     server = configured(capsys, "cursor", "--scene", "7", "--observations", "rgb")
     assert server["args"][-4:] == ["--scene", "7", "--observations", "rgb"]
     assert "--observations" not in configured(capsys, "cursor", "--observations", "text")["args"]

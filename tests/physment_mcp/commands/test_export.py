@@ -1,4 +1,4 @@
-"""Packs for a host on another machine: all that a laboratory needs, and nothing that tells an answer."""
+"""Packs for a host on another machine: all that a laboratory needs, and nothing that reveals an answer."""
 
 import json
 import shutil
@@ -57,8 +57,8 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_an_exported_suite_is_hosted_as_the_whole_one(exported: Path) -> None:
-    assert [one.scene_id for one in list_packs(exported)] == [one.scene_id for one in list_packs()]
+def test_an_exported_suite_is_hosted_like_the_whole_one(exported: Path) -> None:
+    assert [files.scene_id for files in list_packs(exported)] == [files.scene_id for files in list_packs()]
     for files in list_packs():
         for seed in (0, 3):
             hosted = public_fields(load_scene(files.scene_id, seed, exported))
@@ -102,7 +102,7 @@ def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
 def test_no_private_field_of_a_pack_is_exported(
     write_pack: WritePack, pack: dict[str, Any], xml: str, tmp_path: Path
 ) -> None:
-    """Every private field, and one that the format does not know, with a text that can be found again."""
+    """Every private field, and one that the format does not know, gets a text that can be searched for."""
     public = {
         "objects", "object_permissions", "number_of_objects", "answer_spec", "disabled_tools", "soft_objects", "format",
     }  # fmt: skip
@@ -132,7 +132,7 @@ def test_no_private_field_of_a_pack_is_exported(
     assert public_fields(load_scene(7, 2, target)) == public_fields(load_scene(7, 2, folder))
 
 
-async def test_the_reference_protocol_solves_an_exported_scene_as_the_whole_one(exported: Path) -> None:
+async def test_the_reference_protocol_solves_an_exported_scene_like_the_whole_one(exported: Path) -> None:
     key = episode_key(seed=3, agent="reference")
     played = []
     with anyio.fail_after(60):
@@ -157,7 +157,7 @@ def test_a_seed_that_was_not_exported_is_refused_in_one_sentence(
     assert said.count("\n") == 1
 
 
-def test_an_exported_pack_is_no_whole_one(exported: Path) -> None:
+def test_the_evaluator_refuses_exported_packs(exported: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "evaluator", "--scenes-dir", str(exported), "--scenes", "7", "--server", "stdio"],
         capture_output=True, text=True, check=False, timeout=60, cwd=exported.parent,
@@ -177,7 +177,7 @@ def test_an_exported_pack_is_no_whole_one(exported: Path) -> None:
         (["file"], "file: is not a folder"),
     ],
 )
-def test_an_export_that_cannot_be_made_is_one_sentence(
+def test_an_impossible_export_is_refused_in_one_sentence(
     exported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     (tmp_path / "full").mkdir()
@@ -194,13 +194,13 @@ def test_an_export_that_cannot_be_made_is_one_sentence(
 
 
 @pytest.mark.parametrize("wrong", [["--scenes", "x"], ["--seeds", "3-1"], ["--seeds", ""], ["--seeds", "0-99999999"]])
-def test_numbers_that_are_none_are_misuse(wrong: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_bad_numbers_are_a_usage_error(wrong: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["export", str(tmp_path / "new"), *wrong])
     assert stopped.value.code == 2
     assert "such as 7,21-30" in capsys.readouterr().err
 
 
-def test_the_whole_packs_stay_as_they_were(exported: Path) -> None:
+def test_exporting_leaves_the_whole_packs_unchanged(exported: Path) -> None:
     assert find_pack(7).solution.is_file()
     assert not (find_pack(7).folder / "scene7.public.json").exists()

@@ -1,4 +1,4 @@
-"""The host's own log of an episode that somebody else plays: complete, limited, and for its owner alone."""
+"""The host's log of an episode that another program plays: complete, limited, and only for its owner."""
 
 import contextlib
 import json
@@ -54,7 +54,7 @@ async def test_the_log_holds_what_was_called_and_what_came_back(inside: OpenHost
             await client.call_tool("answer", {"answer": [1, "a"]})
         told = await log_of(http, episode)
         assert told["ended"]
-        assert [(one["tool"], one["arguments"], one["is_error"]) for one in told["calls"]] == [
+        assert [(logged["tool"], logged["arguments"], logged["is_error"]) for logged in told["calls"]] == [
             ("step", {"duration": 0.5}, False),
             ("get_position", {"object_id": "nobody"}, True),
             ("answer", {"answer": [1, "a"]}, False),
@@ -62,8 +62,10 @@ async def test_the_log_holds_what_was_called_and_what_came_back(inside: OpenHost
         first, second, _last = told["calls"]
         assert (first["content"], first["text"]) == (fell.structured_content, fell.content[0].text)
         assert (second["content"], second["text"]) == (None, refused.content[0].text)
-        assert all(one["returned"] for one in told["calls"])
-        assert [one["started_s"] for one in told["calls"]] == sorted(one["started_s"] for one in told["calls"])
+        assert all(logged["returned"] for logged in told["calls"])
+        assert [logged["started_s"] for logged in told["calls"]] == sorted(
+            logged["started_s"] for logged in told["calls"]
+        )
         assert (await log_of(http, episode, start=2))["calls"] == told["calls"][2:]
         assert (await log_of(http, episode, start=3))["calls"] == []
 
@@ -82,7 +84,7 @@ async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside
                 )
         told = await log_of(http, episode)
         assert told["ended"]
-        assert [one["tool"] for one in told["calls"]] == ["step", "get_position"]
+        assert [logged["tool"] for logged in told["calls"]] == ["step", "get_position"]
 
 
 async def test_whoever_has_only_the_url_can_neither_read_the_log_nor_close_the_episode(
@@ -147,7 +149,7 @@ async def test_a_start_that_is_none_is_refused(inside: OpenHost, start: str) -> 
 def test_numbers_that_json_does_not_know_leave_the_log_readable() -> None:
     log, arguments = CallLog(), {"duration": math.nan, "more": [math.inf, {"x": -math.inf}]}
     log.add(CallToolRequestParams(name="step", arguments=arguments), None, time.monotonic())
-    (call,) = json.loads(json.dumps([one.as_json() for one in log.calls], allow_nan=False))
+    (call,) = json.loads(json.dumps([logged.as_json() for logged in log.calls], allow_nan=False))
     assert call["arguments"] == {"duration": "NaN", "more": ["Infinity", {"x": "-Infinity"}]}
 
 

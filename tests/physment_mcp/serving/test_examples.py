@@ -1,4 +1,4 @@
-"""The worked examples of the prompt, run in the engine: each return shown is what the tool returned."""
+"""The worked examples of the prompt, run in the engine: each return they show is what the tool returns."""
 
 import ast
 import json
@@ -27,7 +27,7 @@ WORLDS = (
     </body>
     <geom type="plane" size="50 50 0.1" euler="0 {math.degrees(SLOPE)} 0"/>""",
 )
-"""What each example is about, in its order."""
+"""The world of each example, in their order."""
 
 
 def session(world: str) -> Session:
@@ -42,24 +42,24 @@ def steps(example: str) -> list[tuple[str, dict[str, Any], str | None]]:
     for calls, _, shown in re.findall(
         r"^Calls: (.*)$(\nReturns: ((?:.*\n)*?)(?=Reasoning|Calls))?", example, re.MULTILINE
     ):
-        written = [ast.parse(one, mode="eval").body for one in calls.split("; ")]
-        returns = [one.strip() for one in shown.split("; ")] if shown else [None] * len(written)
+        written = [ast.parse(written_call, mode="eval").body for written_call in calls.split("; ")]
+        returns = [part.strip() for part in shown.split("; ")] if shown else [None] * len(written)
         for node, text in zip(written, returns, strict=True):
             assert isinstance(node, ast.Call)
             assert isinstance(node.func, ast.Name)
-            arguments = {one.arg or "": ast.literal_eval(one.value) for one in node.keywords}
+            arguments = {keyword.arg or "": ast.literal_eval(keyword.value) for keyword in node.keywords}
             found.append((node.func.id, arguments, text))
     return found
 
 
 def unlike(shown: Any, returned: Any, path: str = "") -> list[str]:
-    """Where a shown result is not the returned one, rounded to the digits shown."""
+    """Differences between a shown and a returned result, at the digits shown."""
     if isinstance(shown, dict) and isinstance(returned, dict):
-        one: dict[str, Any] = shown  # pyright: ignore[reportUnknownVariableType] - JSON
-        other: dict[str, Any] = returned  # pyright: ignore[reportUnknownVariableType] - JSON
-        if list(one) != list(other):
-            return [f"{path}: {list(one)} is not {list(other)}"]
-        return [found for name in one for found in unlike(one[name], other[name], f"{path}.{name}")]
+        left: dict[str, Any] = shown  # pyright: ignore[reportUnknownVariableType] - JSON
+        right: dict[str, Any] = returned  # pyright: ignore[reportUnknownVariableType] - JSON
+        if list(left) != list(right):
+            return [f"{path}: {list(left)} is not {list(right)}"]
+        return [found for name in left for found in unlike(left[name], right[name], f"{path}.{name}")]
     if isinstance(shown, list) and isinstance(returned, list):
         pairs = zip(shown, returned, strict=True)  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
         return [found for index, (a, b) in enumerate(pairs) for found in unlike(a, b, f"{path}[{index}]")]
@@ -85,7 +85,7 @@ async def test_every_return_shown_is_true(example: str, world: str) -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_every_sum_in_the_reasoning_is_right(example: str) -> None:
+def test_every_calculation_in_the_reasoning_is_right(example: str) -> None:
     """Each `a / b = c`, `2 · a / b = c` and `√(a² + b²) = c`, to the digits shown."""
     checked = 0
     for written, result in re.findall(r"(√\([^)]*\)|[\d.]+(?: [·/] [\d.]+)+) = ([\d.]+\d)", example):

@@ -1,4 +1,4 @@
-"""Frames (`--observations rgb`): off by default, valid pictures when on, and nothing in them that is not to be seen."""
+"""Frames (`--observations rgb`): off by default, valid pictures, and only what the agent may see in them."""
 
 import base64
 import os
@@ -38,7 +38,7 @@ def painter() -> Iterator[Painter]:
 
 
 def pixels_of(png: bytes) -> Pixels:
-    """What a PNG file shows; checks every chunk of it."""
+    """Pixels of a PNG file; checks every chunk."""
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
     chunks: dict[bytes, bytes] = {}
     place = 8
@@ -65,22 +65,22 @@ def frames_of(scene: int, seed: int, painter: Painter) -> tuple[Session, Frames]
 def images(result: types.CallToolResult) -> list[bytes]:
     assert isinstance(result.content[0], types.TextContent)
     shown = result.content[1:]
-    assert all(isinstance(one, types.ImageContent) and one.mime_type == "image/png" for one in shown)
-    return [base64.b64decode(one.data) for one in shown if isinstance(one, types.ImageContent)]
+    assert all(isinstance(part, types.ImageContent) and part.mime_type == "image/png" for part in shown)
+    return [base64.b64decode(part.data) for part in shown if isinstance(part, types.ImageContent)]
 
 
-async def test_results_are_text_alone_unless_asked_for_otherwise(open_lab: OpenLab) -> None:
+async def test_results_contain_only_text_by_default(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         for tool, arguments in (("step", {"duration": 0.1}), ("find_objects", {})):
             assert images(await lab.client.call_tool(tool, arguments)) == []
 
 
-async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
+async def test_only_results_of_step_and_find_objects_carry_a_frame(
     painter: Painter, pack: dict[str, Any], xml: str, write_pack: WritePack
 ) -> None:
     folder = write_pack(pack, xml)
     slot = EpisodeSlot(
-        Session(load_scene(7, 0, folder)), watch=lambda one: Frames(one, load_variants(7, folder), painter)
+        Session(load_scene(7, 0, folder)), watch=lambda session: Frames(session, load_variants(7, folder), painter)
     )
     async with Client(build_server(slot)) as client:
         seen: list[Pixels] = []
@@ -89,7 +89,7 @@ async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
             assert result.structured_content is not None
             (png,) = images(result)
             seen.append(pixels_of(png))
-        assert all(one.shape == (240, 320, 3) for one in seen)
+        assert all(pixels.shape == (240, 320, 3) for pixels in seen)
         assert not np.array_equal(seen[0], seen[1])
         assert not np.array_equal(seen[1], seen[2])
         assert images(await client.call_tool("get_position", {"object_id": "object_1"})) == []
@@ -105,13 +105,13 @@ async def test_step_and_find_objects_carry_one_frame_and_nothing_else_does(
 def test_the_first_frame_is_the_same_for_every_seed(scene: int, shows: bool, painter: Painter) -> None:
     first, *others = [frames_of(scene, seed, painter)[1].draw() for seed in (0, 3, 101)]
     assert (first is not None) is shows
-    assert all(one == first for one in others)
+    assert all(frame == first for frame in others)
 
 
 def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
     session, frames = frames_of(21, 0, painter)
     before = frames.draw()
-    planted = {one.body for one in session.state.objects.values() if not one.known}
+    planted = {item.body for item in session.state.objects.values() if not item.known}
     assert planted
     assert not any(f'"{body}"' in _given(session, frames) for body in planted)
     session.reveal()
@@ -122,7 +122,7 @@ def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
 
 
 def _given(session: Session, frames: Frames) -> str:
-    """The model that is handed to the painter."""
+    """The model that the painter receives."""
     given: list[str] = []
 
     class Watched:
@@ -166,7 +166,7 @@ def test_turning_shows_only_if_the_orientation_may_be_read(
     frames = Frames(session, [session.scene.mjcf], painter)
     before, given = frames.draw(), _given(session, frames)
     assert '"object_2"' in given
-    # The lower link's shape hangs off its origin: where it is tells how it is turned.
+    # The geom of the lower link is away from its origin, so its place reveals its orientation.
     assert ('"object_8"' in given) is readable
     session.world.push("object_2", torque=np.array([0.0, 5.0, 0.0]))
     session.world.step(100)
@@ -181,7 +181,7 @@ def test_what_the_seed_changes_is_not_shown(
     other = xml.replace('name="object_9" pos="6 0 1"', 'name="object_9" pos="6 0 1.01"')
     assert other != xml
     assert '"object_2"' in _given(session, Frames(session, [other], painter))
-    same, changed = (_given(session, Frames(session, [one], painter)) for one in (xml, other))
+    same, changed = (_given(session, Frames(session, [variant], painter)) for variant in (xml, other))
     assert changed.count("<geom") == same.count("<geom") - 1
 
 
@@ -209,7 +209,7 @@ def test_without_a_renderer_it_does_not_start_and_says_what_to_install(command: 
     assert "install libosmesa6" in done.stderr
 
 
-async def test_over_stdio(painter: Painter) -> None:
+async def test_frames_reach_a_client_over_stdio(painter: Painter) -> None:
     command = StdioServerParameters(
         command=sys.executable,
         args=["-m", "physment_mcp", "--scene", "7", "--observations", "rgb"],

@@ -1,4 +1,4 @@
-"""Many episodes over HTTP: one address each, whoever calls and however they connect."""
+"""Many episodes over HTTP, each with its own address, for every kind of client."""
 
 import contextlib
 import json
@@ -67,13 +67,13 @@ async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episod
                         "sim_time": pytest.approx(0.5 * turn), "steps": 100, "results": None,
                     }  # fmt: skip
             assert len(versions) == 2
-            async with Client(opened["mcp_url"]) as one, Client(opened["mcp_url"], mode="legacy") as two:
-                await one.call_tool(
+            async with Client(opened["mcp_url"]) as first, Client(opened["mcp_url"], mode="legacy") as second:
+                await first.call_tool(
                     "create_objects", {"name": "p", "pos": [0, 9, 9], "density": 1, "rgba": [1, 1, 1, 1]}
                 )
-                assert not (await two.call_tool("get_position", {"object_id": "p"})).is_error
-                await two.call_tool("answer", {"answer": 1})
-                assert (await one.call_tool("step", {"duration": 1})).is_error
+                assert not (await second.call_tool("get_position", {"object_id": "p"})).is_error
+                await second.call_tool("answer", {"answer": 1})
+                assert (await first.call_tool("step", {"duration": 1})).is_error
             async with Client(other["mcp_url"]) as client:  # untouched
                 started_at = await client.call_tool("quat_to_rot_matrix", {"q": [1, 0, 0, 0]})
                 assert started_at.structured_content["sim_time"] == 0
@@ -205,7 +205,7 @@ async def test_expiry_spares_an_episode_in_use(inside: OpenHost) -> None:
 
 
 @pytest.mark.parametrize("port", ["99999", "-1", "http"])
-def test_a_port_that_is_none_is_refused_in_the_usage(port: str) -> None:
+def test_a_bad_port_is_refused_with_the_usage(port: str) -> None:
     command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2
@@ -223,7 +223,7 @@ def test_a_port_in_use_is_refused_in_one_sentence() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_white_space_after_the_value_of_a_header_is_no_part_of_it(started: Callable[..., Any]) -> None:
+def test_white_space_after_a_header_value_is_ignored(started: Callable[..., Any]) -> None:
     with started() as base:
         address = httpx.URL(base)
         with socket.create_connection((address.host, address.port or 80), timeout=30) as line:

@@ -1,4 +1,4 @@
-"""Who may do what on a host: tokens, names, pages of other sites, episodes that are gone, paths that lead elsewhere."""
+"""Who may do what on a host: tokens, host names, pages of other sites, episodes that are gone, links to other files."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
@@ -61,14 +61,16 @@ async def open_episode(http: httpx.AsyncClient, **wanted: int) -> dict[str, str]
 
 
 @pytest.mark.parametrize("exposed", [False, True])
-async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(inside: OpenHost, exposed: bool) -> None:
+async def test_a_host_with_a_token_opens_episodes_only_with_it(inside: OpenHost, exposed: bool) -> None:
     async with inside(token="ours", exposed=exposed) as (host, http):
         for headers in STRANGERS:
             refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
             assert refused.status_code == 401
             assert refused.headers["www-authenticate"] == "Bearer"
             assert "bearer token" in refused.json()["error"]
+            assert "ours" not in refused.text
         assert not host._episodes
+        assert "ours" not in repr(host)
         opened = await open_episode(http)
         assert "ours" not in str(opened)
         assert (await http.get("/healthz")).status_code == 200  # balancers have no token
@@ -77,7 +79,7 @@ async def test_a_host_with_a_token_opens_episodes_for_its_bearer_alone(inside: O
         assert (await http.delete(f"/episodes/{opened['episode_id']}", headers=OURS)).status_code == 204
 
 
-async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside: OpenHost) -> None:
+async def test_an_exposed_host_requires_its_token_with_every_request(inside: OpenHost) -> None:
     async with inside(token="ours", exposed=True) as (_, http):
         mine = await open_episode(http)
         for path in (mine["mcp_url"], "/episodes/unknown/mcp"):
@@ -89,7 +91,7 @@ async def test_a_host_others_can_reach_wants_its_token_with_every_request(inside
             assert not (await client.call_tool("step", {"duration": 0.1})).is_error
 
 
-async def test_who_was_handed_an_episode_needs_its_address_alone(inside: OpenHost) -> None:
+async def test_an_episode_with_a_call_limit_is_played_with_its_url_alone(inside: OpenHost) -> None:
     async with inside(token="ours", exposed=True) as (_, http):
         theirs = await open_episode(http, max_calls=5)
         async with playing(http, theirs["mcp_url"]) as client:
@@ -104,7 +106,7 @@ async def test_who_was_handed_an_episode_needs_its_address_alone(inside: OpenHos
             assert (await http.get(calls, headers={"Authorization": f"Bearer {good}"})).status_code == 200
 
 
-async def test_on_this_machine_an_episode_is_played_by_its_address(inside: OpenHost) -> None:
+async def test_on_a_local_host_an_episode_is_played_with_its_url_alone(inside: OpenHost) -> None:
     async with inside(token="ours") as (_, http):
         opened = await open_episode(http)
         async with playing(http, opened["mcp_url"]) as client:
@@ -224,7 +226,7 @@ def test_loopback_is_known_by_its_address(address: str, expected: bool) -> None:
         (["--token-env", "PHYSMENT_EMPTY"], "holds no token"),
     ],
 )
-def test_a_host_others_can_reach_does_not_start_without_a_token(
+def test_an_exposed_host_does_not_start_without_a_token(
     options: list[str], word: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PHYSMENT_EMPTY", " ")

@@ -1,4 +1,4 @@
-"""The evaluator on a host that is guarded, and on one that loses its episode."""
+"""The evaluator with a host that requires a token, and with a host that loses its episode."""
 
 import json
 import subprocess
@@ -23,7 +23,7 @@ GUARDED = """
 from physment_mcp.serving.host import Host, serve
 serve(Host(token="ours", exposed=True, max_episodes=2), "127.0.0.1", 0)
 """
-"""A host as it is where other machines reach it, on an address where none does."""
+"""A host that is configured for other machines, on an address that only this machine reaches."""
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +37,12 @@ def guarded() -> Generator[str]:
             process.communicate(timeout=20)
 
 
-async def test_the_evaluator_shows_its_token_to_a_host_that_wants_it(
+async def test_the_evaluator_sends_its_token_to_a_host_that_requires_it(
     guarded: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, "ours")
     with anyio.fail_after(30):
-        for _ in range(3):  # the host has room for two, so that one left open would show
+        for _ in range(3):  # the limit is two, so an episode that is left open is noticed
             async with connect(guarded, None) as laboratory, laboratory.open(7, 0) as client:
                 assert not (await client.call_tool("step", {"duration": 0.1})).is_error
                 assert "Scene" in (await client.get_prompt("scene", {})).messages[0].content.text
@@ -57,7 +57,7 @@ async def test_the_evaluator_shows_its_token_to_a_host_that_wants_it(
         ("http://lab.example:8000/", False), ("http://lab.example.evil/", False), ("http://evil.example/", False),
     ],
 )  # fmt: skip
-def test_no_other_host_is_shown_the_token(url: str, told: bool) -> None:
+def test_the_token_is_sent_to_no_other_host(url: str, told: bool) -> None:
     assert bool(HostLaboratory("http://lab.example", "ours")._bearing(url)) == told
 
 

@@ -1,4 +1,4 @@
-"""A long step over HTTP: its progress is seen, and a client that takes it back, or goes away, leaves no trace of it."""
+"""A long step over HTTP: its progress is reported; a step that is cancelled, or whose client left, changes nothing."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ async def opened(base: str) -> str:
 
 
 async def clock(client: Client) -> float:
-    """The time in the laboratory, once whatever is running has ended."""
+    """The simulation clock, after the running call has ended."""
     seen = await client.call_tool("quat_to_rot_matrix", {"q": [1, 0, 0, 0]})
     assert seen.structured_content is not None
     return seen.structured_content["sim_time"]
@@ -53,7 +53,7 @@ async def test_progress_is_seen_over_http(base: str, mode: Any) -> None:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_step_taken_back_over_http_leaves_no_trace(base: str, mode: Any) -> None:
+async def test_a_step_cancelled_over_http_changes_nothing(base: str, mode: Any) -> None:
     with anyio.fail_after(60):
         async with Client(await opened(base), mode=mode) as client:
             await client.call_tool("step", {"duration": 0.5})
@@ -72,7 +72,7 @@ async def test_a_step_taken_back_over_http_leaves_no_trace(base: str, mode: Any)
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_client_that_goes_away_in_a_step_can_come_back(base: str, mode: Any) -> None:
+async def test_a_client_that_disconnects_during_a_step_can_reconnect(base: str, mode: Any) -> None:
     with anyio.fail_after(60):
         url = await opened(base)
         async with anyio.create_task_group() as tasks:

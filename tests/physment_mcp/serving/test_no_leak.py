@@ -1,6 +1,6 @@
-"""Nothing private is published: canaries are planted in a pack, all is published, and they are looked for.
+"""Nothing private is published: canaries are planted in a pack and searched for in everything that is published.
 
-Where a value could leave in another guise, two packs that differ in private values alone must read the same.
+Where a private value could leak in another form, two packs that differ only in this value must publish the same.
 """
 
 import json
@@ -16,7 +16,7 @@ from tests.builders.laboratory import OpenLab
 
 IDS = [f"object_{number}" for number in range(1, 10)]
 
-# No gravity and no motion, so that a place that shows at any time shows with these digits.
+# Without gravity and motion, positions keep these digits, so a leaked position is recognised at any time.
 XML = """
 <mujoco>
   <option timestep="0.005" integrator="RK4" cone="elliptic" impratio="10" gravity="0 0 0"/>
@@ -107,11 +107,11 @@ def canary_pack() -> dict[str, Any]:
 
 
 def every_call() -> list[tuple[str, dict[str, Any]]]:
-    """Each tool on each object, the unknown, hidden and masked ones too; nothing that moves anything by itself."""
+    """Every tool on every object, unknown, hidden and masked ones too, with arguments that move nothing."""
     calls: list[tuple[str, dict[str, Any]]] = [("get_center_of_mass", {}), ("quat_to_rot_matrix", {"q": [1, 1, 0, 0]})]
-    for one in [*IDS, "ghost", "stowaway", "world", "object_77"]:
-        alone = {"object_id": one}
-        weighed = {"object_id": one, "mass": 1}
+    for object_id in [*IDS, "ghost", "stowaway", "world", "object_77"]:
+        alone = {"object_id": object_id}
+        weighed = {"object_id": object_id, "mass": 1}
         calls += [
             *((name, alone) for name in ("get_position", "get_velocity", "get_acceleration", "get_torque")),
             *((name, alone) for name in ("get_parameters", "get_displacement")),
@@ -124,8 +124,10 @@ def every_call() -> list[tuple[str, dict[str, Any]]]:
             ("change_position", alone | {"dx": 0, "dy": 0, "dz": 0, "in_world_frame": False}),
             ("apply_force", alone | {"force_vector": [0, 0]}),
         ]
-        calls += [("detect_collision", {"obj1_id": one, "obj2_id": other}) for other in IDS]
-        calls += [("detect_collision", {"obj1_id": one, "obj2_id": other, "elastic_response": False}) for other in IDS]
+        calls += [("detect_collision", {"obj1_id": object_id, "obj2_id": other}) for other in IDS]
+        calls += [
+            ("detect_collision", {"obj1_id": object_id, "obj2_id": other, "elastic_response": False}) for other in IDS
+        ]
     calls += [
         ("attach_objects", {"object1_id": "object_1", "object2_id": "object_5"}),
         ("attach_objects", {"object1_id": "object_9", "object2_id": "object_1"}),
@@ -144,7 +146,7 @@ def every_call() -> list[tuple[str, dict[str, Any]]]:
 
 
 async def published(lab: Any) -> list[str]:
-    """Everything an agent can get hold of without letting time pass, call by call."""
+    """Everything that an agent can obtain without letting time pass, call by call."""
     client = lab.client
     texts = [client.instructions or "", (await client.list_tools()).model_dump_json()]
     texts.append((await client.list_prompts()).model_dump_json())
@@ -164,7 +166,7 @@ async def published(lab: Any) -> list[str]:
 
 
 def leaks(texts: list[str]) -> list[tuple[str, str]]:
-    """Canaries in what was published; an id that the call itself named may be repeated to the agent."""
+    """Canaries in what was published, except ids that the call itself contained."""
     found = []
     for text in texts:
         cleaned = re.sub(r"there is no object '[^']*'|the name '[^']*' is reserved", "", text)
@@ -181,7 +183,7 @@ async def test_nothing_published_contains_the_private_half(open_lab: OpenLab) ->
     assert not leaks(after)
 
 
-async def test_the_answer_tool_tells_nothing_about_right_and_wrong(open_lab: OpenLab) -> None:
+async def test_the_answer_tool_does_not_reveal_whether_the_answer_is_right(open_lab: OpenLab) -> None:
     told = []
     for answer in (76.5432123, -1.0, "canary-accept"):
         async with open_lab(canary_pack(), XML) as lab:
@@ -195,7 +197,7 @@ async def test_what_is_hidden_stays_withheld_after_it_is_found(open_lab: OpenLab
     pack["object_permissions"]["object_5_permissions"] = {"hidden": True, "geom_type": True}
     async with open_lab(pack, XML) as lab:
         found = await lab.call("find_objects")
-        assert [one["object_id"] for one in found["revealed"]] == ["object_5", "object_9"]
+        assert [item["object_id"] for item in found["revealed"]] == ["object_5", "object_9"]
         ghost = found["revealed"][0]
         assert ghost["type"] == "sphere"
         assert {key for key, value in ghost.items() if value is not None} == {"object_id", "name", "type"}
@@ -235,7 +237,7 @@ def one_object(**permissions: bool) -> dict[str, Any]:
     return pack
 
 
-async def test_the_true_mass_does_not_show_in_energies_and_momenta(open_lab: OpenLab) -> None:
+async def test_energies_and_momenta_do_not_reveal_the_true_mass(open_lab: OpenLab) -> None:
     transcripts = []
     for mass in (2.0, 8.0):  # powers of two, so that scaling rounds nothing
         async with open_lab(one_object(body_pos=True), SPINNING.format(mass=mass)) as lab:
@@ -250,13 +252,13 @@ async def test_the_true_mass_does_not_show_in_energies_and_momenta(open_lab: Ope
             )  # fmt: skip
             assert "no movable object whose mass" in await lab.refused("get_center_of_mass")
     assert transcripts[0][2]["rotational_energy"] > 1
-    flat = [re.findall(r"[-\d.e]+", json.dumps(one)) for one in transcripts]
+    flat = [re.findall(r"[-\d.e]+", json.dumps(transcript)) for transcript in transcripts]
     assert [float(a) for a in flat[0] if a[-1].isdigit()] == pytest.approx(
         [float(b) for b in flat[1] if b[-1].isdigit()], rel=1e-12
     )
 
 
-async def test_a_local_shift_does_not_show_a_withheld_orientation(open_lab: OpenLab) -> None:
+async def test_a_local_shift_does_not_reveal_a_withheld_orientation(open_lab: OpenLab) -> None:
     async with open_lab(one_object(body_pos=True), SPINNING.format(mass=1)) as lab:
         assert (await lab.call("get_position", object_id=1))["orientation"] is None
         shift = {"object_id": 1, "dx": 0.5, "dy": 0, "dz": 0}
@@ -280,12 +282,12 @@ PARENT = """
 """
 
 
-async def test_setting_a_velocity_does_not_show_a_withheld_one(open_lab: OpenLab) -> None:
+async def test_setting_a_velocity_does_not_reveal_a_withheld_one(open_lab: OpenLab) -> None:
     pack = one_object(velocity=False, body_pos=True)
     pack["objects"]["object_2"] = {"name": "carrier", "object_id": "2"}
     pack["object_permissions"]["object_2_permissions"] = {"velocity": False}
     async with open_lab(pack, PARENT) as lab:
-        # The hinge moves it along x alone at this moment; the rest of the carrier's motion would show.
+        # At this moment the hinge moves it along x only; other components would be those of the carrier.
         told = await lab.call("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     assert told["velocity"] is None
     assert "1.2345" not in json.dumps(told)
@@ -332,7 +334,7 @@ async def test_a_collision_shows_only_what_both_objects_show(
             assert {key for key, value in seen.items() if value is None} == expected
 
 
-async def test_an_overlap_is_not_measured_for_the_agent(open_lab: OpenLab) -> None:
+async def test_a_refused_overlap_does_not_reveal_its_depth(open_lab: OpenLab) -> None:
     sentences = set()
     for place in ("0.5 0 1", "0.53217 0 1"):
         xml = TOUCHING.format(kind="sphere").replace("0.1995 0 1", place)
@@ -350,7 +352,7 @@ async def test_an_overlap_is_not_measured_for_the_agent(open_lab: OpenLab) -> No
     assert "overlap object_2" in sentences.pop()
 
 
-async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: OpenLab) -> None:
+async def test_placing_things_does_not_reveal_hidden_objects(open_lab: OpenLab) -> None:
     async with open_lab(canary_pack(), XML) as lab:
         on_ghost = {"x": 31.4, "y": -27.2, "z": 16.2}
         moved = await lab.call("move_object", object_id="object_1", **on_ghost)
@@ -359,12 +361,12 @@ async def test_what_is_hidden_is_not_felt_by_placing_things(open_lab: OpenLab) -
             "create_objects", name="ghost", pos=[31.5, -27.3, 16.15], density=1, rgba=[1, 1, 1, 1], radius=0.01
         )
         assert created["object_id"] == "ghost"
-        # The hidden child of the box, 0.52 m below it, would be in the floor.
+        # There the hidden child of the box, 0.52 m below it, overlaps the floor.
         sunk = await lab.call("move_object", object_id="object_2", x=1, y=0, z=0.31)
         assert sunk["note"] is None
 
 
-async def test_hidden_and_masked_objects_do_not_weigh_in_the_centre_of_mass(open_lab: OpenLab) -> None:
+async def test_hidden_and_masked_objects_do_not_count_in_the_centre_of_mass(open_lab: OpenLab) -> None:
     async with open_lab(canary_pack(), XML) as lab:
         seen = await lab.call("get_center_of_mass")
     ball, box = 1000 * 4 / 3 * 3.141592653589793 * 0.1**3, 500 * 0.2 * 0.4 * 0.6

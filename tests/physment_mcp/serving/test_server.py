@@ -1,4 +1,4 @@
-"""What surrounds the tools: instructions, the prompt, resources, completion, an idle start, progress, cancellation."""
+"""The server besides its tools: instructions, prompt, resources, completion, idle start, progress, cancellation."""
 
 import base64
 import json
@@ -60,7 +60,9 @@ async def test_the_opening_prompt_shows_what_the_permissions_show(open_lab: Open
 @pytest.mark.parametrize("prompting", PROMPTING)
 @pytest.mark.parametrize("protocol", ["native", "text"])
 @pytest.mark.parametrize("budget", [None, "1", "15"])
-async def test_every_prompt_option_shows(open_lab: OpenLab, prompting: str, protocol: str, budget: str | None) -> None:
+async def test_every_prompt_option_changes_the_prompt(
+    open_lab: OpenLab, prompting: str, protocol: str, budget: str | None
+) -> None:
     options = {"prompting": prompting, "protocol": protocol} | ({} if budget is None else {"budget": budget})
     async with open_lab() as lab:
         text = await prompt_text(lab.client, **options)
@@ -155,14 +157,14 @@ async def test_resources_show_the_scene_and_where_the_episode_stands(open_lab: O
 
     async with open_lab() as lab:
         listed = (await lab.client.list_resources()).resources
-        assert [str(one.uri) for one in listed] == [
+        assert [str(resource.uri) for resource in listed] == [
             f"physment://{name}" for name in ("scene", "episode", "measurements", "scenes")
         ]
-        assert all(one.title and one.description and one.icons for one in listed)
+        assert all(resource.title and resource.description and resource.icons for resource in listed)
         scene = await read("physment://scene")
         assert (scene["scene_id"], scene["name"], scene["timestep_s"]) == (7, "All kinds", 0.005)
         known = ["object_1", "object_2", "object_3", "object_4", "object_6", "object_7", "object_8", "object_9"]
-        assert [one["object_id"] for one in scene["objects"]] == known
+        assert [item["object_id"] for item in scene["objects"]] == known
         assert scene["answer"] == {"kind": "number", "unit": "kg", "labels": [], "options": []}
         await lab.call("step", duration=0.1)
         assert await read("physment://episode") == {
@@ -196,11 +198,11 @@ async def test_the_measurements_are_what_the_agent_has_seen(open_lab: OpenLab) -
         await lab.call("answer", answer=[1, "kg"])
         await lab.refused("step", duration=1)
         after = await notes_of(lab.client)
-        assert [one["tool"] for one in after["calls"]] == ["step", "get_velocity", "answer"]
+        assert [noted["tool"] for noted in after["calls"]] == ["step", "get_velocity", "answer"]
         assert lab.session.calls == 3  # reading costs none
 
 
-async def test_a_call_taken_back_is_noted_as_such(open_lab: OpenLab) -> None:
+async def test_a_cancelled_call_is_recorded_as_cancelled(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         with anyio.move_on_after(20):
             async with anyio.create_task_group() as tasks:
@@ -229,7 +231,7 @@ async def test_the_measurements_are_bounded(open_lab: OpenLab) -> None:
         assert len(json.dumps(seen["calls"][-1])) < 1000
 
 
-async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
+async def test_the_catalogue_lists_the_scenes_that_can_be_opened(
     open_lab: OpenLab, write_pack: WritePack, pack: dict[str, Any], xml: str
 ) -> None:
     async def catalogue(client: Client) -> list[dict[str, Any]]:
@@ -242,18 +244,18 @@ async def test_the_catalogue_tells_of_the_scenes_that_can_be_opened(
     async with open_lab() as lab:
         assert await catalogue(lab.client) == [card]
     folder = write_pack(pack, xml, 7)
-    write_pack({**pack, "answer": None}, xml, 8)  # cannot be opened, so it is not told of
+    write_pack({**pack, "answer": None}, xml, 8)  # cannot be opened, so it is not listed
     write_pack({**pack, "metadata": pack["metadata"] | {"scene_name": "Another"}}, xml, 70)
     async with Client(build_server(EpisodeSlot(list_scenes=lambda: list_scenes(folder)))) as client:
         assert await catalogue(client) == [card, card | {"scene_id": 70, "name": "Another"}]
 
 
-async def test_what_never_changes_may_be_kept_and_what_does_may_not(open_lab: OpenLab, idle: EpisodeSlot) -> None:
+async def test_clients_may_cache_only_what_never_changes(open_lab: OpenLab, idle: EpisodeSlot) -> None:
     async with open_lab() as lab:
         same = [
             await lab.client.list_tools(), await lab.client.list_prompts(), await lab.client.list_resources()
         ]  # fmt: skip
-        assert all(one.ttl_ms > 0 and one.cache_scope == "public" for one in same)
+        assert all(listing.ttl_ms > 0 and listing.cache_scope == "public" for listing in same)
         hints = {}
         for name in ("scene", "scenes", "episode", "measurements"):
             read = await lab.client.read_resource(f"physment://{name}")
@@ -266,7 +268,7 @@ async def test_what_never_changes_may_be_kept_and_what_does_may_not(open_lab: Op
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_asked_for_templates_it_says_there_are_none(open_lab: OpenLab, mode: str) -> None:
+async def test_the_list_of_resource_templates_is_empty(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         found = await lab.client.list_resource_templates()
     assert found.resource_templates == []
@@ -283,7 +285,7 @@ async def test_an_unknown_resource_is_named_in_the_error(open_lab: OpenLab) -> N
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_clients_are_given_something_to_show(open_lab: OpenLab, mode: str) -> None:
+async def test_clients_receive_titles_and_icons(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         info = lab.server_info
         (prompt,) = (await lab.client.list_prompts()).prompts
@@ -324,7 +326,7 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: EpisodeSlot) -> None:
         assert "No scene is open yet" in (client.instructions or "")
         assert len((await client.list_tools()).tools) == 26
         (prompt,) = (await client.list_prompts()).prompts
-        assert [one.name for one in prompt.arguments or [] if one.required] == ["scene_id"]
+        assert [argument.name for argument in prompt.arguments or [] if argument.required] == ["scene_id"]
         early = await client.call_tool("get_position", {"object_id": "object_1"})
         assert early.is_error
         assert early.content[0].text == "no scene is open yet: use the prompt `scene` with a scene_id to open one"
@@ -333,7 +335,7 @@ async def test_an_idle_start_opens_scenes_by_prompt(idle: EpisodeSlot) -> None:
         for wrong in ({}, {"scene_id": ""}, {"scene_id": "seven"}, {"scene_id": "9" * 5000}, {"scene_id": "-7"}):
             with pytest.raises(MCPError, match="scene_id must be the number of a scene"):
                 await client.get_prompt("scene", wrong)
-        # Neither where the packs lie nor what is wrong in one is for the client.
+        # A client must not learn where the packs are or what is wrong in them.
         with pytest.raises(MCPError, match=r"^no scene 9; the scenes here are [078, ]+$"):
             await client.get_prompt("scene", {"scene_id": "9"})
         with pytest.raises(MCPError, match=r"^this scene cannot be opened; its operator can see why$"):
@@ -359,7 +361,7 @@ async def test_a_scene_on_the_command_line_cannot_be_reopened(open_lab: OpenLab)
         assert "the episode is over" in await lab.refused("step", duration=1)
 
 
-async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab: OpenLab) -> None:
+async def test_progress_of_a_long_step_rises_and_does_not_exceed_its_length(open_lab: OpenLab) -> None:
     seen: list[tuple[float, float | None]] = []
 
     async def note(progress: float, total: float | None, message: str | None) -> None:
@@ -368,7 +370,7 @@ async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab
     async with open_lab() as lab:
         await lab.client.call_tool("step", {"duration": 10}, progress_callback=note)
     assert seen
-    done = [one for one, _ in seen]
+    done = [reached for reached, _ in seen]
     assert done == sorted(set(done))
     assert done[0] > 0
     assert done[-1] < 10
@@ -376,7 +378,7 @@ async def test_progress_of_a_long_step_rises_to_no_more_than_its_length(open_lab
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_cancelled_step_leaves_no_trace(open_lab: OpenLab, mode: str) -> None:
+async def test_a_cancelled_step_changes_nothing(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         await lab.call("apply_force", object_id=1, force_vector=[1, 2, 3])
         await lab.call("step", duration=0.1)
@@ -389,7 +391,7 @@ async def test_a_cancelled_step_leaves_no_trace(open_lab: OpenLab, mode: str) ->
 
                 await lab.client.call_tool("step", {"duration": 60}, progress_callback=stop)
                 pytest.fail("60 s are many chunks: the first report of progress comes before the end")
-            # The next call waits for the lock, so it sees the roll-back.
+            # The next call waits for the lock, so the roll-back is done.
             await lab.call("get_torque", object_id=1)
         assert lab.state() == before
 

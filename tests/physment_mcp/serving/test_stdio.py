@@ -1,4 +1,4 @@
-"""The command line and one episode per process: protocol lines on stdout, one sentence on stderr for the operator."""
+"""The command line, and an episode on stdio: protocol messages on stdout, one sentence on stderr for the operator."""
 
 import json
 import subprocess
@@ -73,8 +73,8 @@ def test_stdout_carries_protocol_lines_only(command: Command, tmp_path: Path) ->
                 process.stdin.write('{"jsonrpc": "2.0", "method": "notifications/initialized"}\n')
         rest, errors = process.communicate(timeout=20)
     assert rest == ""
-    assert [one["id"] for one in answers] == list(range(len(answers)))
-    assert all(one["jsonrpc"] == "2.0" for one in answers)
+    assert [message["id"] for message in answers] == list(range(len(answers)))
+    assert all(message["jsonrpc"] == "2.0" for message in answers)
     assert "Traceback" not in errors
     assert process.returncode == 0
     assert not list(tmp_path.iterdir())  # no MUJOCO_LOG.TXT either
@@ -99,7 +99,7 @@ def broken(pack: dict[str, Any], xml: str, fault: str) -> tuple[dict[str, Any], 
     ("fault", "word"),
     [("no task", "metadata.task"), ("no such body", "object_77"), ("not XML", "compile"), ("not a model", "compile")],
 )
-def test_an_unusable_pack_is_one_sentence_on_stderr_and_exit_2(
+def test_an_unusable_pack_ends_with_one_sentence_on_stderr_and_exit_code_2(
     write_pack: WritePack,
     pack: dict[str, Any],
     xml: str,
@@ -127,7 +127,7 @@ def test_an_unusable_pack_is_one_sentence_on_stderr_and_exit_2(
         (["serve", "--host", "192.168.1.5"], "loopback"),
     ],
 )
-def test_what_cannot_be_served_is_one_sentence_on_stderr_and_exit_2(
+def test_an_impossible_start_ends_with_one_sentence_on_stderr_and_exit_code_2(
     write_pack: WritePack,
     pack: dict[str, Any],
     xml: str,
@@ -154,7 +154,7 @@ def test_what_cannot_be_served_is_one_sentence_on_stderr_and_exit_2(
         ["serve", "--idle-timeout", "nan"],
     ],
 )
-def test_bad_usage_is_exit_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+def test_bad_usage_ends_with_exit_code_2(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
     assert stopped.value.code == 2

@@ -1,4 +1,4 @@
-"""The variants of a scene that frames are compared over; needs no renderer."""
+"""The variants of a scene that are compared to find what depends on the seed; needs no renderer."""
 
 from pathlib import Path
 

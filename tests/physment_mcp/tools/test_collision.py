@@ -1,4 +1,4 @@
-"""Touching and elastic collisions: momentum and energy to rounding, also through joints and off walls."""
+"""Contacts and elastic collisions: momentum and energy are conserved, through joints and at walls too."""
 
 import math
 from typing import Any
@@ -14,12 +14,14 @@ NEAR = "0.1995 0 0"  # the surfaces of two balls of 0.1 m overlap by half a mill
 
 
 async def momentum(lab: Any, masses: dict[Any, float]) -> np.ndarray:
-    return sum([await lab.vector("get_momentum", one, mass=m) for one, m in masses.items()], start=np.zeros(3))
+    return sum(
+        [await lab.vector("get_momentum", object_id, mass=m) for object_id, m in masses.items()], start=np.zeros(3)
+    )
 
 
 async def energy(lab: Any, masses: dict[Any, float]) -> float:
     kinds = ("get_kinetic_energy", "get_rotational_energy")
-    return sum([await lab.number(kind, one, mass=m) for one, m in masses.items() for kind in kinds])
+    return sum([await lab.number(kind, object_id, mass=m) for object_id, m in masses.items() for kind in kinds])
 
 
 async def test_unequal_masses_exchange_velocities_as_in_the_textbook() -> None:
@@ -153,7 +155,7 @@ async def test_a_body_welded_to_what_is_fixed_does_not_give_way() -> None:
     assert await lab.velocity(2) == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-async def test_what_is_welded_fast_and_driven_into_a_wall_cannot_bounce() -> None:
+async def test_a_body_welded_to_a_fixture_cannot_bounce_off_a_wall() -> None:
     lab = open_bench(
         ball_mjcf(1, "0 0 0") + ball_mjcf(2, NEAR, joint="") + ball_mjcf(3, "-0.6 0 0", joint=""), gravity="0 0 0"
     )
@@ -162,7 +164,7 @@ async def test_what_is_welded_fast_and_driven_into_a_wall_cannot_bounce() -> Non
     assert "neither of the two can move" in await lab.refused("detect_collision", obj1_id=1, obj2_id=2)
 
 
-async def test_a_crowd_elsewhere_does_not_change_a_collision() -> None:
+async def test_many_bodies_elsewhere_do_not_change_a_collision() -> None:
     # From sixty degrees of freedom on the engine stores its constraints another way.
     impulses = []
     for others in (0, 20):
@@ -178,7 +180,7 @@ async def test_a_crowd_elsewhere_does_not_change_a_collision() -> None:
     assert impulses[1] == pytest.approx(impulses[0], rel=1e-9)
 
 
-async def test_a_scene_s_own_equality_transmits_the_blow() -> None:
+async def test_an_equality_of_the_scene_transmits_the_impulse() -> None:
     slide = '<joint name="s{}" type="slide" axis="1 0 0"/>'
     lab = open_bench(
         ball_mjcf(1, "0 0 0", 1)
@@ -189,7 +191,7 @@ async def test_a_scene_s_own_equality_transmits_the_blow() -> None:
     )
     await lab("set_velocity", object_id=1, velocity_vector=[1, 0, 0])
     seen = await lab("detect_collision", obj1_id=1, obj2_id=2)
-    # The geared ball moves twice as fast: it weighs 4 · 1 kg on top of the 2 kg.
+    # The geared ball moves twice as fast, so it adds 4 · 1 kg to the 2 kg.
     assert seen["impulse"] == pytest.approx(2 * 6 / 7, rel=1e-9)
     assert await lab.velocity(3) == pytest.approx(2 * await lab.velocity(2), abs=1e-9)
 

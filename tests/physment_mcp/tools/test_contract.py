@@ -41,7 +41,7 @@ ORDER = [
     "answer",
 ]
 
-# One good call of each tool, in an order in which all succeed.
+# A good call of each tool, in an order in which all succeed.
 GOOD: dict[str, dict[str, Any]] = {
     "step": {"duration": 0.01},
     "get_position": {"object_id": "object_1"},
@@ -142,7 +142,7 @@ def test_every_tool_is_closed_described_and_annotated(tool: Any) -> None:
 def test_every_number_argument_is_bounded_in_its_published_schema() -> None:
     def numbers(schema: object, path: str) -> list[str]:
         if isinstance(schema, list):
-            return [found for one in schema for found in numbers(one, path)]
+            return [found for part in schema for found in numbers(part, path)]
         if not isinstance(schema, dict):
             return []
         loose = []
@@ -150,7 +150,7 @@ def test_every_number_argument_is_bounded_in_its_published_schema() -> None:
             low, high = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
             if not (low & schema.keys() and high & schema.keys()):
                 loose.append(path)
-        return loose + [found for key, one in schema.items() for found in numbers(one, f"{path}.{key}")]
+        return loose + [found for key, part in schema.items() for found in numbers(part, f"{path}.{key}")]
 
     loose = [path for tool in published_tools() for path in numbers(tool.input_schema, tool.name)]
     assert all(path.startswith("answer.") for path in loose)  # an answer is taken verbatim
@@ -174,7 +174,7 @@ async def test_every_good_call_returns_what_its_schema_says(open_lab: OpenLab, m
 
 async def test_ids_may_be_written_as_numbers_and_come_back_canonical(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
-        places = [await lab.call("get_position", object_id=one) for one in ("object_2", "2", 2)]
+        places = [await lab.call("get_position", object_id=object_id) for object_id in ("object_2", "2", 2)]
         pushed = await lab.call("apply_force", object_id=2, force_vector=[1, 0, 0])
         deleted = await lab.call("delete_objects", object_id="1")
     assert places[0] == places[1] == places[2]
@@ -320,7 +320,7 @@ async def test_a_withheld_orientation_is_null_beside_a_permitted_position(
         ({"geom_radius": True}, False, True),
     ],
 )
-async def test_density_and_size_together_tell_the_mass(
+async def test_permission_of_density_and_size_is_permission_of_the_mass(
     open_lab: OpenLab, pack: dict[str, Any], permissions: dict[str, bool], *, mass: bool, box: bool
 ) -> None:
     pack["object_permissions"]["object_1_permissions"] = permissions
@@ -465,7 +465,7 @@ async def test_an_object_does_not_collide_with_itself(open_lab: OpenLab) -> None
     ["", "text", "[1, 2, 3]", "3.50", 3, 3.5, -0.0, 10**30, [1, "a", 2.5], [], ["1"], [3, 3.0]],
     ids=repr,
 )
-async def test_an_answer_is_taken_down_verbatim(open_lab: OpenLab, answer: object) -> None:
+async def test_an_answer_is_recorded_verbatim(open_lab: OpenLab, answer: object) -> None:
     async with open_lab() as lab:
         await lab.call("answer", answer=answer)
         assert repr(lab.session.state.answer) == repr(answer)
@@ -482,7 +482,7 @@ async def test_an_answer_of_the_wrong_form_is_refused_and_does_not_end_the_episo
         await lab.call("answer", answer=1)
 
 
-async def test_a_crash_of_ours_is_an_error_result_that_changes_nothing_and_tells_nothing(
+async def test_a_crash_in_the_laboratory_is_an_error_result_that_changes_and_reveals_nothing(
     open_lab: OpenLab, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with open_lab() as lab:

@@ -1,4 +1,4 @@
-"""Creating, deleting, revealing and attaching: what is edited is as told, and everything else keeps its state."""
+"""Creating, deleting, revealing and attaching: the edit is made, and everything else keeps its state."""
 
 import math
 from typing import Any
@@ -10,7 +10,7 @@ from tests.builders.bench import Bench, ball_mjcf, open_bench
 
 G = 9.81
 SPHERE = {"pos": [0, 0, 9], "density": 1000, "rgba": [1, 0, 0, 1]}
-# Everything an edit could lose: a driven hinge, a spring, a tendon, an actuator with a state, a switched-off equality.
+# Everything that an edit could lose: a driven hinge, a spring, a tendon, an actuator with state, an inactive equality.
 BUSY = """
 <body name="object_1" pos="0 0 3"><joint name="swing" type="hinge" axis="0 1 0" stiffness="2"/>
   <geom size="0.1" mass="1" pos="0 0 -0.5"/>
@@ -72,7 +72,7 @@ async def test_an_edit_keeps_the_state_loads_and_clock_of_everything_else(edits:
     assert await motion(lab, ids) == before
     await lab("step", duration=0.5)
     await untouched("step", duration=0.5)
-    # The same equations in another order of rows: the solver stops at a relative residual of 1e-8.
+    # An edit may change the order of the equations, and the solver stops at a relative residual of 1e-8.
     for number in ids:
         assert await lab.position(number) == pytest.approx(await untouched.position(number), abs=1e-6)
         assert await lab.velocity(number) == pytest.approx(await untouched.velocity(number), abs=1e-5)
@@ -115,7 +115,7 @@ async def test_a_created_ball_has_the_mass_of_its_density_and_is_free() -> None:
     assert "probe-1" in (await lab("get_center_of_mass"))["included"]
 
 
-async def test_deleting_takes_what_is_jointed_to_it_and_its_constraints() -> None:
+async def test_deleting_an_object_deletes_what_is_jointed_to_it_and_its_constraints() -> None:
     rest = """
     <tendon><spatial name="rope" limited="true" range="0 1"><site site="a"/><site site="b"/></spatial></tendon>
     <equality><weld body1="object_1" body2="object_3"/></equality>
@@ -166,12 +166,12 @@ async def test_fixtures_and_statics_can_be_deleted() -> None:
     assert (await lab.position(6))[2] == pytest.approx(0.1 - G / 8, rel=1e-9)
 
 
-async def test_finding_reveals_what_was_hidden_and_again_tells_the_same() -> None:
+async def test_finding_reveals_what_was_hidden_and_finding_again_returns_the_same() -> None:
     ghost = ball_mjcf(2, "1 0 5", geom='rgba="1 0 0 0"')
     lab = open_bench(ball_mjcf(1, "0 0 5") + ghost, permissions={2: {"hidden": True}})
     before = lab.session.world._state().tobytes(), lab.session.world._model
     first = await lab("find_objects")
-    assert [one["object_id"] for one in first["revealed"]] == ["object_2"]
+    assert [item["object_id"] for item in first["revealed"]] == ["object_2"]
     assert first["revealed"][0]["mass"] == 1
     assert first["revealed"][0]["position"] == [1, 0, 5]
     assert await lab("find_objects") == first
@@ -186,8 +186,8 @@ async def test_finding_where_nothing_is_hidden_says_so() -> None:
     assert await lab("find_objects") == {"sim_time": 0, "status": "there is nothing hidden here", "revealed": []}
 
 
-# Attaching. The engine's equalities give way by τ²a under an acceleration a that changes the constrained place, with τ
-# one time step: 25e-6 s² · 3 g = 0.7 mm.
+# Attaching. When the constrained place accelerates by a, the engine's equalities give way by τ² a, with τ of one time
+# step: 25e-6 s² · 3 g = 0.7 mm.
 MILLIMETRE = 1e-3
 
 
@@ -226,7 +226,7 @@ async def test_an_attachment_holds_a_weight_pulled_up_at_three_g(joint: str) -> 
     for _ in range(40):
         await lab("step", duration=0.025)
         assert np.linalg.norm(await gap(lab, 1, 2)) == pytest.approx(length, abs=MILLIMETRE)
-    # Both together: a = F/(m₁ + m₂) - g.
+    # The pair moves as one body: a = F/(m₁ + m₂) - g.
     centre = (await lab("get_center_of_mass"))["center_of_mass"]
     assert centre["z"] - (5 * 4.5 + 5) / 6 == pytest.approx(2 * G / 2, rel=1e-6)
 
@@ -238,7 +238,7 @@ async def test_a_welded_pair_is_one_rigid_body_under_a_torque() -> None:
     await lab("step", duration=0.5)
     inertia = 2 * 2 * 0.25 + 2 * 0.4 * 2 * 0.01
     speed = 0.5 * 0.5 / inertia  # v = ω/2, ω = τ t / I
-    # The constraint passes on all but its impedance 1 - d = 1e-3 of a force.
+    # The constraint transmits a force up to its impedance: all but 1 - d = 1e-3 of it.
     assert np.linalg.norm(await lab.velocity(2)) == pytest.approx(speed, rel=2e-3)
     assert await lab.velocity(1) == pytest.approx(-await lab.velocity(2), abs=1e-9)
 
@@ -248,7 +248,7 @@ async def test_a_ball_pivot_sits_at_the_second_objects_origin_and_lets_everythin
     await lab("attach_objects", object1_id=1, object2_id=2, joint="ball")
     await lab("apply_torque", object_id=2, torque_vector=[0, 0.01, 0])
     await lab("step", duration=0.2)
-    # The second turns freely about its own centre, I = 2/5 m r²; the first does not notice.
+    # The second turns freely about its own centre, I = 2/5 m r²; the first is not affected.
     spin = await lab.vector("get_angular_momentum", 2, mass=1)
     assert spin == pytest.approx([0, 0.002, 0], abs=1e-9)
     assert await lab.velocity(1) == pytest.approx([0, 0, 0], abs=1e-9)
@@ -299,7 +299,7 @@ async def test_turned_and_moving_objects_are_attached_at_their_present_pose() ->
         return turns[0].T @ await gap(lab, 1, 2), turns[0].T @ turns[1]
 
     place, turn = await relative()
-    # Their unequal spins are first taken up by the joint: Δv τ/e of slip, with 1 m/s and 5 ms.
+    # First the joint evens out their unequal spins, which lets it slip by Δv τ/e, with 1 m/s and 5 ms.
     await lab("step", duration=0.1)
     later = await relative()
     assert later[0] == pytest.approx(place, abs=2 * MILLIMETRE)
@@ -309,7 +309,7 @@ async def test_turned_and_moving_objects_are_attached_at_their_present_pose() ->
     assert turn_after == pytest.approx(turn, abs=2 * MILLIMETRE)
 
 
-async def test_what_is_attached_is_not_moved_by_itself_nor_by_its_parent() -> None:
+async def test_an_attached_object_is_moved_neither_by_itself_nor_with_its_parent() -> None:
     lab = open_bench(
         '<body name="object_1" pos="0 0 5"><joint type="free"/><geom size="0.1"/>'
         '<body name="object_2" pos="1 0 0"><joint type="hinge" axis="0 1 0"/><geom size="0.1"/></body></body>'

@@ -1,7 +1,7 @@
-"""Motion against closed forms: falling, swinging, spinning, rolling, Atwood; velocity and acceleration as defined.
+"""Motion, compared with closed forms: falling, swinging, spinning, rolling, Atwood's machine; velocity, acceleration.
 
-Tolerances come from the time step Δt. Under a constant force the engine's RK4 is exact, so only rounding is left; what
-swings is accurate to order Δt⁴; readings over contacts carry the softness of the contact.
+Tolerances follow from the time step Δt. Under a constant force the engine's RK4 is exact up to rounding; oscillations
+are accurate to order Δt⁴; motion with contacts depends on the softness of the contacts.
 """
 
 import math
@@ -55,7 +55,7 @@ async def test_a_force_acts_at_the_centre_of_mass_of_an_offset_body() -> None:
     await lab("apply_force", object_id=1, force_vector=[4, 8, 12])
     await lab("step", duration=0.5)
     assert await lab.velocity(1) == pytest.approx([0.5, 1, 1.5], rel=EXACT)
-    # No turning: rounding alone.
+    # It does not turn; the tolerance is for rounding.
     assert await lab.vector("get_angular_momentum", 1, mass=4) == pytest.approx([0, 0, 0], abs=1e-12)
     assert await lab.number("get_displacement", 1) == pytest.approx(np.linalg.norm([1, 2, 3]) / 8, rel=EXACT)
 
@@ -88,7 +88,7 @@ async def test_small_swings_of_a_pendulum_have_huygens_period() -> None:
         for i in range(1, len(times) - 1)
         if speeds[i] * speeds[i + 1] < 0
     ]
-    # Linear interpolation of a sine is off by at most (ωΔt)²/8 of its amplitude, here 6e-5 of a period.
+    # The error of linear interpolation of a sine is at most (ωΔt)²/8 of its amplitude, here 6e-5 of a period.
     assert 2 * (crossings[2] - crossings[1]) == pytest.approx(period, rel=2e-4)
     # Speed at the bottom from energy: ½ I ω² = m g l (1 - cos θ₀).
     bottom = omega * length * math.sqrt(2 * (1 - math.cos(start)))
@@ -106,7 +106,7 @@ async def test_a_spring_stretches_by_hooke_and_swings_with_its_period() -> None:
     for _ in range(10):
         time = (await lab("step", duration=0.17))["sim_time"]
         expected = 1 - stretch * (1 - math.cos(omega * time))
-        # RK4 errs by (ωΔt)⁵/120 of the amplitude in a step, 2.7e-11; there are some 350.
+        # The error of RK4 is (ωΔt)⁵/120 of the amplitude in a step, 2.7e-11, and there are some 350 steps.
         assert (await lab.position(1))[2] == pytest.approx(expected, abs=1e-7)
 
 
@@ -142,7 +142,7 @@ async def test_masses_tied_by_an_equality_move_like_atwoods() -> None:
         '<equality><joint joint1="s1" joint2="s2" polycoef="0 -1 0 0 0" solimp="0.9999 0.9999 0.001"/></equality>',
     )
     await lab("step", duration=1)
-    # a = g (m₁ - m₂)/(m₁ + m₂); the equality gives way by its impedance, 1e-4 of the force it carries.
+    # a = g (m₁ - m₂)/(m₁ + m₂); the equality does not transmit 1e-4 of its force (its impedance).
     assert await lab.vector("get_acceleration", 1) == pytest.approx([0, 0, -G / 5], rel=2e-3)
     assert await lab.velocity(2) == pytest.approx([0, 0, G / 5], rel=2e-3)
     total = await lab.vector("compute_force", 1, mass=3) + await lab.vector("compute_force", 2, mass=2)
@@ -189,8 +189,8 @@ async def test_the_agents_mass_scales_spin_readings() -> None:
     await lab("step", duration=0.1)
     for tool in ("get_angular_momentum", "get_momentum"):
         assert await lab.vector(tool, 1, mass=12) == pytest.approx(2 * await lab.vector(tool, 1, mass=6), rel=1e-14)
-    one = await lab.number("get_rotational_energy", 1, mass=1)
-    assert await lab.number("get_rotational_energy", 1, mass=7) == pytest.approx(7 * one, rel=1e-14)
+    of_one_kilogram = await lab.number("get_rotational_energy", 1, mass=1)
+    assert await lab.number("get_rotational_energy", 1, mass=7) == pytest.approx(7 * of_one_kilogram, rel=1e-14)
 
 
 async def test_a_free_brick_keeps_its_angular_momentum_and_energy_while_it_tumbles() -> None:
@@ -265,7 +265,7 @@ async def test_there_is_no_acceleration_before_a_step_or_after_a_disturbance() -
         assert await lab.vector("get_acceleration", 1) == pytest.approx([0, 0, -G], rel=EXACT)
         await lab(tool, **arguments)
         assert "call step first" in await lab.refused("get_acceleration", object_id=1)
-        # Nothing happened to the other one.
+        # The other object was not disturbed.
         assert await lab.vector("get_acceleration", 2) == pytest.approx([0, 0, -G], rel=EXACT)
         await lab("step", duration=0.005)
     await lab("create_objects", **sphere)

@@ -1,4 +1,4 @@
-"""Moving things by hand, and what they look like: places, displacements, bounding boxes, rotation matrices."""
+"""Placing objects, and their shapes: positions, displacements, bounding boxes, rotation matrices."""
 
 import math
 
@@ -69,7 +69,7 @@ async def test_three_slides_reach_every_place() -> None:
 
 
 @pytest.mark.parametrize("joint", ["hinge", "ball"])
-async def test_what_only_turns_is_not_moved(joint: str) -> None:
+async def test_an_object_that_can_only_turn_is_not_moved(joint: str) -> None:
     lab = open_bench(f'<body name="object_1"><joint type="{joint}"/><geom size="0.1" pos="0 0 -0.5"/></body>')
     assert "no free or sliding joint" in await lab.refused("move_object", object_id=1, x=1, y=0, z=0)
     assert "no free or sliding joint" in await lab.refused("change_position", object_id=1, dx=1, dy=0, dz=0)
@@ -124,7 +124,7 @@ async def test_soft_surfaces_may_be_sunk_into_from_either_side() -> None:
     await lab("create_objects", name="p", pos=[2.95, 0, 5.15], density=10, rgba=[1, 1, 1, 1], radius=0.05)
 
 
-async def test_moved_scenery_is_felt_where_it_is() -> None:
+async def test_an_obstacle_that_was_moved_is_in_the_way_where_it_is_now() -> None:
     lab = open_bench(
         ball_mjcf(1, "0 0 5") + '<body name="object_2" mocap="true" pos="3 0 5"><geom size="0.1"/></body>',
         '<keyframe><key name="start" qpos="0 0 5 1 0 0 0" mpos="6 0 5"/></keyframe>',
@@ -200,7 +200,7 @@ async def test_a_compound_is_boxed_as_a_whole_and_planes_by_their_size() -> None
     assert (await lab("get_parameters", object_id=4))["bounding_box"] is None
     mesh = await lab("get_parameters", object_id=5)
     assert mesh["type"] == "mesh"
-    # Its own frame is that of the vertices, which the engine stores in single precision.
+    # Its frame is computed from the vertices, which the engine stores in single precision.
     assert mesh["bounding_box"] == pytest.approx([0.3, 0.6, 0.9], rel=1e-6)
 
 
