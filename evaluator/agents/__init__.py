@@ -1,1 +1,1 @@
-"""Agents: what plays an episode. Each knows the briefing and the returns it got, and nothing else."""
+"""Agents: who plays an episode. Each knows its briefing and what its calls returned, and nothing else."""

@@ -1,4 +1,4 @@
-"""Baselines without understanding: guess at once, act at random and then guess, or look only once."""
+"""Baselines: guess at once; act at random, then guess; or play as another agent with only one batch of calls."""
 
 import random
 from dataclasses import dataclass, field
@@ -8,18 +8,18 @@ from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, 
 from evaluator.records import EpisodeKey, ToolCall
 
 GUESS_RANGE = (0.01, 100.0)
-"""Numbers are guessed log-uniformly in this range."""
+"""Range in which numbers are guessed, log-uniformly."""
 _CALLS_PER_TURN = 4
 
 
 @dataclass(frozen=True, slots=True)
 class BlindAgent:
-    """Answers at once, without a look: an option at random, or a number of random magnitude."""
+    """Answers at once without any call: an option at random, or a number of random magnitude."""
 
     name: str = "blind"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_BlindPlayer":
-        """A guesser whose guesses depend on the episode alone."""
+        """A player whose guess depends only on the episode."""
         return _BlindPlayer(briefing, _source(self.name, key))
 
 
@@ -36,13 +36,13 @@ class _BlindPlayer:
 
 @dataclass(frozen=True, slots=True)
 class RandomAgent:
-    """Calls random tools with arguments drawn from their schemas, then guesses on its last turn."""
+    """Calls random tools with arguments drawn from their schemas, and guesses in its last turn."""
 
     turns: int = 3
     name: str = "random"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_RandomPlayer":
-        """A player whose actions depend on the episode alone."""
+        """A player whose actions depend only on the episode."""
         return _RandomPlayer(briefing, _source(self.name, key), min(self.turns, briefing.budget))
 
 
@@ -60,7 +60,7 @@ class _RandomPlayer:
             guess = _guess(self.briefing, self.source)
             return Reply("I guess.", (ToolCall(tool=ANSWER, arguments={"answer": guess}),))
         tools = [tool for tool in self.briefing.tools if tool.name != ANSWER]
-        ids = [str(one["object_id"]) for one in self.briefing.scene.get("objects", [])] or ["object_1"]
+        ids = [str(listed["object_id"]) for listed in self.briefing.scene.get("objects", [])] or ["object_1"]
         calls: list[ToolCall] = []
         for _ in range(_CALLS_PER_TURN):
             tool = tools[int(self.source.random() * len(tools))]
@@ -70,7 +70,7 @@ class _RandomPlayer:
 
 @dataclass(frozen=True, slots=True)
 class OracleOnceAgent:
-    """The single-invocation baseline: the inner agent gets one batch of calls, sees the returns, and must answer."""
+    """The single-invocation baseline: the inner agent makes one batch of calls, sees the results, and must answer."""
 
     inner: Agent
 
@@ -80,7 +80,7 @@ class OracleOnceAgent:
         return f"oracle-once:{self.inner.name}"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_OracleOncePlayer":
-        """The inner agent's player, cut off after its second turn."""
+        """The inner agent's player, whose second turn is its last."""
         return _OracleOncePlayer(self.inner.player(key, briefing))
 
 
@@ -102,11 +102,11 @@ class _OracleOncePlayer:
 
 
 def random_arguments(schema: Any, ids: list[str], source: random.Random) -> dict[str, Any]:
-    """Arguments that fit a tool's input schema, drawn at random; optional ones are left out half of the time."""
+    """Random arguments that fit the input schema of a tool. Half of the time, an optional argument is left out."""
     required = set(schema.get("required", []))
     return {
-        name: _random_value(name, one, ids, source)
-        for name, one in schema.get("properties", {}).items()
+        name: _random_value(name, field, ids, source)
+        for name, field in schema.get("properties", {}).items()
         if name in required or source.random() < 0.5
     }
 
@@ -153,4 +153,4 @@ def _magnitude(source: random.Random) -> float:
 
 
 def _source(name: str, key: EpisodeKey) -> random.Random:
-    return random.Random(f"{name}:{key.scene}:{key.seed}:{key.epoch}")  # noqa: S311 - reproducible, not secret
+    return random.Random(f"{name}:{key.scene}:{key.seed}:{key.epoch}")  # noqa: S311 - must be reproducible, not secret

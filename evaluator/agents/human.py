@@ -1,4 +1,4 @@
-"""A person at a terminal as an agent: the same briefing, the same tools, the same budget."""
+"""A person at a terminal as an agent, with the briefing, tools and budget of every other agent."""
 
 import textwrap
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from evaluator.protocols.typed import TypingError, parse_line, signature
 from evaluator.records import EpisodeKey, Exchange
 
 COMMANDS = ("help", "task", "log", "note", "quit")
-"""What can be typed besides calls; none of it costs an iteration."""
+"""What can be typed besides calls. A command costs no iteration."""
 _HELP = """\
 A line is an iteration: one call, or several separated by ;
   step 0.5
@@ -47,8 +47,8 @@ class Terminal(Protocol):
         """Ask for a line.
 
         Args:
-            prompt: What stands before it.
-            words: What the person may want to have completed.
+            prompt: Shown in front of the line.
+            words: Words that the terminal may complete.
 
         Raises:
             EOFError: There are no more lines.
@@ -59,13 +59,13 @@ class Terminal(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HumanAgent:
-    """Asks whoever sits at a terminal."""
+    """Asks the person at a terminal for each turn."""
 
     terminal: Terminal
     name: str = "human"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_HumanPlayer":
-        """Show the task, and how to type."""
+        """Show the task, and how to get help."""
         del key
         player = _HumanPlayer(self.terminal, briefing)
         self.terminal.show_page(briefing.prompt)
@@ -87,7 +87,7 @@ class _HumanPlayer:
         left = self.briefing.budget if feedback is None else feedback.remaining
         while True:
             try:
-                # Blocks the event loop, on purpose: nothing else is to happen while a person thinks.
+                # This blocks the event loop on purpose: nothing else has to happen while a person thinks.
                 line = self.terminal.ask(f"{left} iteration{'s' * (left != 1)} left > ", self._words()).strip()
             except (EOFError, KeyboardInterrupt):
                 raise Left("the person left without an answer") from None
@@ -99,11 +99,11 @@ class _HumanPlayer:
                 self.terminal.show(f"  {error}")
                 continue
             if calls:
-                said, self.thoughts = "\n".join(self.thoughts), []
-                return Reply(said, calls)
+                reasoning, self.thoughts = "\n".join(self.thoughts), []
+                return Reply(reasoning, calls)
 
     def _obey(self, line: str) -> bool:
-        """Do what a command says; false if the line is none."""
+        """Carry out a command; false if the line is not a command."""
         word, _, rest = line.partition(" ")
         match word:
             case "help":
@@ -111,7 +111,7 @@ class _HumanPlayer:
             case "task":
                 self.terminal.show_page(self.briefing.prompt)
             case "log":
-                log = [f"iteration {count}\n{_returns(one)}" for count, one in enumerate(self.seen, start=1)]
+                log = [f"iteration {number}\n{_returns(seen)}" for number, seen in enumerate(self.seen, start=1)]
                 self.terminal.show("\n".join(log) or "  nothing yet")
             case "note":
                 self.thoughts.append(rest.strip())
@@ -132,22 +132,22 @@ class _HumanPlayer:
             f"  {signature(tool)}",
             textwrap.fill(tool.description, 100, initial_indent="  ", subsequent_indent="  "),
         ]
-        for one, schema in tool.input_schema.get("properties", {}).items():
-            lines.append(f"    {one}  {schema.get('description', '')}".rstrip())
+        for argument, schema in tool.input_schema.get("properties", {}).items():
+            lines.append(f"    {argument}  {schema.get('description', '')}".rstrip())
         return "\n".join(lines)
 
     def _words(self) -> list[str]:
-        """Names of tools, commands and objects."""
-        ids = [str(one["object_id"]) for one in self.briefing.scene.get("objects", [])]
+        """Names of tools, commands and objects, for completion."""
+        ids = [str(listed["object_id"]) for listed in self.briefing.scene.get("objects", [])]
         for feedback in self.seen:
-            for one in feedback.exchanges:
-                ids += _ids(one.content)
+            for exchange in feedback.exchanges:
+                ids += _ids(exchange.content)
         return [*(tool.name for tool in self.briefing.tools), *COMMANDS, *dict.fromkeys(ids)]
 
 
 def _returns(feedback: Feedback) -> str:
-    """What came of an iteration, for a person to read."""
-    lines = [_return(one) for one in feedback.exchanges]
+    """The results of an iteration, for a person to read."""
+    lines = [_return(exchange) for exchange in feedback.exchanges]
     return "\n".join([*lines, f"  {feedback.note}"] if feedback.note else lines)
 
 
@@ -165,7 +165,7 @@ def _return(exchange: Exchange) -> str:
 
 
 def _readable(value: JsonValue) -> str:
-    """A value for a person: numbers to eight digits, which hides arithmetic noise and no measurement."""
+    """A value for a person. Eight digits hide arithmetic noise, and nothing that was measured."""
     match value:
         case None:
             return "n/a"
@@ -174,20 +174,23 @@ def _readable(value: JsonValue) -> str:
         case float():
             return f"{value:.8g}"
         case list():
-            parts = [_readable(one) for one in value]
-            rows = any(isinstance(one, dict) for one in value)
+            parts = [_readable(item) for item in value]
+            rows = any(isinstance(item, dict) for item in value)
             return "\n        ".join(["", *parts]) if rows else f"[{', '.join(parts)}]"
         case dict():
-            return "  ".join(f"{name} {_readable(one)}" for name, one in value.items())
+            return "  ".join(f"{name} {_readable(item)}" for name, item in value.items())
         case _:
             return str(value)
 
 
 def _ids(content: JsonValue) -> list[str]:
-    """Ids of objects anywhere in a return."""
+    """Object ids anywhere in a result."""
     if isinstance(content, list):
-        return [one for part in content for one in _ids(part)]
+        return [object_id for part in content for object_id in _ids(part)]
     if not isinstance(content, dict):
         return []
     own = content.get("object_id")
-    return [*([own] if isinstance(own, str) else []), *(one for part in content.values() for one in _ids(part))]
+    return [
+        *([own] if isinstance(own, str) else []),
+        *(object_id for part in content.values() for object_id in _ids(part)),
+    ]

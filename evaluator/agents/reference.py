@@ -1,4 +1,4 @@
-"""The reference agent: plays a pack's own protocol through the public tools. Shows that a scene can be solved."""
+"""The reference agent: plays the protocol of a pack through the public tools, which shows that it can be solved."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from scenes.protocol import Call, Protocol, Reading, load_solution
 
 @dataclass(frozen=True, slots=True)
 class ReferenceAgent:
-    """Plays `solution.py` of the scene it is in."""
+    """Plays the protocol in `solution.py` of the scene."""
 
     scenes_dir: Path | None = None
     name: str = "reference"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ReferencePlayer":
-        """Start the scene's protocol.
+        """Start the protocol of the scene.
 
         Raises:
             AgentError: The pack has no protocol.
@@ -53,6 +53,11 @@ def _tool_call(call: Call) -> ToolCall:
 
 
 def _readings(exchanges: Sequence[Exchange]) -> list[Reading]:
-    return [
-        {"error": one.text} if one.is_error else dict(one.content or {}) if one.returned else {} for one in exchanges
-    ]
+    return [_reading(exchange) for exchange in exchanges]
+
+
+def _reading(exchange: Exchange) -> Reading:
+    """What a call gives to the protocol: nothing if it was not run."""
+    if exchange.is_error:
+        return {"error": exchange.text}
+    return dict(exchange.content or {}) if exchange.returned else {}

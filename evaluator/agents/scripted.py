@@ -1,4 +1,4 @@
-"""An agent that plays turns written down before: for tests, demonstrations and comparisons between transports."""
+"""An agent that plays turns from a file, for tests, demonstrations and comparisons of transports."""
 
 import json
 from collections.abc import Mapping
@@ -22,13 +22,13 @@ class ScriptedAgent:
 
     name: str
     scripts: Mapping[int | None, Script]
-    """Scene id → turns; None for all scenes."""
+    """Scene id → turns; the key None holds the turns for all other scenes."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ScriptedPlayer":
         """The player of the scene's script.
 
         Raises:
-            AgentError: There is none for this scene.
+            AgentError: There is no script for this scene.
         """
         del briefing
         script = self.scripts.get(key.scene, self.scripts.get(None))
@@ -50,10 +50,10 @@ class _ScriptedPlayer:
 
 
 def load_script(path: Path) -> ScriptedAgent:
-    """Read a script: a list of turns, or an object of such lists by scene id; a turn is a list of calls.
+    """Read a script: a list of turns, or an object with such a list for each scene id. A turn is a list of calls.
 
     Raises:
-        UsageError: The file is missing or has another form.
+        UsageError: The file cannot be read, or has another form.
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))

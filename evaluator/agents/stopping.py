@@ -1,8 +1,8 @@
-"""Stopping policies: when an agent is told that it should answer. They change what it is told, and nothing else.
+"""Stopping policies: when an agent is advised to answer. They change the feedback of an agent, and nothing else.
 
-A policy speaks through the note of the feedback, so grading, budget and tools stay the same and runs can be compared.
-What it says follows from the replies and the feedback alone: the agent's name, which holds the policy's, and the
-transcript say exactly what the agent was told.
+A policy adds its advice to the note of the feedback. Grading, budget and tools stay the same, so runs can be compared.
+The advice depends only on the replies and the feedback, and the agent's name holds the policy's name: name and
+transcript together determine exactly what the agent read.
 """
 
 import re
@@ -14,9 +14,9 @@ from evaluator.errors import UsageError
 from evaluator.records import EpisodeKey
 
 POLICIES = ("always", "budget-aware", "confidence[:0.9]")
-"""What `--stopping` may say."""
+"""What `--stopping` takes."""
 LAST_ITERATIONS = 2
-"""With so many iterations left, `budget-aware` asks for the answer."""
+"""`budget-aware` asks for the answer when so many iterations are left."""
 DEFAULT_THRESHOLD = 0.9
 _STATED = re.compile(
     r"""confidence\b [\s*_`"':=-]* (?:\(0\s*(?:-|–|to)\s*1\))? [\s*_`"':=-]*
@@ -28,31 +28,31 @@ _STATED = re.compile(
 
 
 class StoppingPolicy(Protocol):
-    """What an agent is told after a turn, beyond what came of it."""
+    """Advises an agent after each of its turns."""
 
     @property
     def name(self) -> str:
-        """Name in records: the one that `--stopping` takes."""
+        """Name in records, as `--stopping` takes it."""
         ...
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """What to tell the agent; empty for nothing.
+        """What to advise the agent; empty for no advice.
 
         Args:
-            reply: What it did in the turn.
-            feedback: What came of it, and how many iterations are left.
+            reply: Its last turn.
+            feedback: The results of that turn, and how many iterations are left.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetAware:
-    """Asks for the answer when the budget runs out."""
+    """Asks for the answer when the budget is nearly used up."""
 
     name: str = "budget-aware"
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """Ask in the last iterations."""
+        """Ask for the answer in the last iterations."""
         del reply
         if feedback.remaining > LAST_ITERATIONS:
             return ""
@@ -72,7 +72,7 @@ class Confidence:
         return f"confidence:{self.threshold:g}"
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """Ask for the answer, or else for a confidence."""
+        """Ask for the answer if the stated confidence is high enough, or else for a confidence."""
         del feedback
         stated = stated_confidence(reply.reasoning)
         if stated is not None and stated >= self.threshold:
@@ -84,7 +84,7 @@ class Confidence:
 
 
 def stated_confidence(reasoning: str) -> float | None:
-    """The last confidence that a text states, 0 to 1; None if it states none."""
+    """The last confidence that a text states, from 0 to 1; None if it states none."""
     last = None
     for found in _STATED.finditer(reasoning):
         value = float(found["number"]) / (100 if found["percent"] else 1)
@@ -105,7 +105,7 @@ class StoppingAgent:
         return f"{self.inner.name}+{self.policy.name}"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_StoppingPlayer":
-        """The inner agent's player, which will hear the policy too."""
+        """The inner agent's player, which also reads the advice."""
         return _StoppingPlayer(self.inner.player(key, briefing), self.policy)
 
 
@@ -117,14 +117,14 @@ class _StoppingPlayer:
 
     async def act(self, feedback: Feedback | None) -> Reply:
         if feedback is not None:
-            told = [one for one in (feedback.note, self.policy.advice(self.last, feedback)) if one]
-            feedback = Feedback(feedback.exchanges, "\n".join(told), feedback.remaining)
+            note = "\n".join(filter(None, (feedback.note, self.policy.advice(self.last, feedback))))
+            feedback = Feedback(feedback.exchanges, note, feedback.remaining)
         self.last = await self.inner.act(feedback)
         return self.last
 
 
 def with_stopping(agent: Agent, text: str) -> Agent:
-    """The agent under the policy that `--stopping` names; under `always`, the default, the agent as it is.
+    """The agent under the policy that `--stopping` names. Under `always`, the default, it is the agent itself.
 
     Raises:
         UsageError: There is no such policy.

@@ -1,4 +1,4 @@
-"""From what `--server` says to connected MCP clients, one session for each episode."""
+"""From the value of `--server` to connected MCP clients, with a session for each episode."""
 
 import contextlib
 import functools
@@ -26,12 +26,11 @@ from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 
 _CALL_TIMEOUT_S = 300.0
-"""A call that takes longer counts as a failure of the server."""
+"""A call that takes longer [s] counts as a failure of the server."""
 _START_TIMEOUT_S = 60.0
 
-
 TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
-"""Environment variable with the token that a host wants of whoever opens episodes on it."""
+"""Environment variable with the token that a host requires for opening episodes."""
 
 
 class Laboratory(Protocol):
@@ -39,11 +38,11 @@ class Laboratory(Protocol):
 
     @property
     def toolboxes(self) -> Toolboxes | None:
-        """What knows the tools of its server; None if each session has a server of its own."""
+        """The tools of its server, which its episodes share; None if each session has its own server."""
         ...
 
     def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
-        """A connected client of a fresh episode; closing it ends the episode.
+        """A connected client of a new episode; closing it ends the episode.
 
         Raises:
             InfrastructureError: The server cannot be reached or died.
@@ -62,7 +61,7 @@ class ProcessLaboratory:
 
     @property
     def toolboxes(self) -> None:
-        """None: each session has a server of its own."""
+        """None: each session has its own server."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
@@ -76,7 +75,7 @@ class ProcessLaboratory:
                 async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
                     yield client
             except Exception as error:
-                # Where a call did not return, the last words of the server tell more than we know.
+                # If a call did not return, the last line that the server wrote says more than the client knows.
                 raise _ours(error, PermanentFailure, UsageError) or _failed(
                     f"the server command {shlex.join(line)!r} failed", error, errors
                 ) from error
@@ -88,7 +87,7 @@ class HostLaboratory:
 
     base_url: str
     token: str | None = field(default=None, repr=False)
-    """What opens episodes on it; None if anybody may."""
+    """Required to open episodes; None if anybody may open them."""
     toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
 
     @contextlib.asynccontextmanager
@@ -97,7 +96,7 @@ class HostLaboratory:
         async with http_client(self.base_url) as http:
             opened = await self.request_episode(http, {"scene": scene, "seed": seed})
             try:
-                http.headers.update(self._bearing(opened["mcp_url"]))
+                http.headers.update(self._authorization(opened["mcp_url"]))
                 async with mcp_client(opened["mcp_url"], http) as client:
                     yield client
             except Exception as error:
@@ -105,7 +104,7 @@ class HostLaboratory:
                 raise _ours(error, EvaluatorError) or failure from error
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
-                    await http.delete(f"/episodes/{opened['episode_id']}", headers=self._bearing(self.base_url))
+                    await http.delete(f"/episodes/{opened['episode_id']}", headers=self._authorization(self.base_url))
 
     async def request_episode(self, http: httpx2.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
         """Ask for an episode.
@@ -115,39 +114,39 @@ class HostLaboratory:
             wanted: Body of the request.
 
         Returns:
-            What the host says of the episode: at least its id and its MCP address.
+            The reply of the host, with at least the id and the MCP address of the episode.
 
         Raises:
-            InfrastructureError: The host cannot be reached, or opened none.
+            InfrastructureError: The host cannot be reached, or did not open an episode.
         """
         try:
             reply = await http.post(
-                "/episodes", json=wanted, headers=self._bearing(self.base_url), timeout=_START_TIMEOUT_S
+                "/episodes", json=wanted, headers=self._authorization(self.base_url), timeout=_START_TIMEOUT_S
             )
         except httpx2.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
-        said: Any = {}
+        body: Any = {}
         with contextlib.suppress(ValueError):
-            said = reply.json()
-        if isinstance(said, dict):
-            if not reply.is_success and "error" in said:
+            body = reply.json()
+        if isinstance(body, dict):
+            if not reply.is_success and "error" in body:
                 hint = f" ({TOKEN_VARIABLE} is where we look for it)" if reply.status_code == 401 else ""
-                raise InfrastructureError(f"the host {self.base_url} opened no episode: {said['error']}{hint}")
-            if reply.is_success and {"episode_id", "mcp_url"} <= said.keys():
-                return cast(dict[str, str], said)
+                raise InfrastructureError(f"the host {self.base_url} opened no episode: {body['error']}{hint}")
+            if reply.is_success and {"episode_id", "mcp_url"} <= body.keys():
+                return cast(dict[str, str], body)
         raise InfrastructureError(
             f"{self.base_url} is no PhysMent host: it answered {reply.status_code} to POST /episodes"
         )
 
-    def _bearing(self, url: str) -> dict[str, str]:
-        """The headers that bear the token, for a URL of this host; no other host is to see it."""
+    def _authorization(self, url: str) -> dict[str, str]:
+        """The headers with the token, for a URL of this host. No other host may see the token."""
         own, other = httpx2.URL(self.base_url), httpx2.URL(url)
         ours = (own.scheme, own.host, own.port) == (other.scheme, other.host, other.port)
         return {"Authorization": f"Bearer {self.token}"} if self.token is not None and ours else {}
 
 
 def http_client(base_url: str) -> httpx2.AsyncClient:
-    """A client for one episode: asks for it, carries its calls and closes it, all over one connection.
+    """A client for one episode, which is opened, played and closed over one connection.
 
     Args:
         base_url: Address of the host.
@@ -158,7 +157,7 @@ def http_client(base_url: str) -> httpx2.AsyncClient:
 
 @contextlib.asynccontextmanager
 async def mcp_client(url: str, http: httpx2.AsyncClient) -> AsyncGenerator[Client]:
-    """A client connected to the MCP endpoint of an episode. It keeps no cache: nothing is asked twice."""
+    """A client connected to the MCP endpoint of an episode, without a cache, since nothing is asked twice."""
     transport = streamable_http_client(url, http_client=http)
     async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
         yield client
@@ -166,18 +165,18 @@ async def mcp_client(url: str, http: httpx2.AsyncClient) -> AsyncGenerator[Clien
 
 @functools.cache
 def _trust() -> ssl.SSLContext:
-    """The authorities that HTTP clients trust: read once, since reading them takes 20 ms of processor time."""
+    """The certificate authorities that HTTP clients trust. Reading them takes 20 ms, so they are read once."""
     return httpx2.create_ssl_context()
 
 
 @dataclass(slots=True)
 class LocalHost:
-    """A warm host of our own, as a process that lives as long as the context."""
+    """A host process of our own, which runs as long as the context is open."""
 
     scenes_dir: Path | None = None
     max_episodes: int = 1000
     token: str | None = field(default=None, repr=False)
-    """What is to open episodes on it; None if anybody on this machine may."""
+    """Required to open episodes; None if anybody on this machine may open them."""
     _process: subprocess.Popen[str] | None = None
     _errors: IO[str] | None = field(default=None)
 
@@ -197,7 +196,7 @@ class LocalHost:
             "0",
             "--max-episodes",
             str(self.max_episodes),
-            # Its stdin is a pipe of ours, which the system closes even if we are killed.
+            # Its stdin is our pipe, which the operating system closes even if this process is killed.
             "--end-with-stdin",
         ]
         command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
@@ -233,8 +232,8 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
     """The laboratory that `--server` names.
 
     Args:
-        server: `stdio` (a process for each episode), `host` (one warm local host), the URL of a host, or a command.
-        scenes_dir: Folder of packs for servers we start ourselves.
+        server: `stdio` (a process for each episode), `host` (one local host for all), the URL of a host, or a command.
+        scenes_dir: Folder of packs for servers that we start.
 
     Raises:
         UsageError: `server` is none of these.
@@ -243,7 +242,7 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
         command = [sys.executable, "-m", "physment_mcp"]
         yield ProcessLaboratory((*command, "--scenes-dir", str(scenes_dir)) if scenes_dir else tuple(command))
     elif server == "host":
-        # An agent that has the address of an episode must not open others, to practise in them unseen.
+        # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24)) as laboratory:
             yield laboratory
     elif server.startswith(("http://", "https://")):
@@ -265,20 +264,20 @@ async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Labora
 
 
 def _failed(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
-    """The sentence for a server process that failed, with its own last words."""
+    """The error for a server process that failed, with the last line that it wrote."""
     errors.seek(0)
-    said = [line.strip() for line in errors.read().splitlines() if line.strip()]
-    return InfrastructureError(f"{what}: {said[-1] if said else repr(_root(error))}")
+    lines = [line.strip() for line in errors.read().splitlines() if line.strip()]
+    return InfrastructureError(f"{what}: {lines[-1] if lines else repr(_root(error))}")
 
 
 def _ours(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
-    """The error of one of these kinds that a client wrapped because it was connected; None if it is another."""
+    """An error of one of these kinds that a connected client wrapped; None if the error is of another kind."""
     root = _root(error)
     return root if isinstance(root, kinds) else None
 
 
 def _root(error: BaseException) -> BaseException:
-    """The first single error inside exception groups."""
+    """The first error inside exception groups that is not itself a group."""
     if isinstance(error, BaseExceptionGroup):
         parts = cast(BaseExceptionGroup[BaseException], error).exceptions
         return _root(parts[0])

@@ -1,4 +1,4 @@
-"""The loop: one agent, one client, one iteration budget → one episode. Sees no answer key."""
+"""The loop: an agent plays one episode through one client, within its iteration budget. Holds no answer key."""
 
 import json
 import time
@@ -19,14 +19,14 @@ from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, 
 
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
-"""Key in `_meta` of a result by which a host says that it has no such episode any more."""
+"""Key in `_meta` of a result that a host sets when it no longer has the episode."""
 _MAX_NESTING = 64
-"""Levels of lists and objects in a call; JSON readers give up at 200, and a record must be readable again."""
+"""Most levels of lists and objects in a call. JSON readers fail at 200 levels, and a record must be readable."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    """What came of the calls of one turn."""
+    """The results of the calls of one turn."""
 
     exchanges: tuple[Exchange, ...]
     note: str
@@ -48,8 +48,8 @@ async def play_episode(
         client: A client connected to a fresh session of the scene.
         key: Which episode this is; gives the iteration budget.
         versions: Recorded with the episode.
-        toolboxes: What knows the tools of the server, if episodes on it share that; by default the server is asked.
-        used: Where what each reply used is added, also if the episode fails; what attempts before it used is there.
+        toolboxes: The tools of the server, if its episodes share them; by default the server is asked for them.
+        used: Receives what each reply used, also if the episode fails. It may hold what earlier attempts used.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
@@ -91,7 +91,7 @@ async def play_episode(
 async def _take_turn(
     player: Player, feedback: Feedback | None, client: Client, toolbox: Toolbox, used: list[Usage]
 ) -> tuple[Turn, bool]:
-    """One iteration, and whether it ended with the answer."""
+    """Play one iteration. Returns its turn, and whether it ended with the answer."""
     asked = time.perf_counter()
     reply = _recordable(await player.act(feedback))
     replied = time.perf_counter()
@@ -112,7 +112,8 @@ async def _take_turn(
 async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
     arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
     prompt = await client.get_prompt("scene", arguments)
-    text = "\n\n".join(one.content.text for one in prompt.messages if isinstance(one.content, types.TextContent))
+    parts = [message.content for message in prompt.messages]
+    text = "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
     return Briefing(prompt=text, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
 
 
@@ -125,14 +126,13 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 
 
 def _recordable(reply: Reply) -> Reply:
-    """The reply, or a malformed one in its place where a record could not hold it and be read again."""
-    problems = [reply.malformed, *(unrecordable(call) for call in reply.calls)]
-    problem = next((one for one in problems if one), "")
+    """The reply; or a malformed reply in its place, if a record could not hold its calls and be read again."""
+    problem = next(filter(None, [reply.malformed, *(unrecordable(call) for call in reply.calls)]), "")
     return Reply(as_text(reply.reasoning), () if problem else reply.calls, as_text(problem), reply.usage)
 
 
 def unrecordable(call: ToolCall) -> str:
-    """Why a record could not hold a call; empty if it can."""
+    """Why a record cannot hold a call; empty if it can."""
     if _nests_deeper(call.arguments, _MAX_NESTING):
         return f"a call nests more than {_MAX_NESTING} levels"
     try:
@@ -153,7 +153,7 @@ def _nests_deeper(value: JsonValue, levels: int) -> bool:
 
 
 async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
-    """Run a turn's calls in order, up to the first that fits no schema or to the answer."""
+    """Run the calls of a turn in order, until one does not fit its schema or the answer is accepted."""
     if reply.malformed:
         return _Batch((), f"Your reply could not be read, so nothing was run: {reply.malformed}", answered=False)
     if not reply.calls:
@@ -188,14 +188,14 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
         returned=True,
         is_error=result.is_error,
         content=None if result.is_error else result.structured_content,
-        text="\n".join(one.text for one in result.content if isinstance(one, types.TextContent)),
+        text="\n".join(part.text for part in result.content if isinstance(part, types.TextContent)),
         duration_s=time.perf_counter() - clock,
     )
 
 
 def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
     return next(
-        one.call.arguments["answer"]
-        for one in exchanges
-        if one.returned and not one.is_error and one.call.tool == ANSWER
+        exchange.call.arguments["answer"]
+        for exchange in exchanges
+        if exchange.returned and not exchange.is_error and exchange.call.tool == ANSWER
     )

@@ -1,4 +1,4 @@
-"""What an agent is: a factory of players, one for each episode."""
+"""The contract of agents. An agent makes a player for each episode; the player takes the turns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,33 +21,38 @@ class ToolDescription:
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
-    """All an agent is told before its first turn."""
+    """Everything that an agent learns before its first turn."""
 
     prompt: str
+    """The opening prompt: the task and what is known about the scene."""
     tools: tuple[ToolDescription, ...]
     budget: int
+    """Iterations it may use."""
     scene: Mapping[str, Any]
-    """The server's resource of the open scene, empty if it publishes none: the prompt's facts as data."""
+    """The facts of the prompt as data: the server's resource of the open scene; empty if it publishes none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """What an agent is told after a turn."""
+    """What an agent learns after a turn."""
 
     exchanges: Sequence[Exchange]
+    """Its calls, and what each returned."""
     note: str
+    """What was wrong with the turn as a whole, or other advice; often empty."""
     remaining: int
-    """Iterations left, the coming one included."""
+    """Iterations left, including the next one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """One turn of an agent."""
+    """One turn of an agent, which costs one iteration."""
 
     reasoning: str = ""
     calls: tuple[ToolCall, ...] = ()
+    """Run in this order; `answer` ends the episode."""
     malformed: str = ""
-    """Why the reply could not be read; then there are no calls."""
+    """Why the reply could not be read; if set, no call is run."""
     usage: Usage | None = None
 
 
@@ -58,17 +63,17 @@ class Player(Protocol):
         """Take a turn.
 
         Args:
-            feedback: What came of the turn before; None at the first.
+            feedback: The results of the previous turn; None at the first turn.
 
         Raises:
-            AgentError: The agent cannot go on.
-            InfrastructureError: What the agent runs on failed.
+            AgentError: The agent cannot continue. The episode ends and counts.
+            InfrastructureError: Something that the agent needs failed. The episode is played again.
         """
         ...
 
 
 class Agent(Protocol):
-    """Something that can play episodes."""
+    """Plays episodes turn by turn."""
 
     @property
     def name(self) -> str:
@@ -76,5 +81,13 @@ class Agent(Protocol):
         ...
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
-        """A fresh player for one episode."""
+        """A new player for one episode.
+
+        Args:
+            key: Which episode. Randomness must follow from it, so that the episode can be played again.
+            briefing: Everything that is known before the first turn.
+
+        Raises:
+            AgentError: The agent cannot play this episode.
+        """
         ...

@@ -1,4 +1,4 @@
-"""The tools that a server publishes: what an agent is told of them, which calls fit, and what a call returns."""
+"""The tools that a server publishes: their descriptions, which calls fit their schemas, and running a call."""
 
 import json
 import time
@@ -19,14 +19,14 @@ _Schemas = Mapping[str, Draft202012Validator]
 
 @dataclass(frozen=True, slots=True)
 class Toolbox:
-    """The tools of a server. Made once for many episodes: the schemas of 26 tools are some thousand objects."""
+    """The tools of a server. Many episodes share one toolbox: the schemas of 26 tools are thousands of objects."""
 
     tools: tuple[ToolDescription, ...]
     _arguments: _Schemas
     _results: _Schemas
 
     def misfit(self, call: ToolCall) -> str:
-        """Why a call fits no published schema; empty if it fits."""
+        """Why a call does not fit the published schema of its tool; empty if it fits."""
         validator = self._arguments.get(call.tool)
         if validator is None:
             return f"there is no tool {call.tool!r}"
@@ -38,11 +38,13 @@ class Toolbox:
         return f"{call.tool}: {problem}" if problem else ""
 
     async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
-        """Have the server run a call. Its result is held against the schema here, since a client would compile it anew.
+        """Let the server run a call, and check its result against the schema.
+
+        The MCP client could check it too, but would compile the schema again for each connection.
 
         Raises:
             MCPError: The server refused the request.
-            ValueError: The result is not what the server publishes, or no result.
+            ValueError: The result does not fit the published schema.
         """
         asked = types.CallToolRequest(params=types.CallToolRequestParams(name=call.tool, arguments=call.arguments))
         result = await client.session.send_request(asked, types.CallToolResult)
@@ -56,16 +58,16 @@ class Toolbox:
 
 @dataclass(slots=True)
 class Toolboxes:
-    """Asks servers for their tools; only once where a server says that all its clients are told the same for a while.
+    """Asks a server for its tools, and keeps them as long as the server allows for all its clients.
 
-    One for each host, since two hosts may differ.
+    Each host has its own, since two hosts may differ.
     """
 
     clock: Callable[[], float] = time.monotonic
     """[s]."""
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
-    """No server has told one client something of its own yet."""
+    """Whether the server has given every client the same tools so far."""
     _kept: Toolbox | None = None
     _fresh_until: float = 0.0
 

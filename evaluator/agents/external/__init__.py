@@ -1,1 +1,1 @@
-"""Programs that play by MCP themselves, watched from outside."""
+"""External agents: programs that play over MCP by themselves and are watched from outside."""

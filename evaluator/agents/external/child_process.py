@@ -1,4 +1,4 @@
-"""A command run as a child of ours: in a process group of its own, with bounds on time and on what it says.
+"""Runs a command as a child process, in its own process group, with limits on time and on the output that is kept.
 
 Knows nothing of MCP, agents or episodes.
 """
@@ -15,11 +15,11 @@ import anyio
 from anyio.abc import ByteReceiveStream, ByteSendStream, Process
 
 _KEPT = 64 * 1024
-"""Last bytes of each of its streams that are kept."""
+"""Last bytes of each output stream that are kept."""
 _TERM_S = 2.0
-"""Wall time between asking a process to end and ending it [s]."""
+"""Wall time between asking a process to end and killing it [s]."""
 _FLUSH_S = 2.0
-"""Wall time for the last of its output to arrive [s]."""
+"""Wall time for the last output to arrive [s]."""
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class _Tail:
     ended: anyio.Event = field(default_factory=anyio.Event)
 
     async def drain(self, stream: ByteReceiveStream) -> None:
-        """Read a stream to its end, so that its writer never waits."""
+        """Read a stream to its end, so that its writer never has to wait."""
         try:
             async for chunk in stream:
                 self.content += chunk
@@ -51,10 +51,11 @@ class Ended:
     code: int | None
     """Its exit code, negative for a signal; None if it was stopped."""
     out_of_time: bool
-    """True if it was stopped for its wall time."""
+    """True if it was stopped because its wall time was over."""
     stdout: str
-    """The last of what it wrote."""
+    """The end of its output."""
     stderr: str
+    """The end of its error output."""
 
 
 async def run_child(
@@ -66,18 +67,18 @@ async def run_child(
     max_wall_s: float,
     until: Callable[[], Awaitable[None]],
 ) -> Ended:
-    """Run a command to its end, or stop it; whichever way this returns, nothing of its process group is left.
+    """Run a command to its end, or stop it. However this returns, no process of its group is left.
 
     Args:
         command: Program and arguments.
         cwd: Its working directory.
         env: Its whole environment.
-        stdin: What it reads; nothing if None.
-        max_wall_s: Wall time it may take [s].
-        until: Returns when the command is of no more use.
+        stdin: What it reads; None for nothing.
+        max_wall_s: Most wall time [s].
+        until: Returns when the command can be stopped.
 
     Raises:
-        OSError: It cannot be started.
+        OSError: The command cannot be started.
     """
     process = await anyio.open_process(
         list(command), stdin=DEVNULL if stdin is None else PIPE, cwd=cwd, env=env, start_new_session=True
@@ -113,11 +114,11 @@ async def _wait(process: Process, until: Callable[[], Awaitable[None]]) -> None:
     """Wait for the process, or for `until`."""
     async with anyio.create_task_group() as either:
 
-        async def useless() -> None:
+        async def stop_early() -> None:
             await until()
             either.cancel_scope.cancel()
 
-        either.start_soon(useless)
+        either.start_soon(stop_early)
         await process.wait()
         either.cancel_scope.cancel()
 
@@ -129,12 +130,12 @@ async def _feed(stream: ByteSendStream, text: str) -> None:
 
 
 async def _stop_group(process: Process) -> None:
-    """End the process and what it started, first by asking."""
+    """End the process and all that it started; ask before killing."""
     if process.returncode is None:
         _signal_group(process.pid, signal.SIGTERM)
         with anyio.move_on_after(_TERM_S):
             await process.wait()
-    # Also where the leader has ended: what it started may live on and hold its streams.
+    # Even if the process has ended: what it started may still run and hold its streams open.
     _signal_group(process.pid, signal.SIGKILL)
     await process.wait()
 

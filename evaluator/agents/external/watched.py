@@ -1,4 +1,4 @@
-"""An episode that somebody else plays: opened on a host, watched, and read back from the host's own log of calls."""
+"""An episode that another program plays: opened on a host, watched, and read back from the host's log of calls."""
 
 import contextlib
 from collections.abc import AsyncGenerator
@@ -16,13 +16,13 @@ from evaluator.errors import InfrastructureError
 from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
 
 _LOOK_S = 0.5
-"""Wall time between looks at whether the episode has ended [s]."""
+"""Wall time between two checks whether the episode has ended [s]."""
 _NO_CALLS = 999_999_999
-"""A place in the log where there are none: asks for the state alone."""
+"""A position beyond the end of every log. A request from here on returns only the state."""
 
 
 class _SeenCall(BaseModel):
-    """A call, as a host tells of it."""
+    """A call in the log of a host."""
 
     tool: str
     arguments: dict[str, Any]
@@ -35,7 +35,7 @@ class _SeenCall(BaseModel):
 
 
 class _Log(BaseModel):
-    """The log of an episode, as a host publishes it."""
+    """The log of an episode that a host publishes."""
 
     ended: bool
     calls: list[_SeenCall]
@@ -43,16 +43,16 @@ class _Log(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class WatchedEpisode:
-    """An open episode whose calls its host keeps a log of."""
+    """An open episode on a host that logs its calls."""
 
     mcp_url: str
-    """All that its player is given."""
+    """Address of the episode: the only thing that its player gets."""
     _http: httpx2.AsyncClient
     _path: str
     _owner_token: str
 
     async def prompt(self, key: EpisodeKey) -> str:
-        """The opening prompt without a word on the budget, which here is one of calls.
+        """The opening prompt, without the iteration budget, since here the calls are limited.
 
         Raises:
             InfrastructureError: The host failed.
@@ -60,16 +60,17 @@ class WatchedEpisode:
         arguments = {"prompting": key.prompting, "protocol": key.protocol}
         try:
             async with mcp_client(self.mcp_url, self._http) as client:
-                said = await client.get_prompt("scene", arguments)
+                prompt = await client.get_prompt("scene", arguments)
         except Exception as error:
             raise InfrastructureError(f"the opening prompt could not be read: {error!r}") from error
-        return "\n\n".join(one.content.text for one in said.messages if isinstance(one.content, types.TextContent))
+        parts = [message.content for message in prompt.messages]
+        return "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
 
     async def until_end(self) -> bool:
-        """Wait until nothing more can be called in the episode.
+        """Wait until the episode accepts no more calls.
 
         Returns:
-            True once it is answered or out of calls; False if the host is gone.
+            True once it is answered or its calls are used up; False if the host is gone.
         """
         while True:
             try:
@@ -80,18 +81,18 @@ class WatchedEpisode:
             await anyio.sleep(_LOOK_S)
 
     async def turns(self) -> tuple[Turn, ...]:
-        """What was called so far, a turn for each call.
+        """The calls so far, each as a turn.
 
         Raises:
             InfrastructureError: The host failed.
         """
         turns: list[Turn] = []
-        before = 0.0
-        for one in (await self._log(0)).calls:
-            exchange = _exchange(one)
-            thought = max(0.0, one.started_s - before)
-            turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=thought, server_s=exchange.duration_s))
-            before = one.started_s + one.duration_s
+        last_end_s = 0.0
+        for call in (await self._log(0)).calls:
+            exchange = _exchange(call)
+            agent_s = max(0.0, call.started_s - last_end_s)
+            turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=agent_s, server_s=exchange.duration_s))
+            last_end_s = call.started_s + call.duration_s
         return tuple(turns)
 
     async def _log(self, start: int) -> "_Log":
@@ -101,24 +102,24 @@ class WatchedEpisode:
             reply.raise_for_status()
             return _Log.model_validate_json(reply.content)
         except httpx2.HTTPStatusError as error:
-            said = f"{error.response.status_code} {error.response.text[:200]}"
-            raise InfrastructureError(f"the log of calls could not be read: {said}") from error
+            reason = f"{error.response.status_code} {error.response.text[:200]}"
+            raise InfrastructureError(f"the log of calls could not be read: {reason}") from error
         except (httpx2.HTTPError, ValidationError) as error:
             raise InfrastructureError(f"the log of calls could not be read: {str(error)[:200]!r}") from error
 
 
 @contextlib.asynccontextmanager
 async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: int) -> AsyncGenerator[WatchedEpisode]:
-    """Open an episode for somebody else, and close it afterwards.
+    """Open an episode for another program, and close it afterwards.
 
     Args:
         host: Where.
         scene: Which scene.
         seed: Which variant of it.
-        max_calls: Most tool calls; the laboratory refuses those beyond.
+        max_calls: Most tool calls; the laboratory refuses more.
 
     Raises:
-        InfrastructureError: The host cannot be reached, or keeps no logs.
+        InfrastructureError: The host cannot be reached, or keeps no log of calls.
     """
     async with http_client(host.base_url) as http:
         opened = await host.request_episode(http, {"scene": scene, "seed": seed, "max_calls": max_calls})
@@ -132,17 +133,17 @@ async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: 
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})
 
 
-def _exchange(said: _SeenCall) -> Exchange:
-    call = ToolCall(tool=said.tool, arguments=said.arguments)
-    text, problem = said.text, unrecordable(call)
+def _exchange(seen: _SeenCall) -> Exchange:
+    call = ToolCall(tool=seen.tool, arguments=seen.arguments)
+    text, problem = seen.text, unrecordable(call)
     if problem:
-        # Only a refused call can be so; what an answer may hold, a record can hold.
-        call, text = ToolCall(tool=said.tool, arguments={}), f"{text} ({problem}, and is left out here)"
+        # This happens to refused calls only: a record can hold every answer that the laboratory accepts.
+        call, text = ToolCall(tool=seen.tool, arguments={}), f"{text} ({problem}, and is left out here)"
     return Exchange(
         call=call,
-        returned=said.returned,
-        is_error=said.is_error,
-        content=said.content,
+        returned=seen.returned,
+        is_error=seen.is_error,
+        content=seen.content,
         text=text,
-        duration_s=said.duration_s,
+        duration_s=seen.duration_s,
     )
