@@ -70,7 +70,7 @@ async def test_the_log_holds_what_was_called_and_what_came_back(inside: OpenHost
         assert (await log_of(http, episode, start=3))["calls"] == []
 
 
-async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside: OpenHost) -> None:
+async def test_a_call_beyond_the_limit_is_refused_and_not_logged(inside: OpenHost) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 2)
         async with client_of(http, episode) as client:
@@ -87,7 +87,7 @@ async def test_after_the_last_call_there_is_one_sentence_and_nothing_more(inside
         assert [logged["tool"] for logged in told["calls"]] == ["step", "get_position"]
 
 
-async def test_whoever_has_only_the_url_can_neither_read_the_log_nor_close_the_episode(
+async def test_the_url_alone_neither_opens_the_log_nor_closes_the_episode(
     inside: OpenHost,
 ) -> None:
     async with inside() as (host, http):
@@ -130,7 +130,7 @@ async def test_an_episode_opened_without_a_limit_has_no_log(inside: OpenHost) ->
 
 
 @pytest.mark.parametrize("limit", [0, -1, 10_001, "5", 2.5, True])
-async def test_a_limit_that_is_none_opens_nothing(inside: OpenHost, limit: object) -> None:
+async def test_a_bad_limit_opens_nothing(inside: OpenHost, limit: object) -> None:
     async with inside() as (host, http):
         refused = await http.post("/episodes", json={"scene": 7, "max_calls": limit})
         assert refused.status_code == 400
@@ -139,7 +139,7 @@ async def test_a_limit_that_is_none_opens_nothing(inside: OpenHost, limit: objec
 
 
 @pytest.mark.parametrize("start", ["-1", "x", "1" * 5000, "٣x"])
-async def test_a_start_that_is_none_is_refused(inside: OpenHost, start: str) -> None:
+async def test_a_bad_start_is_refused(inside: OpenHost, start: str) -> None:
     async with inside() as (_, http):
         episode = await opened(http, 5)
         path = f"/episodes/{episode['episode_id']}/calls"
@@ -153,7 +153,7 @@ def test_numbers_that_json_does_not_know_leave_the_log_readable() -> None:
     assert call["arguments"] == {"duration": "NaN", "more": ["Infinity", {"x": "-Infinity"}]}
 
 
-async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(inside: OpenHost) -> None:
+async def test_a_cancelled_call_is_in_the_log_without_a_result(inside: OpenHost) -> None:
     async with inside() as (host, http):
         episode = await opened(http, 5)
         slot = host._episodes[episode["episode_id"]].slot
@@ -172,7 +172,7 @@ async def test_a_call_the_client_takes_back_is_in_the_log_without_a_return(insid
         assert (call["content"], call["text"]) == (None, "")
 
 
-async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: OpenHost) -> None:
+async def test_a_host_with_a_token_opens_episodes_only_for_requests_with_it(inside: OpenHost) -> None:
     async with inside(token="ours") as (host, http):
         for headers in ({}, {"Authorization": "Bearer theirs"}, {"Authorization": "Bearer "}):
             refused = await http.post("/episodes", json={"scene": 7}, headers=headers)
@@ -187,7 +187,7 @@ async def test_a_host_with_a_token_opens_episodes_for_whoever_bears_it(inside: O
             assert not (await client.call_tool("step", {"duration": 0.1})).is_error
 
 
-def test_a_variable_that_holds_no_token_is_misuse(command: Command) -> None:
+def test_an_empty_token_variable_is_a_usage_error(command: Command) -> None:
     words = command("serve", "--port", 0, "--token-env", "NO_SUCH_TOKEN")
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2

@@ -96,7 +96,7 @@ async def test_an_unused_episode_expires_and_makes_room(started: Callable[..., A
             assert (await http.post("/episodes", json={"scene": 7})).status_code == 201
 
 
-async def test_the_cap_holds_also_for_requests_at_once(inside: OpenHost) -> None:
+async def test_simultaneous_requests_do_not_exceed_the_limit_of_episodes(inside: OpenHost) -> None:
     codes: list[int] = []
     async with inside(max_episodes=3) as (_, http):
 
@@ -112,7 +112,7 @@ async def test_the_cap_holds_also_for_requests_at_once(inside: OpenHost) -> None
         assert "3 episodes are open" in full.json()["error"]
 
 
-async def test_a_scene_that_fails_to_open_takes_no_room(inside: OpenHost) -> None:
+async def test_a_scene_that_fails_to_open_does_not_count_towards_the_limit(inside: OpenHost) -> None:
     async with inside(max_episodes=1) as (_, http):
         for _ in range(3):
             assert (await http.post("/episodes", json={"scene": 99})).status_code == 404
@@ -193,7 +193,7 @@ async def test_closing_the_host_closes_its_episodes(inside: OpenHost) -> None:
                 await http.post("/episodes", json={"scene": 7})
 
 
-async def test_expiry_spares_an_episode_in_use(inside: OpenHost) -> None:
+async def test_an_episode_in_use_does_not_expire(inside: OpenHost) -> None:
     async with inside(idle_timeout_s=0.05) as (host, _):
         busy = await host.open_episode(7, 0)
         await host.open_episode(7, 0)
