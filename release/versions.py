@@ -11,7 +11,7 @@ Version = tuple[int, int, int]
 CHANGELOG = "CHANGELOG.md"
 PLACES = {
     "pyproject.toml": re.compile(r'^(version = ")(.+)(")$', re.MULTILINE),
-    "physment_mcp/__init__.py": re.compile(r'^(__version__ = ")(.+)(")$', re.MULTILINE),
+    "physment_mcp/version.py": re.compile(r'^(__version__ = ")(.+)(")$', re.MULTILINE),
     "CITATION.cff": re.compile(r'^(version: ")(.+)(")$', re.MULTILINE),
 }
 """File → the one line in it that holds the version."""
