@@ -26,8 +26,8 @@ failure modes, cost, and a notebook of each episode. The page opens from disk an
   physment-eval report runs/mine --export latex             the tables too: runs/mine/tables.tex
   physment-eval report runs/mine --figures svg              the figures too: runs/mine/figures/*.svg
 
-Several runs need --out. Runs of different packs may stand in one report: name each folder of packs with --scenes-dir,
-and every run finds its own.
+Several runs need --out. Runs of different packs may share a report: name each folder of packs with --scenes-dir, and
+every run is scored with the packs that it was played on.
 """
 
 
