@@ -1,4 +1,4 @@
-"""Command line of the evaluator: which commands there are, and how their errors become exit codes."""
+"""Command line of the evaluator: lists the commands, and turns their errors into exit codes."""
 
 import argparse
 import sys
@@ -18,24 +18,24 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval --server host --agent blind --seeds 1-20 --concurrency 8
   physment-eval --agent scripted:turns.json --scenes 7,21 --budgets 5,10
   physment-eval --agent model:gpt-5.5 --budgets 5,10,15,20 --server host --concurrency 50 --max-cost 100
-  physment-eval --config study.toml --dry-run      what a study would be, without playing it
-  physment-eval run --out runs/mine --resume       go on after an interruption (with the options of before)
-  physment-eval merge runs/mine --out runs/whole   put its shards together
+  physment-eval --config study.toml --dry-run      the size of a study, without playing it
+  physment-eval run --out runs/mine --resume       continue after an interruption (same options)
+  physment-eval merge runs/mine --out runs/whole   merge the shards of a run
   physment-eval grade runs/mine                    grade a stored run again
-  physment-eval report runs/mine runs/base --out o  write report.html, here of two runs side by side
-  physment-eval compare runs/one runs/other        who is better, by how much, and how sure that is
+  physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
+  physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
   physment-eval play 7                             solve a scene yourself
-  physment-eval replay runs/mine                   play its transcripts again and compare every return
+  physment-eval replay runs/mine                   play its episodes again and compare every result
 
   physment-eval scenes list                        the scenes, with their certificates
-  physment-eval scenes show 21                     what an agent is told of a scene
+  physment-eval scenes show 21                     what an agent learns about a scene
   physment-eval scenes new 112 --category hard-single --scenes-dir my_scenes
   physment-eval lint --scenes-dir my_scenes        what is wrong with a pack, without running it
   physment-eval verify --scene 112 --scenes-dir my_scenes
                                                    prove a scene sound, on twenty seeds
 
 A run is a folder: run.json, episodes.jsonl, grades.jsonl, summary.json, report.html.
-Exit code: 0 all episodes played and recorded, or all scenes sound; 1 some not; 2 usage; 130 interrupted.
+Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not; 2 wrong usage; 130 interrupted.
 """
 
 
@@ -70,7 +70,7 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     for command in (results, report, compare, play, verify, scenes, models, replay, replay_original):
         command.add(commands)
     words = list(argv)
-    # `run` is the default command: put it in where the first word is an option.
+    # `run` is the default command: insert it if the first word is not a command.
     if not words or (words[0] not in commands.choices and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")
     if words[0] == "run":

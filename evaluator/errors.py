@@ -1,9 +1,9 @@
-"""What can go wrong on the client side, and what follows from it.
+"""The errors of the evaluator, and what follows from each of them.
 
 EvaluatorError
 ├─ UsageError             the operator asked for something impossible      → one sentence, exit code 2
 ├─ StoreError             a run folder cannot be read or written           → one sentence, exit code 2
-├─ AgentError             the agent cannot go on                           → recorded as the episode's outcome
+├─ AgentError             the agent cannot continue                        → recorded as the episode's outcome
 └─ InfrastructureError    server or connection failed                      → the episode is retried, never scored wrong
    └─ PermanentFailure    … and asking again cannot help                   → the agent's other episodes are left out
 """
@@ -12,7 +12,7 @@ from evaluator.records import Usage
 
 
 class EvaluatorError(Exception):
-    """Root of the errors this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose."""
 
 
 class UsageError(EvaluatorError):
@@ -24,11 +24,11 @@ class StoreError(EvaluatorError):
 
 
 class AgentError(EvaluatorError):
-    """The agent cannot go on; one sentence.
+    """The agent cannot continue; one sentence.
 
     Args:
         sentence: Why.
-        usage: What the reply used that could not be taken.
+        usage: Usage of the reply that failed, if it used anything.
     """
 
     def __init__(self, sentence: str, usage: Usage | None = None) -> None:
@@ -41,4 +41,4 @@ class InfrastructureError(EvaluatorError):
 
 
 class PermanentFailure(InfrastructureError):
-    """Asking again cannot help: the key is refused, there is no such model, credit is used up, a setting is refused."""
+    """Asking again cannot help: the key or a setting is refused, there is no such model, credit is used up."""

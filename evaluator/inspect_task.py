@@ -3,8 +3,8 @@
 # pyright: reportUnknownParameterType=false, reportUnknownArgumentType=false, reportUntypedFunctionDecorator=false
 """The suite as a task of Inspect AI: `inspect eval evaluator/inspect_task.py --model … -T scenes=7-20 -T budget=20`.
 
-Inspect brings the model, its limits and its log; the loop, the budget, the answer and the grade are ours, so that an
-episode counts here what it counts in `physment-eval`. A turn of the model is an iteration.
+Inspect provides the model, its limits and its log. The loop, the budget, the answer and the grade are those of
+`physment-eval`, so that an episode gets the same result. A turn of the model is an iteration.
 """
 
 import json
@@ -39,7 +39,7 @@ from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import find_pack, pack_hash, read_pack
 
 EPISODE = "physment_episode"
-"""Key in the store of a sample under which the record of its episode is kept."""
+"""Key of the episode record in the store of a sample."""
 
 
 @task
@@ -53,11 +53,11 @@ def physment(
     """The suite, with native tool calls.
 
     Args:
-        scenes: Ids, ranges and categories, as of `physment-eval --scenes`; all of them if None.
-        seeds: Variants, as of `physment-eval --seeds`.
+        scenes: Ids, ranges and categories, as for `physment-eval --scenes`; None for all.
+        seeds: Variants, as for `physment-eval --seeds`.
         budget: Iterations of an episode.
         prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
-        server: As of `physment-eval --server`: `stdio`, the URL of a host, or a command.
+        server: As for `physment-eval --server`: `stdio`, the URL of a host, or a command.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
@@ -78,12 +78,12 @@ def physment(
 
 
 def _selection(value: str | int | list[str | int]) -> str:
-    """A selection as it was typed: Inspect's command line makes numbers and lists of what looks like them."""
+    """A selection as it was typed: Inspect's command line turns parts of it into numbers and lists."""
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _sample(key: EpisodeKey) -> Sample:
-    """An episode to come; its opening prompt is the laboratory's, and its answer stands nowhere."""
+    """An episode to be played. The laboratory writes its opening prompt; the sample does not hold its answer."""
     pack = read_pack(find_pack(key.scene))
     return Sample(
         id=f"scene{key.scene}-seed{key.seed}",
@@ -97,11 +97,11 @@ def experimenter(server: str) -> Solver:
     """Plays a sample's episode with the model under evaluation.
 
     Args:
-        server: As of `physment-eval --server`.
+        server: As for `physment-eval --server`.
     """
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        del generate  # it would run the calls itself
+        del generate  # it would run the calls by itself
         model = get_model()
         key = EpisodeKey.model_validate(state.metadata["key"]).model_copy(update={"agent": f"inspect:{model}"})
         agent = _InspectAgent(model, state)
@@ -120,12 +120,12 @@ def experimenter(server: str) -> Solver:
 
 @dataclass(slots=True)
 class _InspectAgent:
-    """Inspect's model as an agent of ours; the conversation is the sample's."""
+    """Inspect's model as an agent. The conversation is kept in the sample."""
 
     model: Model
     state: TaskState
     limit: LimitExceededError | None = None
-    """The limit of Inspect's that ended the episode; it is for Inspect to write down."""
+    """The limit of Inspect that ended the episode, which Inspect must record."""
 
     @property
     def name(self) -> str:
@@ -147,7 +147,7 @@ class _Player:
         state = self.agent.state
         if feedback is not None:
             state.messages += _returns(self.last, feedback.exchanges)
-            # Returns go into their own messages; the rest is worded as in the text protocol.
+            # Each result has a message of its own. The rest has the words of the text protocol.
             rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
             state.messages.append(ChatMessageUser(content=rest))
         try:
@@ -163,11 +163,13 @@ class _Player:
 
 
 def _returns(output: ModelOutput, exchanges: Sequence[Exchange]) -> list[ChatMessageTool]:
-    """What each call of a turn is answered, also where it was not run."""
+    """The result of each call of a turn, even if it was not run."""
     returns: list[ChatMessageTool] = []
     for number, call in enumerate(output.message.tool_calls or ()):
-        one = exchanges[number] if number < len(exchanges) else None
-        text = "Not run." if one is None else one.text if one.returned else f"Not run. {one.text}".strip()
+        exchange = exchanges[number] if number < len(exchanges) else None
+        text = "Not run." if exchange is None else exchange.text
+        if exchange is not None and not exchange.returned:
+            text = f"Not run. {text}".strip()
         returns.append(ChatMessageTool(content=text, tool_call_id=call.id, function=call.function))
     return returns
 
@@ -176,7 +178,7 @@ def _reply(output: ModelOutput) -> Reply:
     """A turn of the model, as the loop reads it.
 
     Raises:
-        AgentError: The model will not or cannot go on.
+        AgentError: The model refuses or cannot continue.
     """
     if output.stop_reason == "content_filter":
         raise AgentError(f"the model or its content filter refused: {output.completion[:500]}")
@@ -184,13 +186,15 @@ def _reply(output: ModelOutput) -> Reply:
         raise AgentError("the conversation no longer fits the model's context window")
     calls = output.message.tool_calls or []
     problems = [
-        f"the arguments of {one.function} are not a JSON object: {one.parse_error}" for one in calls if one.parse_error
+        f"the arguments of {call.function} are not a JSON object: {call.parse_error}"
+        for call in calls
+        if call.parse_error
     ]
     if output.stop_reason == "max_tokens":
         problems.append("it was cut off at the limit of output tokens")
     return Reply(
         reasoning=_said(output),
-        calls=() if problems else tuple(ToolCall(tool=one.function, arguments=one.arguments) for one in calls),
+        calls=() if problems else tuple(ToolCall(tool=call.function, arguments=call.arguments) for call in calls),
         malformed=problems[0] if problems else "",
         usage=_usage(output),
     )
@@ -201,7 +205,7 @@ def _said(output: ModelOutput) -> str:
     parts = (
         [content]
         if isinstance(content, str)
-        else [getattr(one, "reasoning", None) or getattr(one, "text", "") for one in content]
+        else [getattr(part, "reasoning", None) or getattr(part, "text", "") for part in content]
     )
     return "\n\n".join(part for part in parts if part.strip())
 
@@ -211,7 +215,7 @@ def _usage(output: ModelOutput) -> Usage | None:
     if used is None:
         return None
     cached = used.input_tokens_cache_read or 0
-    # Inspect counts tokens read from the cache apart from the rest of the input; our records count them in.
+    # Inspect counts tokens from the cache apart from other input tokens; our records include them.
     return Usage(
         input_tokens=used.input_tokens + cached,
         output_tokens=used.output_tokens,
@@ -221,7 +225,7 @@ def _usage(output: ModelOutput) -> Usage | None:
 
 
 def _tool_info(tool: ToolDescription) -> ToolInfo:
-    """A tool as Inspect tells models of it; what its schemas have no place for, as lengths of lists, is left out."""
+    """A tool as Inspect describes it to models. Its schemas leave out some limits, such as lengths of lists."""
     return ToolInfo(
         name=tool.name,
         description=tool.description,
@@ -231,7 +235,7 @@ def _tool_info(tool: ToolDescription) -> ToolInfo:
 
 @scorer(metrics={"strict": [mean(), stderr()], "normalised": [mean(), stderr()], "graded": [mean(), stderr()]})
 def laboratory_grade() -> Scorer:
-    """The verdicts of `physment-eval grade`; the answer key is read here and nowhere before."""
+    """The verdicts of `physment-eval grade`. Only this function reads the answer key."""
     keys = KeyRing()
 
     async def score(state: TaskState, target: Target) -> Score:

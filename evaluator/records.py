@@ -1,4 +1,4 @@
-"""What a run leaves on disk: frozen records, one schema with a format number. Knows no files and no verdict rules."""
+"""What a run leaves on disk, as frozen records with a format number. Knows no files and no rules of grading."""
 
 from collections.abc import Iterable
 from enum import StrEnum
@@ -10,19 +10,19 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from scenes import content_hash_of
 
 FORMAT = 1
-"""Version of the on-disk schema; readers refuse a higher one."""
+"""Version of the format on disk. Readers refuse a higher version."""
 DECIDING = ("plan", "packs", "agents")
 """Fields of `run.json` that two runs must share for their episodes to belong together."""
 
 
 class Record(BaseModel):
-    """Base of all records: frozen, closed, finite numbers only."""
+    """Base of all records: frozen, no unknown fields, only finite numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Outcome(StrEnum):
-    """How an episode ended; says nothing about right or wrong."""
+    """How an episode ended, whether the answer was right or wrong."""
 
     ANSWERED = "answered"
     BUDGET_EXHAUSTED = "budget_exhausted"
@@ -38,20 +38,21 @@ class ToolCall(Record):
 
 
 class Exchange(Record):
-    """A call and what came back; `returned` is false where the call was not run."""
+    """A call and its result."""
 
     call: ToolCall
     returned: bool
+    """False if the call was not run."""
     is_error: bool = False
     content: dict[str, Any] | None = None
     """The structured result of a successful call."""
     text: str = ""
-    """The text the agent read: the result as compact JSON, or one sentence that says what was wrong."""
+    """The text that the agent read: the result as compact JSON, or a sentence that says what was wrong."""
     duration_s: float = 0.0
 
 
 class Usage(Record):
-    """Tokens of one model request, or a sum of them."""
+    """Tokens and cost of one request to a model, or of several together."""
 
     input_tokens: int = 0
     output_tokens: int = 0
@@ -60,33 +61,33 @@ class Usage(Record):
 
 
 def total_usage(parts: Iterable[Usage]) -> Usage | None:
-    """The sum; None for no parts. Its cost is that of the parts whose cost is known."""
+    """The sum; None if there are no parts. Its cost includes only the parts with a known cost."""
     used = list(parts)
     if not used:
         return None
-    costs = [one.cost_usd for one in used if one.cost_usd is not None]
+    costs = [part.cost_usd for part in used if part.cost_usd is not None]
     return Usage(
-        input_tokens=sum(one.input_tokens for one in used),
-        output_tokens=sum(one.output_tokens for one in used),
-        cached_tokens=sum(one.cached_tokens for one in used),
+        input_tokens=sum(part.input_tokens for part in used),
+        output_tokens=sum(part.output_tokens for part in used),
+        cached_tokens=sum(part.cached_tokens for part in used),
         cost_usd=sum(costs) if costs else None,
     )
 
 
 class Turn(Record):
-    """One iteration: what the agent said, called, and got back."""
+    """One iteration: what the agent said, what it called, and the results."""
 
     reasoning: str
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
-    """What the loop told the agent apart from returns: malformed reply, call that fits no schema, no call at all."""
+    """What the loop told the agent besides results: malformed reply, call that fits no schema, no call at all."""
     usage: Usage | None = None
     agent_s: float = 0.0
     server_s: float = 0.0
 
 
 class Versions(Record):
-    """Versions that decide a result."""
+    """Versions that decide the result of an episode."""
 
     physment: str
     protocol: str
@@ -94,7 +95,7 @@ class Versions(Record):
 
 
 class EpisodeKey(Record):
-    """What makes two episodes the same cell of the matrix."""
+    """Identifies an episode: episodes with equal keys are the same cell of the matrix."""
 
     scene: int
     seed: int
@@ -106,13 +107,13 @@ class EpisodeKey(Record):
 
 
 class Episode(Record):
-    """One agent, one scene, one budget, from opening prompt to outcome."""
+    """One episode, from its opening prompt to its outcome."""
 
     format: Literal[1] = FORMAT
     key: EpisodeKey
     outcome: Outcome
     answer: JsonValue = None
-    """What `answer` was called with, verbatim; null unless the outcome is `answered`."""
+    """The argument of `answer`, verbatim; null unless the outcome is `answered`."""
     prompt: str
     turns: tuple[Turn, ...]
     error: str | None = None
@@ -120,18 +121,18 @@ class Episode(Record):
     unsealed: str | None = None
     """Why the agent could have known more than it measured, such as the answers; null if it could not."""
     attempts: int = 1
-    """How many times the episode was opened, this one included."""
+    """How many times the episode was opened, including this time."""
     max_calls: int | None = None
-    """Most tool calls, where turns cannot be seen and calls are limited instead of iterations."""
+    """Most tool calls, for agents whose turns cannot be seen, so that calls are limited instead of iterations."""
     usage: Usage | None = None
-    """Of all attempts: what one used that failed was paid for too, though its turns are not here."""
+    """Usage of all attempts: a failed attempt was paid for too, although its turns are not recorded."""
     started_at: str
     duration_s: float
     versions: Versions
 
     @property
     def allowance(self) -> int:
-        """Most turns: the iteration budget, or calls where these are limited, since each is then a turn of its own."""
+        """Most turns: the iteration budget; or the limit of calls, if there is one, since each call is then a turn."""
         return self.max_calls or self.key.budget
 
 
@@ -141,11 +142,11 @@ class Verdict(StrEnum):
     CORRECT = "correct"
     INCORRECT = "incorrect"
     UNSCORED = "unscored"
-    """Infrastructure errors: retried or counted apart, never wrong."""
+    """Ended by an infrastructure error: retried or counted apart, never wrong."""
 
 
 class NormalisationClass(StrEnum):
-    """The four documented ways in which normalised grading forgives a strict fail."""
+    """The four documented reasons for which normalised grading accepts an answer that strict grading rejects."""
 
     OBJECT_NOTATION = "equivalent_object_notation"
     TRIVIAL_ROUNDING = "trivial_rounding"
@@ -158,10 +159,10 @@ class Grade(Record):
 
     strict: Verdict
     graded: float | None
-    """Share of sub-answers within tolerance, 0 to 1; null where unscored."""
+    """Share of sub-answers within tolerance, from 0 to 1; null if unscored."""
     normalised: Verdict
     normalisation: NormalisationClass | None = None
-    """Set where normalised differs from strict."""
+    """Set if the normalised verdict differs from the strict one."""
     reason: str
 
 

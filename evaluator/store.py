@@ -1,7 +1,7 @@
-"""A run folder: append-only records that survive a kill at any moment. Knows files, not what records mean.
+"""A run folder: records that survive a kill at any moment. Knows files, and not what records mean.
 
-`run.json` says what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record.
-A line that a kill tore is set aside in `*.torn` and its episode is played again.
+`run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record. If
+a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode is played again.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ class RunFolder:
 
     @property
     def run_file(self) -> Path:
-        """What decides the result."""
+        """Path of the record of the run."""
         return self.path / "run.json"
 
     @property
@@ -52,10 +52,13 @@ class RunFolder:
         return self.path / "report.html"
 
     def create(self, *, resume: bool) -> None:
-        """Make the folder, or check that it can be gone on with.
+        """Make the folder, or check that it can be used.
+
+        Args:
+            resume: Whether the folder may hold a run already.
 
         Raises:
-            StoreError: It cannot be written, or holds a run already and `resume` is false.
+            StoreError: It cannot be written, or holds a run and `resume` is false.
         """
         if self.run_file.exists() and not resume:
             raise StoreError(f"{self.path} holds a run already; add --resume to go on with it, or choose another --out")
@@ -69,10 +72,10 @@ class RunFolder:
 
     @contextlib.contextmanager
     def held(self) -> Generator[None]:
-        """Hold the folder while its run is played; the system lets go of it when the process ends, however it does.
+        """Lock the folder while its run is played. The operating system unlocks it when the process ends in any way.
 
         Raises:
-            StoreError: Another process plays it.
+            StoreError: Another process has locked it.
         """
         if find_spec("fcntl") is None:
             yield  # Windows has no such lock
@@ -81,7 +84,7 @@ class RunFolder:
 
         handle = os.open(self.path, os.O_RDONLY)
         try:
-            # Some network file systems know no locks; a run on one is not to fail for it.
+            # Some network file systems have no locks; a run must not fail there.
             with contextlib.suppress(OSError):
                 try:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -111,31 +114,31 @@ class RunFolder:
             raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
 
     def append_episode(self, episode: Episode) -> None:
-        """Add an episode; when this returns, it is on disk."""
+        """Add an episode. When this returns, it is on disk."""
         self._append(self.episodes_file, episode)
 
     def episodes(self) -> dict[EpisodeKey, Episode]:
-        """All episodes; of several with one key the last counts.
+        """All episodes by key. If several records have the same key, the last one counts.
 
         Raises:
             StoreError: A line in the middle is damaged.
         """
-        return {one.key: one for one in self._read(self.episodes_file, Episode)}
+        return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
 
     def write_grades(self, grades: Iterable[GradeRecord]) -> None:
-        """Write all grades anew."""
-        self._replace(self.grades_file, "".join(one.model_dump_json() + "\n" for one in grades))
+        """Replace all grades."""
+        self._replace(self.grades_file, "".join(grade.model_dump_json() + "\n" for grade in grades))
 
     def grades(self) -> dict[EpisodeKey, GradeRecord]:
-        """All grades by episode.
+        """All grades by the key of their episodes.
 
         Raises:
             StoreError: A line in the middle is damaged.
         """
-        return {one.key: one for one in self._read(self.grades_file, GradeRecord)}
+        return {grade.key: grade for grade in self._read(self.grades_file, GradeRecord)}
 
     def keep_grades(self) -> Path:
-        """Copy the grades to a file of their own, which nothing overwrites, and return where it is."""
+        """Copy the grades to a new file, which nothing overwrites, and return its path."""
         number = 1
         while (kept := self.path / f"grades.{number}.jsonl").exists():
             number += 1
@@ -143,13 +146,12 @@ class RunFolder:
         return kept
 
     def write_text(self, file: Path, text: str) -> None:
-        """Write a derived file in one go."""
+        """Write a file that is made from the records, all at once."""
         self._replace(file, text)
 
     def _append(self, file: Path, record: Record) -> None:
         try:
-            # Only who adds lines mends the file: to who reads it while a run is played, the line that is being written
-            # looks torn.
+            # Only the writer repairs the file; a reader may see an unfinished last line.
             self._set_torn_line_aside(file)
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(record.model_dump_json() + "\n")
@@ -162,7 +164,7 @@ class RunFolder:
         if not file.exists():
             return []
         records: list[R] = []
-        # Bytes, split at line feeds alone: agents write U+2028 and its kin, which `str.splitlines` takes for line ends.
+        # Split at line feeds only: agents write U+2028 and similar characters, at which `str.splitlines` would split.
         for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
             try:
                 records.append(kind.model_validate_json(line))
@@ -172,7 +174,7 @@ class RunFolder:
 
     @staticmethod
     def _set_torn_line_aside(file: Path) -> None:
-        """Cut off a last line without its end, and keep it beside the file."""
+        """Move an unfinished last line to another file beside this one."""
         if not file.exists() or file.stat().st_size == 0:
             return
         with file.open("rb") as stream:
@@ -187,7 +189,7 @@ class RunFolder:
 
     @staticmethod
     def _replace(file: Path, text: str) -> None:
-        """Write a file so that a kill leaves the old or the new one."""
+        """Write a file so that a kill leaves either the old or the new content."""
         fresh = file.with_name(f".{file.name}.new")
         try:
             with fresh.open("w", encoding="utf-8") as stream:

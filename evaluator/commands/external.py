@@ -1,4 +1,4 @@
-"""What `run` says of agents that are programs: `--agent external -- COMMAND`, and its options."""
+"""The options of `run` for external agents: `--agent external -- COMMAND`."""
 
 import argparse
 
@@ -7,14 +7,15 @@ from evaluator.commands.argument_types import count_of, seconds
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
-    """Declare the command after `--`, and its bounds."""
+    """Declare the command after `--`, and its limits."""
     group = run.add_argument_group(
         "external agents",
         "Play with a program that speaks MCP, such as a command-line coding agent:\n"
         "  physment-eval run --agent external --server host -- COMMAND …\n"
-        "In COMMAND, {mcp_config} stands for the path of a client configuration, {mcp_url} for\n"
-        "the address of the episode, and {prompt} for the opening prompt, which otherwise comes\n"
-        "on its stdin. It runs in an empty folder and is judged by the host's log of its calls.",
+        "In COMMAND, {mcp_config} is replaced by the path of a client configuration, {mcp_url}\n"
+        "by the address of the episode, and {prompt} by the opening prompt. Without {prompt},\n"
+        "the prompt is written to its stdin. The command runs in an empty folder, and the record\n"
+        "is the host's log of its calls.",
     )
     group.add_argument("command_words", nargs="*", metavar="-- COMMAND", help="the program and its arguments")
     group.add_argument(
@@ -29,6 +30,6 @@ def add_options(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--sealed",
         action="store_true",
-        help="you vouch that no scene pack can be read where COMMAND runs, such as in a container or as another user;"
-        " without it an agent that could read the packs is marked unsealed",
+        help="you vouch that COMMAND cannot read any scene pack, because it runs in a container or as another user;"
+        " without this, an agent that could read the packs is marked unsealed",
     )

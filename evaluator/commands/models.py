@@ -1,4 +1,4 @@
-"""`physment-eval models`: which language models can be asked, and what is missing to ask them."""
+"""`physment-eval models`: lists language models, and what is missing to ask each of them."""
 
 import argparse
 import json
@@ -14,7 +14,7 @@ from evaluator.models.choice import EFFORTS, missing
 from evaluator.models.presets import PRESETS, PROVIDERS, Provider, find_provider
 
 _DESCRIPTION = f"""\
-List the models and providers that `--agent model:…` knows, and say what is missing to ask them.
+List the models and providers that `--agent model:…` accepts, and what is missing to ask them.
 
   --agent model:gpt-5.5                            a preset: one of the paper's seven models
   --agent model:ollama:qwen3:8b                    any model of a provider
@@ -22,7 +22,7 @@ List the models and providers that `--agent model:…` knows, and say what is mi
   --agent model:gpt-5.5,effort=high,max_tokens=32000
                                                    options: effort ({" · ".join(EFFORTS)}), temperature, max_tokens
 
-The base URL of each provider can be set by an environment variable, which the list names.
+The list names the environment variable that sets the base URL of each provider.
 """
 
 
@@ -47,47 +47,48 @@ def _models(args: argparse.Namespace) -> int:
 
 
 def _listing(environ: Mapping[str, str]) -> dict[str, list[dict[str, object]]]:
-    """Presets and providers as data; names of variables, never what is in them."""
+    """Presets and providers as data, with the names of environment variables but not their values."""
     return {
         "presets": [
             {
-                "agent": f"model:{one.name}",
-                "title": one.title,
-                "provider": one.provider,
-                "model": one.model,
-                "missing": missing(_of(one.provider), environ),
+                "agent": f"model:{preset.name}",
+                "title": preset.title,
+                "provider": preset.provider,
+                "model": preset.model,
+                "missing": missing(_of(preset.provider), environ),
             }
-            for one in PRESETS
+            for preset in PRESETS
         ],
         "providers": [
             {
-                "agent": f"model:{one.name}:NAME",
-                "title": one.title,
-                "format": one.dialect.value,
-                "base_url": one.shown_url(environ),
-                "base_url_variable": one.url_variable,
-                "key_variables": list(one.key_variables),
-                "needs_key": one.needs_key,
-                "missing": missing(one, environ),
+                "agent": f"model:{provider.name}:NAME",
+                "title": provider.title,
+                "format": provider.dialect.value,
+                "base_url": provider.shown_url(environ),
+                "base_url_variable": provider.url_variable,
+                "key_variables": list(provider.key_variables),
+                "needs_key": provider.needs_key,
+                "missing": missing(provider, environ),
             }
-            for one in PROVIDERS
+            for provider in PROVIDERS
         ],
     }
 
 
 def _print(console: Console, environ: Mapping[str, str]) -> None:
-    presets = _table("agent", "model", "asked at", "as", "missing")
-    for one in PRESETS:
-        presets.add_row(f"model:{one.name}", one.title, one.provider, one.model, _state(_of(one.provider), environ))
+    presets = _table("agent", "model", "provider", "model id", "missing")
+    for preset in PRESETS:
+        state = _state(_of(preset.provider), environ)
+        presets.add_row(f"model:{preset.name}", preset.title, preset.provider, preset.model, state)
     providers = _table("agent", "base URL", "set by", "key", "missing")
-    for one in PROVIDERS:
-        key = " or ".join(one.key_variables) if one.needs_key else "none needed"
-        where = one.shown_url(environ)
-        providers.add_row(f"model:{one.name}:NAME", escape(where), one.url_variable, key, _state(one, environ))
+    for provider in PROVIDERS:
+        key = " or ".join(provider.key_variables) if provider.needs_key else "none needed"
+        url, state = escape(provider.shown_url(environ)), _state(provider, environ)
+        providers.add_row(f"model:{provider.name}:NAME", url, provider.url_variable, key, state)
     console.print(presets)
     console.print()
     console.print(providers)
-    console.print("\nWhat the options are, and how to name other models: physment-eval models --help", highlight=False)
+    console.print("\nOptions, and how to name other models: physment-eval models --help", highlight=False)
 
 
 def _table(*titles: str) -> Table:
@@ -98,11 +99,11 @@ def _table(*titles: str) -> Table:
 
 
 def _state(provider: Provider, environ: Mapping[str, str]) -> str:
-    """What is missing, or that nothing is."""
+    """What is missing, or "nothing"."""
     return escape("; ".join(missing(provider, environ))) or "[green]nothing[/]"
 
 
 def _of(name: str) -> Provider:
     provider = find_provider(name)
-    assert provider is not None, "every preset names a provider of the list"
+    assert provider is not None, "every preset names a known provider"
     return provider

@@ -1,4 +1,4 @@
-"""`physment-eval replay`: play stored transcripts again and tell every difference."""
+"""`physment-eval replay`: plays recorded episodes again and lists every difference."""
 
 import argparse
 import json
@@ -18,14 +18,14 @@ from evaluator.store import RunFolder
 from evaluator.study.replay import REL_TOL, Replayed, replay
 
 _DESCRIPTION = """\
-Play the transcripts of a run folder again: the same calls in the same turns. Each return is compared with the stored
-one; numbers count as the same to one part in 10⁹, or only exactly with --exact. Where the tools have changed since the
-record, fields that they did not return then are counted, and not compared.
+Play the episodes of a run folder again: the same calls in the same turns. Each result is compared with the record.
+Numbers count as the same up to one part in 10⁹; with --exact, only if they are equal. If the tools have changed since
+the record, fields that they did not return then are counted, and not compared.
 
-Exit code: 0 all returns are the same; 1 some are not, or an episode could not be played.
+Exit code: 0 all results are the same; 1 some are not, or an episode could not be played.
 """
 _SHOWN = 100
-"""Rows of the table; --json has them all."""
+"""Most rows of the table; --json prints all differences."""
 _WIDTH = 48
 
 
@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
     """Declare `replay`."""
     command = commands.add_parser(
         "replay",
-        help="play stored transcripts again and compare the returns",
+        help="play recorded episodes again and compare the results",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
         "--server", default="host", metavar="S", help="stdio · host (default) · the URL of a host · a command"
     )
     command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
-    command.add_argument("--exact", action="store_true", help="numbers must be the same to the last bit")
+    command.add_argument("--exact", action="store_true", help="numbers must be equal to the last bit")
     command.add_argument(
         "--concurrency",
         type=count_of("episodes"),
@@ -68,18 +68,20 @@ def _replay(args: argparse.Namespace) -> int:
         print(_as_json(results))
     else:
         _print(results)
-    return 1 if any(one.differences or one.failure for one in results) else 0
+    return 1 if any(replayed.differences or replayed.failure for replayed in results) else 0
 
 
 def _as_json(results: Sequence[Replayed]) -> str:
     return json.dumps(
         {
             "episodes": len(results),
-            "calls": sum(one.calls for one in results),
-            "differences": [found.model_dump(mode="json") for one in results for found in one.differences],
+            "calls": sum(replayed.calls for replayed in results),
+            "differences": [found.model_dump(mode="json") for replayed in results for found in replayed.differences],
             "added_since": _added(results),
             "not_played": [
-                {"key": one.key.model_dump(mode="json"), "error": one.failure} for one in results if one.failure
+                {"key": replayed.key.model_dump(mode="json"), "error": replayed.failure}
+                for replayed in results
+                if replayed.failure
             ],
         },
         ensure_ascii=False,
@@ -87,31 +89,32 @@ def _as_json(results: Sequence[Replayed]) -> str:
 
 
 def _added(results: Sequence[Replayed]) -> Mapping[str, int]:
-    return sum((Counter(one.added) for one in results), Counter[str]())
+    return sum((Counter(replayed.added) for replayed in results), Counter[str]())
 
 
 def _print(results: Sequence[Replayed]) -> None:
     console = wide_console()
-    found = [difference for one in results for difference in one.differences]
-    if found:
+    differences = [difference for replayed in results for difference in replayed.differences]
+    if differences:
         table = Table("scene", "seed", "agent", "budget", "turn", "call", "what", "stored", "now")
-        for one in found[:_SHOWN]:
-            key = one.key
-            cells = (key.scene, key.seed, key.agent, key.budget, one.turn, one.call, one.what, one.stored, one.now)
+        for found in differences[:_SHOWN]:
+            key, place = found.key, (found.turn, found.call, found.what)
+            cells = (key.scene, key.seed, key.agent, key.budget, *place, found.stored, found.now)
             table.add_row(*(escape(_cell(cell)) for cell in cells))
         console.print(table)
-    if len(found) > _SHOWN:
-        console.print(f"… and {len(found) - _SHOWN} more; --json tells them all")
-    for one in results:
-        if one.failure:
-            console.print(f"scene {one.key.scene}, seed {one.key.seed}: not played: {escape(one.failure)}")
-    same = sum(not one.differences and not one.failure for one in results)
-    calls = sum(one.calls for one in results)
+    if len(differences) > _SHOWN:
+        console.print(f"… and {len(differences) - _SHOWN} more; --json prints all of them")
+    for replayed in results:
+        if replayed.failure:
+            key = replayed.key
+            console.print(f"scene {key.scene}, seed {key.seed}: not played: {escape(replayed.failure)}")
+    same = sum(not replayed.differences and not replayed.failure for replayed in results)
+    calls = sum(replayed.calls for replayed in results)
     if added := _added(results):
         fields = ", ".join(f"{name} (× {count})" for name, count in added.items())
         console.print(f"added since the record, and not compared: {fields}", markup=False, highlight=False)
     console.print(
-        f"{len(results)} episodes, {calls} calls compared: {same} episodes the same, {len(found)} differences",
+        f"{len(results)} episodes, {calls} calls compared: {same} episodes the same, {len(differences)} differences",
         highlight=False,
     )
 

@@ -77,7 +77,7 @@ def _run(args: argparse.Namespace) -> int:
     folder = _create_folder(options, contenders)
     answers, console = KeyRing(options.team.scenes_dir), Console(stderr=options.as_json)
     run = _Run(options, contenders, plan, keys, folder, answers, Meter(options.limits), console)
-    continuation = f"go on with the same options, --out {options.out or folder.path} --resume"
+    continuation = f"to continue, give the same options with --out {options.out or folder.path} --resume"
     try:
         stopped = _play(run)
     except KeyboardInterrupt:

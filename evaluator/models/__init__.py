@@ -1,1 +1,1 @@
-"""Language models: which there are and where, how they are asked, and what goes wrong. Knows no episode."""
+"""Language models as agents: which exist, how they are asked, and what their errors mean."""

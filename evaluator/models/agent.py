@@ -1,4 +1,4 @@
-"""A language model as an agent: what it is shown, what it replies, and the history of both, kept whole."""
+"""A language model as an agent: what it is shown, what it replies, and the whole history of both."""
 
 import contextlib
 import json
@@ -37,12 +37,12 @@ from evaluator.records import EpisodeKey, Exchange, ToolCall, Usage
 _NOT_RUN = "Not run."
 _NATIVE_IN_TEXT = "it called tools natively, where calls are written as a JSON list"
 _CONTEXT_FULL = "model_context_window_exceeded"
-"""Anthropic's finish reason where the window, not the limit of output, cut the reply."""
+"""Anthropic's finish reason for a reply that was cut by the context window, not by the limit of output."""
 
 
 @dataclass(slots=True)
 class ModelAgent:
-    """Plays with a language model. An async context, which owns the connections; `player` opens them if need be."""
+    """Plays with a language model. An async context that closes the connections; the first player opens them."""
 
     choice: ModelChoice
     lane: Lane = field(default_factory=Lane)
@@ -52,11 +52,11 @@ class ModelAgent:
 
     @property
     def name(self) -> str:
-        """As the operator wrote it."""
+        """The name, as the operator wrote it."""
         return self.choice.name
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ModelPlayer":
-        """A conversation of its own; native calls or text, as the episode's key says."""
+        """A new conversation, with native calls or text as the episode's key says."""
         if self._requests is None:
             self._requests = self._open()
         provider, text = self.choice.provider, key.protocol == "text"
@@ -67,7 +67,7 @@ class ModelAgent:
         """What decides the model's replies, for `run.json`; holds no key.
 
         Raises:
-            UsageError: An option was asked for that would not be sent.
+            UsageError: An option is set that would not be sent.
         """
         choice = self.choice
         return {
@@ -85,7 +85,7 @@ class ModelAgent:
         }
 
     async def __aenter__(self) -> Self:
-        """Nothing is opened before it is needed."""
+        """Open nothing yet: the first player opens the connections."""
         return self
 
     async def __aexit__(
@@ -125,19 +125,19 @@ class _ModelPlayer:
         _refuse(response, usage)
         self.history.append(_encodable(response, calls=not self.text))
         problem = _cut_off(response) or _unwritten(response)
-        said = _joined(response, TextPart)
+        text = _joined(response, TextPart)
         if problem:
-            return Reply(_paragraphs(thought, said), malformed=problem, usage=usage)
+            return Reply(_paragraphs(thought, text), malformed=problem, usage=usage)
         if self.text:
-            reply = parse_reply(said)
+            reply = parse_reply(text)
             if response.tool_calls and not reply.calls:
-                return Reply(_paragraphs(thought, said), malformed=_NATIVE_IN_TEXT, usage=usage)
+                return Reply(_paragraphs(thought, text), malformed=_NATIVE_IN_TEXT, usage=usage)
             return Reply(_paragraphs(thought, reply.reasoning), reply.calls, reply.malformed, usage)
         calls, problem = _calls(response)
-        return Reply(_paragraphs(thought, said), calls, problem, usage)
+        return Reply(_paragraphs(thought, text), calls, problem, usage)
 
     def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
-        """What the model is shown next: the prompt, or what came of its calls."""
+        """What the model is shown next: the prompt, or the results of its calls."""
         if feedback is None:
             return [UserPromptPart(self.prompt)]
         if self.text:
@@ -145,22 +145,22 @@ class _ModelPlayer:
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
         returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
-        # Returns go into their own messages; the rest is worded as in the text protocol.
+        # Each result has a message of its own. The rest has the words of the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
         return [*returns, UserPromptPart(rest)]
 
     def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
-        """What one call is answered: each gets its own return, also where it was not run."""
+        """The result of one call. Every call gets a result, even if it was not run."""
         exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
         content, failed = _content(exchange)
-        # Chat completions have no mark for errors; the client would wrap the text, and the record would not be what
-        # the model read.
+        # Chat completions cannot mark errors: the client would change the text, and the record would not hold what the
+        # model read.
         marked = failed and self.provider.dialect in {Dialect.ANTHROPIC, Dialect.GOOGLE}
         return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
 
 
 def _content(exchange: Exchange | None) -> tuple[str, bool]:
-    """The text of a return, and whether it is an error."""
+    """The text of a result, and whether it is an error."""
     if exchange is None:
         return _NOT_RUN, True
     if exchange.returned:
@@ -169,7 +169,7 @@ def _content(exchange: Exchange | None) -> tuple[str, bool]:
 
 
 def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
-    """The calls of a reply in order, or why one of them cannot be read; then none counts."""
+    """The calls of a reply in order; or none, and why one of them cannot be read."""
     calls: list[ToolCall] = []
     for part in response.tool_calls:
         try:
@@ -185,28 +185,28 @@ def _arguments(part: ToolCallPart) -> dict[str, Any]:
         return part.args
     arguments: Any = json.loads(part.args) if part.args else {}
     if not isinstance(arguments, dict):
-        raise ValueError(f"they are a {type(arguments).__name__}")  # noqa: TRY004 - caught above as what it is: bad JSON
+        raise ValueError(f"they are a {type(arguments).__name__}")  # noqa: TRY004 - caught above, as bad JSON
     return cast(dict[str, Any], arguments)
 
 
 def _refuse(response: ModelResponse, usage: Usage) -> None:
-    """Raise where the model will not or cannot go on."""
+    """Raise if the model refuses or cannot continue."""
     details = response.provider_details or {}
     if response.finish_reason == "content_filter":
-        said = details.get("refusal") or details.get("block_reason") or raw_finish_reason(response)
+        reason = details.get("refusal") or details.get("block_reason") or raw_finish_reason(response)
         words = _joined(response, TextPart)
         raise AgentError(
-            f"the model or its content filter refused ({said or 'no reason given'}){words and ': ' + words}", usage
+            f"the model or its content filter refused ({reason or 'no reason given'}){words and ': ' + words}", usage
         )
     if raw_finish_reason(response) == _CONTEXT_FULL:
         raise AgentError("the conversation no longer fits the model's context window", usage)
 
 
 def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
-    """The reply, as it can be sent again.
+    """The reply in a form that can be sent back to the provider.
 
-    Half surrogate pairs, which models do write, cannot go into UTF-8; text that is nothing but space is refused by
-    Anthropic; a native call in the text protocol has no return.
+    UTF-8 cannot encode half surrogate pairs, which models do write. Anthropic refuses text that is only white space. A
+    native call in the text protocol would have no result.
     """
     parts = [
         _sendable(part)
@@ -255,11 +255,11 @@ def _usage(response: ModelResponse, *, priced: bool) -> Usage:
 
 
 def _cost(response: ModelResponse, *, priced: bool) -> float | None:
-    """What the reply cost [USD]: what the provider billed if it says so, else by the price table, else unknown.
+    """The cost of a reply [USD]: what the provider billed, or else the price table; None if neither knows.
 
     Args:
         response: The reply.
-        priced: Whether the table speaks of this provider; it also finds models by name alone, wherever they run.
+        priced: Whether the table holds for this provider. It finds models by their names, wherever they run.
     """
     billed = (response.provider_details or {}).get("cost")
     if isinstance(billed, int | float):

@@ -1,4 +1,4 @@
-"""What `model:…` means: which model, asked where, with which options. Loads no provider's client."""
+"""What `model:…` means: which model, at which address, with which options. Loads no provider's client."""
 
 import os
 from collections.abc import Mapping
@@ -11,35 +11,35 @@ from evaluator.errors import UsageError
 from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, Provider, find_preset, find_provider, public_url
 
 EFFORTS = ("none", "minimal", "low", "medium", "high", "xhigh", "max")
-"""How hard a model may be asked to think; a provider has some of them."""
+"""How hard a model is asked to think. A provider supports some of these."""
 EXTRA = "physment-mcp[models]"
-"""What to install so that models can be asked."""
+"""The package to install for asking models."""
 _CLIENTS = {
     Dialect.OPENAI: "openai",
     Dialect.OPENROUTER: "openai",
     Dialect.ANTHROPIC: "anthropic",
     Dialect.GOOGLE: "google.genai",
 }
-"""Dialect → the package that speaks it."""
+"""Dialect → the package that implements it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What an operator may ask of a model; None leaves it to the provider."""
+    """Options of a model; None leaves an option to the provider."""
 
     effort: str | None = None
     """One of `EFFORTS`."""
     temperature: float | None = None
     max_tokens: int | None = None
-    """Most tokens of one reply, thoughts included."""
+    """Most tokens of one reply, including thoughts."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """A model at a place, with options. The key is in the environment and never in here."""
+    """A model, its address and its options. Does not hold the key, which stays in the environment."""
 
     name: str
-    """As the operator wrote it: the agent's name in records."""
+    """The agent's name in records, as the operator wrote it."""
     provider: Provider
     model: str
     base_url: str
@@ -48,7 +48,7 @@ class ModelChoice:
 
     @property
     def shown_url(self) -> str:
-        """The base URL without user, password and query, for records and sentences."""
+        """The base URL without user, password and query, for records and messages."""
         return public_url(self.base_url)
 
     def key(self) -> str | None:
@@ -56,19 +56,19 @@ class ModelChoice:
         return self.provider.key(self.environ)
 
     def missing(self) -> list[str]:
-        """What stands in the way of asking, a clause each; empty if nothing does."""
+        """What is missing to ask the model, as clauses; empty if nothing is."""
         return missing(self.provider, self.environ, self.base_url)
 
 
 def parse_model(
     text: str, options: Options = Options(), base_url: str | None = None, environ: Mapping[str, str] | None = None
 ) -> ModelChoice:
-    """Read `model:PRESET` or `model:PROVIDER:NAME`, either with `,effort=…,temperature=…,max_tokens=…` behind it.
+    """Read `model:PRESET` or `model:PROVIDER:NAME`, which `,effort=…,temperature=…,max_tokens=…` may follow.
 
     Args:
         text: What the operator wrote.
-        options: Those of all models; what is written in `text` comes first.
-        base_url: Where the model is asked instead of the provider's own place.
+        options: Options of all models; options in `text` win.
+        base_url: Address to ask, instead of the provider's own.
         environ: Environment variables; by default those of the process.
 
     Raises:
@@ -90,10 +90,10 @@ def parse_model(
 
 
 def checked(options: Options) -> Options:
-    """The options, if they make sense.
+    """The options, checked.
 
     Raises:
-        UsageError: One does not.
+        UsageError: An option is out of range.
     """
     if options.effort is not None and options.effort not in EFFORTS:
         raise UsageError(f"effort {options.effort}: must be one of {', '.join(EFFORTS)}")
@@ -105,7 +105,7 @@ def checked(options: Options) -> Options:
 
 
 def missing(provider: Provider, environ: Mapping[str, str], base_url: str | None = None) -> list[str]:
-    """What stands in the way of asking a provider, a clause each; empty if nothing does."""
+    """What is missing to ask a provider, as clauses; empty if nothing is."""
     found: list[str] = []
     if not client_installed(provider.dialect):
         found.append(f"its client is not installed (pip install '{EXTRA}')")
@@ -117,7 +117,7 @@ def missing(provider: Provider, environ: Mapping[str, str], base_url: str | None
 
 
 def client_installed(dialect: Dialect) -> bool:
-    """Whether the package that speaks a dialect is there; loads nothing but its parent package."""
+    """Whether the package for a dialect is installed. Loads only its parent package."""
     try:
         return find_spec("pydantic_ai") is not None and find_spec(_CLIENTS[dialect]) is not None
     except ModuleNotFoundError:
@@ -125,17 +125,17 @@ def client_installed(dialect: Dialect) -> bool:
 
 
 def _resolve(text: str, name: str) -> tuple[Provider, str]:
-    """Provider and model id of a preset's name or of PROVIDER:NAME."""
+    """Provider and model id that a preset or PROVIDER:NAME stands for."""
     preset = find_preset(name)
     if preset is not None:
         name = f"{preset.provider}:{preset.model}"
     head, colon, model = name.partition(":")
     provider = find_provider(head)
     if not colon:
-        known = ", ".join(one.name for one in PRESETS)
+        known = ", ".join(preset.name for preset in PRESETS)
         raise UsageError(f"{text}: there is no such preset; the presets are {known}; or write model:PROVIDER:NAME")
     if provider is None:
-        known = ", ".join(one.name for one in PROVIDERS)
+        known = ", ".join(provider.name for provider in PROVIDERS)
         raise UsageError(f"{text}: there is no provider {head!r}; the providers are {known}")
     if not model:
         raise UsageError(f"{text}: the name of the model is missing: model:{head}:NAME")

@@ -1,4 +1,4 @@
-"""From a choice to the client that asks it. The only place that knows how each provider's client is built and set."""
+"""From a model choice to the client that asks it. Only this module knows how to build and set each client."""
 
 from typing import Any, cast
 
@@ -10,7 +10,7 @@ from evaluator.models.choice import ModelChoice
 from evaluator.models.presets import Dialect
 
 _NO_KEY = "no-key"
-"""Sent where a provider needs none: clients insist on something."""
+"""Sent to providers that need no key, since clients require one."""
 _CONNECT_S = 15.0
 
 
@@ -19,11 +19,11 @@ def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = No
 
     Args:
         timeout_s: Longest silence of a server [s].
-        transport: Where requests go instead of to the network.
+        transport: Receives the requests instead of the network.
     """
     return httpx2.AsyncClient(
         timeout=httpx2.Timeout(timeout_s, connect=_CONNECT_S),
-        # The pool must never be what limits concurrency: that is the lane's part.
+        # The pool must not limit concurrency: the lane does that.
         limits=httpx2.Limits(max_connections=None, max_keepalive_connections=100),
         transport=transport,
         follow_redirects=True,
@@ -31,7 +31,7 @@ def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = No
 
 
 def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
-    """The client of a model, over an HTTP client of ours, without retries of its own."""
+    """The client of a model, which uses our HTTP client and does not retry."""
     build = {
         Dialect.OPENAI: _chat_completions,
         Dialect.OPENROUTER: _openrouter,
@@ -41,7 +41,7 @@ def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
     return build(choice, choice.key() or _NO_KEY, http)
 
 
-# Each of these loads its own package alone: together they take a second, and a lab may have installed one of them.
+# Each function loads only its own package: together they take a second, and not all may be installed.
 
 
 def _chat_completions(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
@@ -53,7 +53,7 @@ def _chat_completions(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -
     name, url = choice.model, choice.base_url
     if choice.provider.name == "openai":
         return OpenAIChatModel(name, provider=OpenAIProvider(api_key=key, base_url=url, http_client=http))
-    # Only OpenAI itself insists on `max_completion_tokens`; all others know `max_tokens`.
+    # Only OpenAI itself requires `max_completion_tokens`; all others accept `max_tokens`.
     profile = OpenAIModelProfile(openai_chat_supports_max_completion_tokens=False)
     provider = OpenAICompatibleProvider(
         choice.provider.name, base_url=url, api_key=key, http_client=http, profile=profile
@@ -66,7 +66,7 @@ def _openrouter(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Mode
     from pydantic_ai.models.openrouter import OpenRouterModel  # noqa: PLC0415 - see above
     from pydantic_ai.providers.openrouter import OpenRouterProvider  # noqa: PLC0415 - see above
 
-    # The provider knows one address only; the client underneath takes any.
+    # The provider class knows only its own address; the client underneath accepts any.
     client = AsyncOpenAI(api_key=key, base_url=choice.base_url, http_client=http)
     return OpenRouterModel(choice.model, provider=OpenRouterProvider(openai_client=client))
 
@@ -88,11 +88,11 @@ def _google(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
 
 
 def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> ModelSettings:
-    """The settings that go with each request.
+    """The settings of each request.
 
     Args:
-        model: The client that sends them, which knows what the model can do.
-        choice: Whose wire format decides how they are written.
+        model: The client that sends them, which knows what the model supports.
+        choice: The model and its options; its wire format decides how options are written.
         timeout_s: Longest duration of a request, to the last byte of its reply [s].
     """
     options, dialect = choice.options, choice.provider.dialect
@@ -104,7 +104,7 @@ def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> Mod
     if options.effort is not None:
         settings |= _effort(dialect, options.effort)
     if dialect is Dialect.ANTHROPIC:
-        # Others cache a growing conversation by themselves; here it must be asked for. Price only, not content.
+        # Other providers cache a growing conversation by themselves. This changes the price, not the replies.
         settings["cache"] = True
     return cast(ModelSettings, settings | _thoughts_shown(model, dialect, options.effort))
 
@@ -112,7 +112,7 @@ def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> Mod
 def _effort(dialect: Dialect, effort: str) -> dict[str, Any]:
     match dialect:
         case Dialect.OPENAI:
-            # Written as it is: the unified setting is dropped for models the client does not know to think.
+            # Not the unified setting, which the client drops for models that it does not list as thinking.
             return {"openai_reasoning_effort": effort}
         case Dialect.OPENROUTER:
             return {"openrouter_reasoning": {"effort": effort}}
@@ -121,7 +121,7 @@ def _effort(dialect: Dialect, effort: str) -> dict[str, Any]:
 
 
 def _thoughts_shown(model: Model, dialect: Dialect, effort: str | None) -> dict[str, Any]:
-    """What makes the model's thoughts visible where it thinks anyway: reasoning is part of the record."""
+    """The settings that make the thoughts of a thinking model visible, since reasoning is part of the record."""
     profile = cast(dict[str, Any], model.profile)
     if dialect is Dialect.GOOGLE and effort is None:
         return {"thinking": True}

@@ -19,20 +19,20 @@ def model_contender(
     """The model that `text` names, ready to play.
 
     Args:
-        text: `model:PRESET` or `model:PROVIDER:NAME`, with options behind it or without.
-        options: Those of all models; what is written in `text` comes first.
-        base_url: Where the model is asked instead of the provider's own place.
-        lanes: Shared by all agents of a run, so that a provider's limit holds for them together.
-        patience: How long a model is waited for.
+        text: `model:PRESET` or `model:PROVIDER:NAME`, with or without options.
+        options: Options of all models; options in `text` win.
+        base_url: Address to ask, instead of the provider's own.
+        lanes: Shared by all agents of a run, so that the limit of a provider holds for all of them together.
+        patience: How long to wait for a model.
         environ: Environment variables; by default those of the process.
 
     Raises:
-        UsageError: There is no such model, something is missing to ask it, or it does not take an option.
+        UsageError: There is no such model, something is missing to ask it, or it does not accept an option.
     """
     choice = parse_model(text, options or Options(), base_url, environ)
     if lacking := choice.missing():
         raise UsageError(f"{text}: {'; '.join(lacking)}; see `physment-eval models`")
-    from evaluator.models.agent import ModelAgent  # noqa: PLC0415 - loads the provider's client, half a second
+    from evaluator.models.agent import ModelAgent  # noqa: PLC0415 - loading the client takes half a second
 
     agent = ModelAgent(choice, (lanes or Lanes()).of(choice.provider.name), patience or Patience())
     return AgentContender(agent, agent.facts(), agent)

@@ -1,6 +1,6 @@
-"""What an error of a provider means: ask again, give the episode up, or give asking up.
+"""What an error of a provider means: ask again, end the episode, or ask this model no more.
 
-Keys never get into a sentence.
+No message contains a key.
 """
 
 from collections.abc import Mapping
@@ -11,14 +11,14 @@ from pydantic_ai import exceptions as ai
 from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, PermanentFailure
 
 _DETAIL = 300
-"""Most characters of a provider's own words in a sentence of ours."""
+"""Most characters of a provider's message that are quoted in ours."""
 _POLICY = ("content_filter", "content_policy", "invalid_prompt", "responsibleaipolicy", "safety")
-"""Parts of error codes by which providers refuse a conversation for what it says."""
+"""Parts of the error codes by which providers refuse a conversation for its content."""
 _AGAIN_STATUS = frozenset({408, 409, 425, 429})
 
 
 class AskAgain(InfrastructureError):
-    """The request failed in a way that may pass."""
+    """The request failed, but the same request may succeed later."""
 
     def __init__(self, sentence: str, wait_s: float | None = None) -> None:
         super().__init__(sentence)
@@ -39,21 +39,21 @@ _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (
     (ai.ModelRequestRejectedError, PermanentFailure, "the provider rejected the request"),
     (ai.UserError, PermanentFailure, "the request cannot be made"),
 )
-"""What the client raises → what it amounts to, and how that is said; the first that fits counts."""
+"""What the client raises, what it means, and the words for it. The first match counts."""
 
 
 def judge(error: Exception, key: str | None) -> EvaluatorError:
-    """The error of ours that a failed request amounts to.
+    """Translate the error of a failed request into one of our errors.
 
     Args:
         error: What the provider's client raised.
-        key: The provider's key, to be struck out of its words.
+        key: The provider's key, which is removed from the message.
 
     Returns:
-        `AskAgain`, `PermanentFailure`, or `AgentError` where the model itself cannot go on.
+        `AskAgain`, `PermanentFailure`, or `AgentError` if the model itself cannot continue.
     """
-    kind, said = _meaning(error)
-    sentence = f"{said}: {scrubbed(_detail(error), key)}"
+    kind, meaning = _meaning(error)
+    sentence = f"{meaning}: {scrubbed(_detail(error), key)}"
     return AskAgain(sentence, _wait(error)) if kind is AskAgain else kind(sentence)
 
 
@@ -63,29 +63,29 @@ def _meaning(error: Exception) -> tuple[type[EvaluatorError], str]:
         return AgentError, "the provider refused the conversation for its content"
     if status == 413:
         return AgentError, "the conversation is too large for the provider"
-    for kind, meaning, said in _RULES:
-        if isinstance(error, kind):
-            return meaning, said
+    for raised, kind, meaning in _RULES:
+        if isinstance(error, raised):
+            return kind, meaning
     if 400 <= status < 500 and status not in _AGAIN_STATUS:
         return PermanentFailure, f"the provider rejected the request (HTTP {status})"
-    # A server error, an unreadable body, a reply that the client cannot digest: all of these may pass.
+    # A server error, an unreadable body, a reply that the client cannot parse: asking again may succeed.
     return AskAgain, f"HTTP {status}" if status else "unusable reply"
 
 
 def scrubbed(text: str, key: str | None) -> str:
-    """A provider's words on one line, cut to length, without the key."""
+    """A provider's message on one line, without the key, cut to length."""
     if key:
         text = text.replace(key, "[key]")
     return " ".join(text.split())[:_DETAIL]
 
 
 def _wait(error: Exception) -> float | None:
-    """Seconds that the provider asked us to wait, if it did."""
+    """How long the provider asked us to wait [s], if it did."""
     if not isinstance(error, ai.ModelAPIError):
         return None
     if error.retry_after is not None:
         return error.retry_after
-    # The client reads whole seconds and dates; some providers send fractions.
+    # The client reads whole seconds and dates; some providers send fractions of seconds.
     headers = error.headers if isinstance(error, ai.ModelHTTPError) else None
     try:
         seconds = float((headers or {}).get("retry-after", ""))
@@ -95,12 +95,12 @@ def _wait(error: Exception) -> float | None:
 
 
 def _is_policy(error: ai.ModelAPIError) -> bool:
-    said = f"{error.provider_error_code} {error.provider_error_type}".lower()
-    return any(part in said for part in _POLICY)
+    code = f"{error.provider_error_code} {error.provider_error_type}".lower()
+    return any(part in code for part in _POLICY)
 
 
 def _detail(error: Exception) -> str:
-    """The provider's own sentence where its reply has one, else the client's."""
+    """The message in the provider's reply; if there is none, the client's message."""
     body = error.body if isinstance(error, ai.ModelAPIError) else None
     while isinstance(body, Mapping):
         fields = cast(Mapping[str, object], body)

@@ -1,4 +1,4 @@
-"""How the tools are put into a request."""
+"""How tools are written into a request."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,35 +13,36 @@ from evaluator.models.presets import Dialect
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """The tools of a request; made once for a conversation."""
+    """The tools of a request, made once for each conversation."""
 
     parameters: ModelRequestParameters
     settings: ModelSettings
-    """On top of those of every request."""
+    """Added to the settings of every request."""
 
 
 NOTHING = Offer(ModelRequestParameters(), ModelSettings())
-"""No tools: calls are written as text."""
+"""No tools, for models that write calls as text."""
 
 
 def offer(dialect: Dialect, tools: Sequence[ToolDescription]) -> Offer:
-    """Tools with their schemas as the server published them.
+    """The tools, with their schemas as the server published them.
 
-    With chat completions they go straight into the body: the client would walk through all 26 schemas anew for each
-    request, which takes 2 to 3 ms of processor time, nearly half of a turn's. The others' clients write them, in the
-    subset of JSON Schema that the provider takes.
+    For chat completions they are written into the body here: the client would process all 26 schemas again for each
+    request, which takes 2 to 3 ms, nearly half of the processor time of a turn. For other providers the client writes
+    them, in the subset of JSON Schema that the provider accepts.
     """
     if dialect in {Dialect.OPENAI, Dialect.OPENROUTER}:
         functions = [
-            {"name": one.name, "description": one.description, "parameters": dict(one.input_schema)} for one in tools
+            {"name": tool.name, "description": tool.description, "parameters": dict(tool.input_schema)}
+            for tool in tools
         ]
-        body = {"tools": [{"type": "function", "function": one} for one in functions]}
+        body = {"tools": [{"type": "function", "function": function} for function in functions]}
         return Offer(ModelRequestParameters(), ModelSettings(extra_body=body))
     definitions = [
-        # `strict` would let a provider narrow the schemas; the loop checks calls against them as they are.
+        # With `strict`, a provider may narrow the schemas; the loop checks calls against the published ones.
         ToolDefinition(
-            name=one.name, parameters_json_schema=dict(one.input_schema), description=one.description, strict=False
+            name=tool.name, parameters_json_schema=dict(tool.input_schema), description=tool.description, strict=False
         )
-        for one in tools
+        for tool in tools
     ]
     return Offer(ModelRequestParameters(function_tools=definitions), ModelSettings())

@@ -1,6 +1,6 @@
-"""Data: the providers a model can be asked at, and the seven models of the paper by name.
+"""Data: the providers that can be asked, and the seven models of the paper by name.
 
-Light on purpose: the command line reads it without loading a provider's client.
+Imports no provider's client, so that the command line can read it quickly.
 """
 
 from collections.abc import Mapping
@@ -15,22 +15,22 @@ class Dialect(StrEnum):
     OPENAI = "openai-chat"
     """OpenAI chat completions, which most servers offer."""
     OPENROUTER = "openrouter"
-    """OpenAI chat completions with OpenRouter's own fields for reasoning."""
+    """OpenAI chat completions, with OpenRouter's fields for reasoning."""
     ANTHROPIC = "anthropic-messages"
     GOOGLE = "gemini-generate-content"
 
 
 @dataclass(frozen=True, slots=True)
 class Provider:
-    """A service or local server at which models are asked."""
+    """A service or a local server that runs models."""
 
     name: str
     title: str
     dialect: Dialect
     base_url: str
-    """Where it is; empty where only the operator can know."""
+    """Its address; empty if only the operator knows it."""
     key_variables: tuple[str, ...]
-    """Environment variables that may hold the key, the first one set counts."""
+    """Environment variables that may hold the key. The first that is set counts."""
     needs_key: bool = True
     base_url_variable: str = ""
     """Environment variable that overrides `base_url`; by default NAME_BASE_URL."""
@@ -45,17 +45,17 @@ class Provider:
         return next((environ[name] for name in self.key_variables if environ.get(name)), None)
 
     def url(self, environ: Mapping[str, str]) -> str:
-        """The base URL: the environment's, or the provider's own; empty if neither is known."""
+        """The base URL, from the environment or else the provider's own; empty if neither is known."""
         return environ.get(self.url_variable) or self.base_url
 
     def shown_url(self, environ: Mapping[str, str]) -> str:
-        """The base URL as it may be shown."""
+        """The base URL without secrets."""
         return public_url(self.url(environ))
 
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A model that one short name stands for."""
+    """A short name for a model."""
 
     name: str
     title: str
@@ -109,12 +109,12 @@ PRESETS = (
     Preset("kimi-k2.5", "Kimi K2.5", "openrouter", "moonshotai/kimi-k2.5"),
     Preset("qwen-3.5", "Qwen 3.5", "openrouter", "qwen/qwen3.5-397b-a17b"),
 )
-"""The seven models that the paper reports. The four with open weights are asked through one key at OpenRouter, where
-the model that the paper names can still be had; any other provider that has one is `model:PROVIDER:NAME`."""
+"""The seven models of the paper. The four with open weights are asked at OpenRouter, with one key for all of them.
+A model at another provider is `model:PROVIDER:NAME`."""
 
 
 def public_url(url: str) -> str:
-    """A URL without user, password, query and fragment, for records and sentences; empty if it is none."""
+    """A URL without user, password, query and fragment, for records and messages; empty if it is not a URL."""
     try:
         parts = urlsplit(url)
     except ValueError:
@@ -124,9 +124,9 @@ def public_url(url: str) -> str:
 
 def find_provider(name: str) -> Provider | None:
     """The provider of that name, if there is one."""
-    return next((one for one in PROVIDERS if one.name == name), None)
+    return next((provider for provider in PROVIDERS if provider.name == name), None)
 
 
 def find_preset(name: str) -> Preset | None:
     """The preset of that name, if there is one."""
-    return next((one for one in PRESETS if one.name == name), None)
+    return next((preset for preset in PRESETS if preset.name == name), None)

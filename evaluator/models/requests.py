@@ -1,4 +1,4 @@
-"""Asking a model until it replies: lanes, time-outs, back-off. Retries are counted here and nowhere below."""
+"""Asks a model until it replies: lanes, time-outs, back-off. Only this module retries requests."""
 
 import random
 import time
@@ -18,7 +18,7 @@ from evaluator.models.lanes import Lane, Patience
 from evaluator.models.offer import NOTHING, Offer
 
 MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
-"""Gemini's finish reasons for a call it could not write down: the model's doing, not a failure of the service."""
+"""Gemini's finish reasons for a malformed call, which is an error of the model and not of the service."""
 
 
 @dataclass(slots=True)
@@ -30,15 +30,15 @@ class Requests:
     lane: Lane
     patience: Patience
     label: str
-    """How sentences name the model."""
+    """Name of the model in messages."""
     key: str | None = field(default=None, repr=False)
-    """Struck out of sentences."""
+    """Removed from messages."""
     sleep: Callable[[float], Awaitable[None]] = anyio.sleep
     clock: Callable[[], float] = time.monotonic
     luck: Callable[[], float] = random.random
-    """Numbers from 0 to 1 for the jitter, which keeps requests that failed together from coming back together."""
+    """Random numbers from 0 to 1 for the jitter, so that requests that failed together do not return together."""
     retries: int = 0
-    """Requests that had to be made again, over all."""
+    """How many requests were made again so far."""
 
     async def ask(self, messages: Sequence[ModelMessage], tools: Offer = NOTHING) -> ModelResponse:
         """Ask until there is a reply.
@@ -48,22 +48,20 @@ class Requests:
             tools: What the model may call.
 
         Raises:
-            AgentError: The model refuses, or the conversation does not fit it.
-            InfrastructureError: No reply within `patience`, or none is to be had.
+            AgentError: The model refuses, or the conversation is too long for it.
+            InfrastructureError: There was no reply within `patience`, or asking again cannot help.
         """
         waited_s = 0.0
         for attempt in range(1, self.patience.attempts + 1):
             try:
                 async with self.lane.limiter:
-                    # Looked at last of all: the provider may have asked for a pause while this one stood in the queue.
+                    # Check this last: the provider may have asked for a pause while this request waited in the queue.
                     waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
                     return await self._attempt(messages, tools)
             except AskAgain as failure:
                 pause_s = self._pause(attempt, failure.wait_s)
                 if attempt == self.patience.attempts or waited_s + pause_s > self.patience.total_wait_s:
-                    asked = (
-                        "" if failure.wait_s is None else f", which asked to be left alone for {failure.wait_s:.0f} s"
-                    )
+                    asked = "" if failure.wait_s is None else f", which asked for a pause of {failure.wait_s:.0f} s"
                     raise InfrastructureError(
                         f"{self.label} gave no reply in {attempt} attempts{asked}: {failure}"
                     ) from failure
@@ -82,41 +80,41 @@ class Requests:
                 model_settings=merge_model_settings(self.settings, tools.settings),
                 model_request_parameters=tools.parameters,
             )
-        except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; judged at once
-            # Nothing is chained: a client's error carries the request, and with it the key.
+        except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; `judge` says how
+            # Do not chain the error: a client's error holds the request, and with it the key.
             failure = judge(error, self.key)
             if isinstance(failure, PermanentFailure) and len(messages) > 1 and _is_rejected(error):
-                # Its first request passed, so it is this conversation that the provider rejects, not all of them.
+                # The first request was accepted, so the provider rejects this conversation and not every conversation.
                 raise AgentError(str(failure)) from None
             raise failure from None
         reason = raw_finish_reason(response)
         if response.finish_reason == "error" and reason not in MALFORMED_CALL:
-            raise AskAgain(f"the provider broke its reply off ({reason or 'no reason given'})")
+            raise AskAgain(f"the provider broke off its reply ({reason or 'no reason given'})")
         return response
 
     async def _wait_for_lane(self, patience_s: float) -> float:
-        """Wait while the provider wants to be left alone; returns how long [s]."""
+        """Wait as long as the provider asked for a pause. Returns how long that was [s]."""
         wait_s = self.lane.shut_until - self.clock()
         if wait_s <= 0:
             return 0.0
         if wait_s > patience_s:
-            raise InfrastructureError(f"{self.label} asked to be left alone for {wait_s:.0f} s more")
+            raise InfrastructureError(f"{self.label} asked for a pause of {wait_s:.0f} s more")
         wait_s += self.luck() * min(wait_s, self.patience.first_pause_s)
         await self.sleep(wait_s)
         return wait_s
 
     def _pause(self, attempt: int, asked_s: float | None) -> float:
-        """Pause before the next attempt [s]: doubling, jittered, and never shorter than the provider asked for."""
+        """Pause before the next attempt [s]: doubling, with jitter, and not shorter than the provider asked for."""
         ceiling = min(self.patience.longest_pause_s, self.patience.first_pause_s * 2 ** (attempt - 1))
         jittered = ceiling * (0.5 + self.luck() / 2)
         return jittered if asked_s is None else max(asked_s, 0.0) + jittered / 10
 
 
 def _is_rejected(error: Exception) -> bool:
-    """Whether a provider called a request malformed, as it does with what a model wrote before."""
+    """Whether a provider rejected a request as malformed, which earlier replies of the model can cause."""
     return isinstance(error, ModelHTTPError) and error.status_code in {400, 422}
 
 
 def raw_finish_reason(response: ModelResponse) -> str:
-    """The provider's own word for why the reply ended; empty if it gave none."""
+    """The provider's word for why the reply ended; empty if it gave none."""
     return str((response.provider_details or {}).get("finish_reason") or "")

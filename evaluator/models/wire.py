@@ -1,4 +1,4 @@
-"""Which settings a request would really carry: the client writes one, and nothing is sent."""
+"""Which settings a request would really contain: the client writes a request, which is not sent."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +17,7 @@ from evaluator.models.choice import ModelChoice
 from evaluator.models.clients import build_model, open_http, request_settings
 
 _CONTENT = frozenset({"model", "messages", "system", "contents", "systemInstruction", "tools", "stream"})
-"""Fields of a request that are no settings."""
+"""Fields of a request that are not settings."""
 _TIMEOUT_S = 60.0
 
 
@@ -25,11 +25,11 @@ def settings_sent(choice: ModelChoice) -> dict[str, Any]:
     """The settings in the body of a request to the model.
 
     Raises:
-        UsageError: An option was asked for that leaves the request as it is without: it would be recorded, but not
-            hold. Clients leave out what they know a model not to take.
+        UsageError: An option does not change the request, so it would be recorded without effect. Clients leave out
+            options that a model does not accept.
     """
     with ThreadPoolExecutor(1) as thread:
-        # In a thread, so that it can be asked for with and without an event loop running.
+        # In a thread, so that this works with and without a running event loop.
         sent = thread.submit(_body, choice).result()
         for name in ("effort", "temperature", "max_tokens"):
             value = getattr(choice.options, name)
@@ -46,7 +46,7 @@ def settings_sent(choice: ModelChoice) -> dict[str, Any]:
 
 def _body(choice: ModelChoice) -> dict[str, Any]:
     with catch_warnings():
-        # The client warns of what it leaves out; here that becomes an error with a name.
+        # The client warns about options that it leaves out; the caller raises an error instead.
         simplefilter("ignore")
         return anyio.run(_written, choice)
 
@@ -65,7 +65,7 @@ async def _written(choice: ModelChoice) -> dict[str, Any]:
 
 
 class _Catch(httpx2.AsyncBaseTransport):
-    """Keeps the body of a request and refuses it."""
+    """Keeps the body of a request, and refuses the request."""
 
     def __init__(self) -> None:
         self.body: bytes | None = None

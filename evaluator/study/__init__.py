@@ -1,1 +1,1 @@
-"""Studies: the matrix of a run, who plays it, within which limits, on which share of the machines."""
+"""Studies: who plays the matrix of a run, within which limits, on which machines; merging and replay."""

@@ -1,4 +1,4 @@
-"""`--config study.toml`: the options of a run, kept in a file."""
+"""`--config study.toml`: the options of a run, from a file."""
 
 import tomllib
 from collections.abc import Collection, Sequence
@@ -11,17 +11,17 @@ Scalar = str | int | float | bool
 
 
 def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
-    """Put the options of the file that `--config` names before those of the command line, which so win.
+    """Put the options of the file that `--config` names before those of the command line, so that the latter win.
 
-    A key is a long option without its dashes (`max-cost` or `max_cost`). A list is joined by commas, but for `agent`,
-    which is given once for each; `true` gives an option that takes no value.
+    A key is a long option without its dashes (`max-cost` or `max_cost`). The values of a list are joined by commas; for
+    `agent`, the option is repeated for each value. The value `true` sets an option that takes no value.
 
     Args:
-        words: Words of the command line, `--config FILE` among them or not.
-        options: The long options there are, with their dashes.
+        words: Words of the command line, with or without `--config FILE`.
+        options: All long options, with their dashes.
 
     Raises:
-        UsageError: The file cannot be read, or has a key that is no option.
+        UsageError: The file cannot be read, or has a key that is not an option.
     """
     words = list(words)
     end = words.index("--") if "--" in words else len(words)
@@ -36,15 +36,15 @@ def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
     file = Path(value if equals else words[place + 1])
     rest = words[:place] + words[place + (1 if equals else 2) :]
     given = {word.partition("=")[0] for word in rest[:end]}
-    said: list[str] = []
+    from_file: list[str] = []
     for key, content in _read(file).items():
         option = f"--{key.replace('_', '-')}"
         if option not in options or option == "--config":
             raise UsageError(f"{file}: there is no option {key!r}; see physment-eval run --help")
-        # An option that may be repeated would be added to, not replaced.
+        # Skip options of the command line: an option that may be repeated would get both values.
         if option not in given:
-            said += _words(option, content, file)
-    return said + rest
+            from_file += _words(option, content, file)
+    return from_file + rest
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _words(option: str, content: Any, file: Path) -> list[str]:
     if content is False:
         return []
     if isinstance(content, list) and option == "--agent":
-        return [word for one in content for word in (option, str(one))]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - TOML
+        return [word for value in content for word in (option, str(value))]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - TOML
     if isinstance(content, list):
         return [f"{option}={','.join(map(str, content))}"]  # pyright: ignore[reportUnknownArgumentType] - TOML
     if isinstance(content, Scalar):

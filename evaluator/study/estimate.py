@@ -1,4 +1,4 @@
-"""`--dry-run`: how large a matrix is, and what it may take at most."""
+"""`--dry-run`: the size of a matrix, and the most that it can use."""
 
 from collections.abc import Sequence
 
@@ -8,10 +8,10 @@ from evaluator.study.shards import WHOLE, Shard
 CHARACTERS_PER_TOKEN = 4
 """A rule of thumb for English and JSON."""
 PROMPT_TOKENS = 20_700 // CHARACTERS_PER_TOKEN
-"""26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite); a test measures them again."""
+"""26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite). A test checks the sizes."""
 TURN_TOKENS = 2_600 // CHARACTERS_PER_TOKEN
-"""What a turn adds to the conversation: calls and returns of the reference, which makes many. Visible
-replies and returns of the models in the authors' logs were 760 characters a turn; thoughts are not counted."""
+"""Added to the conversation by each turn: measured on the reference agent, which makes many calls. In the authors'
+logs of models, visible replies and results were 760 characters a turn. Thoughts are not counted."""
 
 
 def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:
@@ -20,7 +20,7 @@ def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurr
     Args:
         plan: The whole matrix.
         keys: The episodes to be played here.
-        shard: Which part of the matrix they are.
+        shard: Which part of the matrix these are.
         concurrency: Episodes at a time.
     """
     sizes = (
@@ -49,5 +49,5 @@ def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurr
 
 
 def input_tokens(budget: int) -> int:
-    """Input tokens of an episode that uses its whole budget: every request carries the conversation before it."""
+    """Input tokens of an episode that uses its whole budget: every request contains the conversation so far."""
     return budget * PROMPT_TOKENS + TURN_TOKENS * budget * (budget - 1) // 2

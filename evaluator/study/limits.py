@@ -1,4 +1,4 @@
-"""Limits of a run: money, tokens, wall time. Reached, they stop it cleanly: what is under way is played to its end."""
+"""Limits of a run: money, tokens, wall time. At a limit no new episode starts; episodes in progress are finished."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -9,25 +9,25 @@ from evaluator.records import Usage
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a run may use; None is no limit."""
+    """What a run may use; None for no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None
     """Input and output tokens together."""
     wall_s: float | None = None
-    """Wall time since this process began to play [s]."""
+    """Wall time since this process started to play [s]."""
 
 
 @dataclass(slots=True)
 class Meter:
-    """Adds up what a run uses. Money and tokens of an earlier part of a resumed run count; its wall time does not."""
+    """Adds up what a run uses. For a resumed run, money and tokens of earlier starts count, but not their wall time."""
 
     limits: Limits = Limits()
     clock: Callable[[], float] = time.monotonic
     cost_usd: float = 0.0
     tokens: int = 0
     unpriced: int = 0
-    """Tokens whose price is not known."""
+    """Tokens with an unknown price."""
     started: float = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""What `--scenes`, `--budgets` and `--seeds` mean."""
+"""Reads the values of `--scenes`, `--budgets` and `--seeds`."""
 
 from pathlib import Path
 
@@ -7,9 +7,9 @@ from scenes import Category, PackError, PackFiles, list_packs, read_pack
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
-    """The packs that `--scenes` selects: ids, ranges and categories, separated by commas; all of them if None.
+    """The packs that `--scenes` selects: ids, ranges and categories, separated by commas; None for all.
 
-    A range selects what there is in it. An id must exist.
+    A range selects the scenes that exist in it. A single id must exist.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
@@ -44,7 +44,7 @@ def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:
 
 
 def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
-    """Whole numbers and ranges separated by commas, such as `0,3-5`, in the order written, without repetition.
+    """Whole numbers and ranges separated by commas, such as `0,3-5`, in the order written, each number once.
 
     Raises:
         UsageError: A part is not a whole number or range, or is below `least`.

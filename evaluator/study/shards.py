@@ -1,4 +1,4 @@
-"""Shards: a run split over machines by a stable hash, so that no two play the same episode and none is left out."""
+"""Shards: a stable hash divides a run among machines, so that each episode is played on exactly one of them."""
 
 import hashlib
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from evaluator.errors import UsageError
 from evaluator.records import EpisodeKey
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"
-"""How many shards there are, where the scheduler does not say it."""
+"""Environment variable with the number of shards, for schedulers that do not set it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +20,13 @@ class Shard:
     count: int
 
     def takes(self, key: EpisodeKey) -> bool:
-        """Whether an episode belongs to this part; the same on every machine."""
+        """Whether an episode belongs to this part. The result is the same on every machine."""
         digest = hashlib.sha256(key.model_dump_json().encode()).digest()
         return int.from_bytes(digest[:8], "big") % self.count == self.index - 1
 
     @property
     def name(self) -> str:
-        """Name of its folder within that of the run; sorts in order."""
+        """Name of its folder in the folder of the run. Names sort in the order of the shards."""
         width = len(str(self.count))
         return f"shard-{self.index:0{width}}-of-{self.count}"
 
@@ -38,7 +38,7 @@ def parse_shard(text: str) -> Shard:
     """Read `i/n`.
 
     Raises:
-        UsageError: It is not two whole numbers, the first from 1 to the second.
+        UsageError: These are not two whole numbers, the first from 1 to the second.
     """
     index, slash, count = text.partition("/")
     if not slash or not index.isdecimal() or not count.isdecimal() or not 1 <= int(index) <= int(count):
@@ -47,13 +47,13 @@ def parse_shard(text: str) -> Shard:
 
 
 def shard_of_environment(environ: Mapping[str, str]) -> Shard:
-    """The shard that a scheduler gave this process; the whole run if none did.
+    """The shard that a scheduler assigned to this process; the whole run if there is no scheduler.
 
     Source: `SLURM_ARRAY_TASK_ID`, `_MIN`, `_STEP` and `_COUNT` of a Slurm array; `JOB_COMPLETION_INDEX` of an indexed
-    Kubernetes job, which does not say how many there are.
+    Kubernetes job, which does not give the number of shards.
 
     Raises:
-        UsageError: The variables contradict each other, or the count is missing.
+        UsageError: The variables contradict each other, or the number of shards is missing.
     """
     try:
         if "SLURM_ARRAY_TASK_ID" in environ:

@@ -1,4 +1,4 @@
-"""How a run stands while it goes on: right so far, money, pace."""
+"""The state of a run in progress: correct answers, money, pace."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from evaluator.study.limits import Meter
 
 @dataclass(slots=True)
 class Tally:
-    """Grades episodes as they end. The verdicts are for the display alone; those that count are made afterwards."""
+    """Grades episodes as they end, for the display only. The verdicts that count are made after the run."""
 
     keys: KeyRing
     meter: Meter
@@ -26,7 +26,7 @@ class Tally:
         self.started = self.clock()
 
     def add(self, episode: Episode) -> Verdict:
-        """Count an episode that has just ended, and say what it is worth."""
+        """Count an episode that has just ended, and return its verdict."""
         verdict = grade_episode(episode, self.keys.key(episode.key.scene, episode.key.seed)).strict
         self.ended += 1
         self.scored += verdict is not Verdict.UNSCORED
@@ -34,7 +34,7 @@ class Tally:
         return verdict
 
     def line(self) -> str:
-        """The state in a few words."""
+        """The state of the run in a few words."""
         minutes = max(self.clock() - self.started, 1e-9) / 60
         parts = [f"{self.correct}/{self.scored} right"] if self.scored else []
         if self.meter.tokens:
