@@ -22,7 +22,7 @@ class Record(BaseModel):
 
 
 class Outcome(StrEnum):
-    """How an episode ended, whether the answer was right or wrong."""
+    """How an episode ended. Does not say whether the answer is right."""
 
     ANSWERED = "answered"
     BUDGET_EXHAUSTED = "budget_exhausted"
