@@ -1,4 +1,4 @@
-"""Which third-party clients there are, as `clients.toml` has it."""
+"""The third-party clients that are tested, read from `clients.toml`."""
 
 import tomllib
 from pathlib import Path
@@ -11,26 +11,26 @@ PROGRAMS = HERE / "programs"
 
 
 class Client(BaseModel):
-    """A client, what is installed for it, and what its user must know."""
+    """A client, the packages that it needs, and what its user must know."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     package: str
-    """Whose version is told; `npm:` and a name for one of npm."""
+    """Package whose version is reported; an npm package has the prefix `npm:`."""
     program: str
-    """File in `programs`; takes the place of the laboratory and the opening prompt."""
+    """File in `programs`; its arguments are the address of the laboratory and the opening prompt."""
     requirements: tuple[str, ...]
     npm: tuple[str, ...] = ()
     scenes: tuple[int, ...] = (20, 23)
-    """Scene 20 wants a created object, scene 23 a found one."""
+    """Scenes to play: scene 20 needs a created object, scene 23 a found object."""
     stdio: Literal["session", "process-per-call", "none"] = "session"
-    """How it uses a laboratory on stdio: one process for an episode, one for each call, or not at all."""
+    """How it uses stdio: one server process for an episode, one for each call, or not at all."""
     know: str
 
     @property
     def source(self) -> str:
-        """The program, as it is run and shown."""
+        """The source code of the program, which is run and shown on the page."""
         return (PROGRAMS / self.program).read_text(encoding="utf-8")
 
 

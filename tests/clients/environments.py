@@ -1,6 +1,6 @@
-"""An environment for each client, made once for each set of pins and kept in the user's cache folder.
+"""Creates an environment for each client, once for each set of pins, in the user's cache folder.
 
-Outside the checkout, since an external agent is not told of paths that lead to the packs.
+It is outside the checkout, because an external agent must not get paths that lead to the packs.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ from pathlib import Path
 from catalogue import PROGRAMS, Client
 
 _READY = "ready"
-"""File that is written last: without it an environment was not finished."""
+"""File that is written last; an environment without it is incomplete."""
 
 
 class CannotInstall(Exception):
-    """A client cannot be installed here; says why."""
+    """A client cannot be installed here; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,23 +31,23 @@ class Environment:
 
     @property
     def python(self) -> Path:
-        """Its interpreter."""
+        """The Python interpreter of the environment."""
         return self.folder / "bin" / "python"
 
     @property
     def path(self) -> str:
-        """The folders of its programs, as a PATH."""
+        """The folders of its programs, as a value for PATH."""
         node = self._node()
         own = [self.folder / "bin", self.folder / "node_modules" / ".bin", *([node / "bin"] if node else [])]
         return os.pathsep.join([*map(str, own), "/usr/bin", "/bin"])
 
     def command(self, client: Client) -> list[str]:
-        """The words that start the client's program."""
+        """The command that starts the client's program."""
         program = PROGRAMS / client.program
         return [str(self.python) if program.suffix == ".py" else "/bin/sh", str(program)]
 
     def version(self, package: str) -> str:
-        """The version installed of a package."""
+        """The installed version of a package."""
         if package.startswith("npm:"):
             manifest = self.folder / "node_modules" / package.removeprefix("npm:") / "package.json"
             return json.loads(manifest.read_text(encoding="utf-8"))["version"]
@@ -58,7 +58,7 @@ class Environment:
         """Install the pins.
 
         Raises:
-            CannotInstall: The registry has no such thing, or the pins contradict each other.
+            CannotInstall: A package is missing in the registry, or the pins contradict each other.
         """
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.parent.mkdir(parents=True, exist_ok=True)
@@ -77,10 +77,10 @@ class Environment:
 
 
 def environment_of(client: Client) -> Environment:
-    """The environment of a client, installed if it is not there yet.
+    """The environment of a client, which is installed if necessary.
 
     Raises:
-        CannotInstall: It cannot be.
+        CannotInstall: It cannot be installed.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     pins = json.dumps([sys.version_info[:2], client.requirements, client.npm])

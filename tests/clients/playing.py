@@ -1,7 +1,7 @@
-"""Plays the scenes through one client, and tells whether the laboratory saw what it sees of anybody else.
+"""Plays scenes through one client and compares the calls and results with those of the evaluator's own client.
 
-What counts is what the laboratory was asked and what it returned, taken down on its own side: over HTTP in the
-evaluator's records of an external agent, on stdio by a process in between.
+They are recorded on the laboratory's side: over HTTP in the evaluator's records of an external agent, on stdio by a
+process between client and laboratory.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scripted_model import KEY, Asked, next_call
+from scripted_model import KEY, Conversation, next_call
 
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
@@ -30,29 +30,29 @@ from evaluator.store import RunFolder
 HERE = Path(__file__).parent
 LABORATORY = (sys.executable, "-m", "physment_mcp")
 MAX_WALL_S = 120.0
-"""Wall time for a program to play one scene [s]."""
+"""Greatest wall time for a program to play one scene [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """One scene, as the laboratory saw it."""
+    """One scene as the laboratory recorded it."""
 
     transcript: tuple[Mapping[str, Any], ...]
-    """Its calls and returns in canonical form: no times, no ids."""
+    """Calls and results in canonical form: no times, no ids."""
     grade: Grade | None
-    """None where there was no answer."""
+    """None if there was no answer."""
     prompt: str = ""
     failure: str = ""
     """Why there was no answer."""
     protocols: frozenset[str] = frozenset()
-    """MCP protocol versions spoken."""
+    """MCP protocol versions used."""
     processes: int = 1
-    """Laboratories that were started for it."""
+    """Number of laboratory processes that were started."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rehearsed:
-    """The scripted model as an agent of the evaluator: what clients are compared with."""
+    """The scripted model as an agent of the evaluator; clients are compared with its play."""
 
     name: str = "rehearsed"
 
@@ -67,14 +67,14 @@ class _Rehearsal:
     returns: list[Any] = field(default_factory=list[Any])
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        self.returns += [one.text for one in feedback.exchanges] if feedback else []
-        call = next_call(Asked(self.task, tuple(self.returns), frozenset()))
+        self.returns += [exchange.text for exchange in feedback.exchanges] if feedback else []
+        call = next_call(Conversation(self.task, tuple(self.returns), frozenset()))
         assert call is not None, "the episode ends with the answer"
         return Reply(calls=(ToolCall(tool=call.tool, arguments=call.arguments),))
 
 
 async def rehearse(scene: int) -> Played:
-    """Play a scene with the evaluator's own client, on stdio."""
+    """Play a scene with the evaluator's own client on stdio: the play that clients are compared with."""
     key = EpisodeKey(scene=scene, seed=0, agent="rehearsed", budget=20)
     async with ProcessLaboratory(LABORATORY).open(scene, 0) as client:
         episode = await play_episode(Rehearsed(), client, key, Versions(physment="0", protocol="0", pack="0"))
@@ -83,36 +83,37 @@ async def rehearse(scene: int) -> Played:
 
 def exchanges_of(episode: Episode) -> list[Exchange]:
     """The calls of all turns, in order."""
-    return [one for turn in episode.turns for one in turn.exchanges]
+    return [exchange for turn in episode.turns for exchange in turn.exchanges]
 
 
 def played(scene: int, exchanges: Sequence[Exchange], **facts: Any) -> Played:
-    """What calls and returns amount to: a transcript and the grade of the answer."""
-    answers = [one.call.arguments["answer"] for one in exchanges if one.call.tool == ANSWER and not one.is_error]
+    """The transcript of calls and results, and the grade of the answer."""
+    submitted = [exchange for exchange in exchanges if exchange.call.tool == ANSWER and not exchange.is_error]
+    answers = [exchange.call.arguments["answer"] for exchange in submitted]
     return Played(
-        tuple(canonical(one) for one in exchanges),
+        tuple(map(canonical, exchanges)),
         grade(answers[0], KeyRing().key(scene, 0)) if answers else None,
         **facts,
     )
 
 
-def canonical(one: Exchange) -> dict[str, Any]:
-    """A call and its return without what differs from run to run."""
-    said = {"refused": one.text} if one.is_error else {"result": one.content}
-    return {"tool": one.call.tool, "arguments": one.call.arguments, **said}
+def canonical(exchange: Exchange) -> dict[str, Any]:
+    """A call and its result, without what differs from run to run."""
+    result = {"refused": exchange.text} if exchange.is_error else {"result": exchange.content}
+    return {"tool": exchange.call.tool, "arguments": exchange.call.arguments, **result}
 
 
 def over_http(command: Sequence[str], scenes: Iterable[int], provider: str, path: str) -> dict[int, Played]:
     """Let a program play as an external agent of the evaluator.
 
     Args:
-        command: The program; the address of the episode and the opening prompt are put after it.
-        scenes: Which scenes.
+        command: The program; the address of the episode and the opening prompt are appended.
+        scenes: The scenes to play.
         provider: Address of the model.
-        path: Where the program finds others.
+        path: Value of PATH for the program.
 
     Returns:
-        For each scene, what the laboratory saw.
+        Scene → what the laboratory recorded.
     """
     with tempfile.TemporaryDirectory() as scratch:
         notes, run = Path(scratch) / "posts.jsonl", RunFolder(Path(scratch) / "run")
@@ -136,7 +137,7 @@ def over_http(command: Sequence[str], scenes: Iterable[int], provider: str, path
         grades, protocols = run.grades(), _versions_posted(notes)
         return {
             key.scene: Played(
-                tuple(canonical(one) for one in exchanges_of(episode)),
+                tuple(map(canonical, exchanges_of(episode))),
                 grades[key].grade if episode.answer is not None else None,
                 failure=" — ".join([part for part in (episode.error, _last_words(episode)) if part]),
                 protocols=protocols,
@@ -150,7 +151,7 @@ def _last_words(episode: Episode) -> str:
 
 
 def _last_line(text: str) -> str:
-    """The last line that says something; those of exception groups stand in frames."""
+    """The last line with text, without the frame that Python draws around exception groups."""
     lines = [line.strip(" |+-") for line in text.splitlines()]
     return next((line[:200] for line in reversed(lines) if line), "")
 
@@ -167,21 +168,21 @@ def _host(notes: Path) -> Generator[str]:
 
 
 def _versions_posted(notes: Path) -> frozenset[str]:
-    """The versions that came with tool calls; the header was not there before 2025-06-18."""
+    """The protocol versions of tool calls; the header did not exist before 2025-06-18."""
     posts = [json.loads(line) for line in notes.read_text().splitlines()] if notes.exists() else []
-    # The evaluator itself asks for the prompt and looks at the server, and calls no tool.
-    return frozenset(one["version"] or "2025-03-26" for one in posts if one["method"] == "tools/call")
+    # Other requests come from the evaluator, which calls no tool.
+    return frozenset(post["version"] or "2025-03-26" for post in posts if post["method"] == "tools/call")
 
 
 def on_stdio(command: Sequence[str], scene: int, prompt: str, provider: str, path: str) -> Played:
     """Let a program play a scene in a laboratory that it starts itself.
 
     Args:
-        command: The program; the command of the laboratory and the opening prompt are put after it.
-        scene: Which scene.
+        command: The program; the command of the laboratory and the opening prompt are appended.
+        scene: The scene to play.
         prompt: The opening prompt.
         provider: Address of the model.
-        path: Where the program finds others.
+        path: Value of PATH for the program.
     """
     with tempfile.TemporaryDirectory() as scratch:
         notes = Path(scratch) / "messages.jsonl"
@@ -198,25 +199,25 @@ def on_stdio(command: Sequence[str], scene: int, prompt: str, provider: str, pat
             failure = f"did not end within {MAX_WALL_S:g} s"
         messages = [json.loads(line) for line in notes.read_text().splitlines()] if notes.exists() else []
     exchanges, protocols = read_messages(messages)
-    processes = len({one["process"] for one in messages})
+    processes = len({note["process"] for note in messages})
     return played(scene, exchanges, prompt=prompt, failure=failure, protocols=protocols, processes=processes)
 
 
 def read_messages(messages: Iterable[Mapping[str, Any]]) -> tuple[list[Exchange], frozenset[str]]:
-    """The tool calls among the messages of a client and a laboratory, and the protocol versions spoken."""
+    """The tool calls in the messages of a client and a laboratory, and the protocol versions used."""
     calls: dict[tuple[int, Any], Mapping[str, Any]] = {}
     exchanges: list[Exchange] = []
     versions: set[str] = set()
-    for one in messages:
-        message, ident = one["message"], (one["process"], one["message"].get("id"))
+    for note in messages:
+        message, ident = note["message"], (note["process"], note["message"].get("id"))
         params, result = message.get("params") or {}, message.get("result") or {}
-        if one["speaker"] == "client" and message.get("method") == "tools/call":
+        if note["speaker"] == "client" and message.get("method") == "tools/call":
             calls[ident] = params
             stated = (params.get("_meta") or {}).get("io.modelcontextprotocol/protocolVersion")
             versions |= {stated} if stated else set()
-        elif one["speaker"] == "laboratory" and "protocolVersion" in result:
+        elif note["speaker"] == "laboratory" and "protocolVersion" in result:
             versions.add(result["protocolVersion"])
-        elif one["speaker"] == "laboratory" and ident in calls:
+        elif note["speaker"] == "laboratory" and ident in calls:
             call = calls.pop(ident)
             exchanges.append(
                 Exchange(
@@ -231,23 +232,23 @@ def read_messages(messages: Iterable[Mapping[str, Any]]) -> tuple[list[Exchange]
 
 
 def difference(seen: Played, expected: Played) -> str:
-    """In what a client's play differs from what was rehearsed; empty if in nothing."""
+    """The first difference between a client's play and the expected one; empty if there is none."""
     pairs = itertools.zip_longest(seen.transcript, expected.transcript)
-    for number, (one, other) in enumerate(pairs, start=1):
-        if one != other:
-            why = f"; {seen.failure}" if one is None and seen.failure else ""
-            return f"call {number} is {_short(one)}, not {_short(other)}{why}"
+    for number, (got, wanted) in enumerate(pairs, start=1):
+        if got != wanted:
+            why = f"; {seen.failure}" if got is None and seen.failure else ""
+            return f"call {number} is {_short(got)}, not {_short(wanted)}{why}"
     if seen.grade != expected.grade:
         return f"the grade is {seen.grade}, not {expected.grade}"
     return ""
 
 
-def _short(one: Mapping[str, Any] | None) -> str:
-    return json.dumps(one)[:160] if one else "missing"
+def _short(call: Mapping[str, Any] | None) -> str:
+    return json.dumps(call)[:160] if call else "missing"
 
 
 def _environment(provider: str, path: str) -> dict[str, str]:
-    """What a program finds around it: the model, under the names by which the vendors' clients look for it."""
+    """The environment variables of a program; the vendors' clients find the model's address and key in them."""
     kept = {name: os.environ[name] for name in ("HOME", "LANG", "TMPDIR", "SSL_CERT_FILE") if name in os.environ}
     model = {"OPENAI_BASE_URL": f"{provider}/v1", "OPENAI_API_KEY": KEY}
     gemini = {"GOOGLE_GEMINI_BASE_URL": provider, "GOOGLE_API_KEY": KEY}

@@ -1,4 +1,4 @@
-"""Runs every third-party client against the laboratory and prints what came of it.
+"""Runs every third-party client against the laboratory and prints the results.
 
 python tests/clients/run.py [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
 """
@@ -23,7 +23,7 @@ from evaluator.markdown import markdown_table
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One client over one transport."""
+    """The result of one client over one transport."""
 
     client: str
     version: str
@@ -31,7 +31,7 @@ class Row:
     protocol: str
     works: bool
     why: str
-    """Why not; or what was seen that is not the plain case."""
+    """Why it does not work, or what is special if it does."""
     know: str
 
 
@@ -61,8 +61,8 @@ def _on_stdio(
     }
     if client.stdio == "session":
         return _row(client, version, "stdio", found, expected)
-    # Held to its word: if it came to keep its process, its row and its page would have to say so.
-    many = all(one.processes > 1 for one in found.values())
+    # If the client now keeps one process, clients.toml is out of date.
+    many = all(played.processes > 1 for played in found.values())
     why = (
         "no episode: it starts a process for each call" if many else "it keeps one process now: say so in clients.toml"
     )
@@ -81,18 +81,18 @@ def _row(
 
 
 def _protocols(found: Mapping[int, Played]) -> str:
-    return ", ".join(sorted({one for played in found.values() for one in played.protocols})) or "–"
+    return ", ".join(sorted({version for played in found.values() for version in played.protocols})) or "–"
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """A row as the table shows it."""
+    """The cells of a row of the table."""
     works = ("host only" if row.why else "yes") if row.works else "NO"
     note = row.why if row.why and not row.works else row.know
     return row.client, row.version, row.transport, row.protocol, works, note
 
 
 def lines_of(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """The rows as the table shows them, what is to be known of a client once."""
+    """The rows of the table; the note of a client is written only once."""
     lines: list[tuple[str, ...]] = []
     known = ""
     for row in rows:
@@ -107,10 +107,10 @@ def page(rows: Sequence[Row]) -> str:
     lines = [
         "# Clients that were run",
         "",
-        "Made by `make clients`; do not edit. Each client played in an environment of its own, driven by a scripted"
-        " model that is refused three times, then finds or creates an object, measures and answers. *Works* means that"
-        " the laboratory saw the same calls and returned the same values as to the evaluator's own client, and that the"
-        " grade is the same. *Host only* means that the client was seen to start a laboratory for each call."
+        "Made by `make clients`; do not edit. Each client plays in a separate environment with a scripted model that"
+        " makes three refused calls, then finds or creates an object, measures and answers. *Works* means that the"
+        " calls, the results and the grade are the same as with the evaluator's own client. *Host only* means that the"
+        " client starts a laboratory for each call."
         " [How to set each of them up](../how-to/clients.md).",
         "",
         markdown_table(TITLES, lines_of(rows)),
@@ -119,18 +119,21 @@ def page(rows: Sequence[Row]) -> str:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run, print, and tell by the exit code whether all of them work."""
+    """Run the clients and print the table; returns 0 if all of them work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--out", type=Path, help="write the table there, if all clients were run and work")
     args = parser.parse_args(argv)
     console = Console(stderr=True)
     wanted = [
-        one for one in read_clients() if not args.names or any(name.lower() in one.name.lower() for name in args.names)
+        client
+        for client in read_clients()
+        if not args.names or any(name.lower() in client.name.lower() for name in args.names)
     ]
 
     async def expectations() -> dict[int, Played]:
-        return {scene: await rehearse(scene) for scene in sorted({one for client in wanted for one in client.scenes})}
+        scenes = sorted({scene for client in wanted for scene in client.scenes})
+        return {scene: await rehearse(scene) for scene in scenes}
 
     expected = anyio.run(expectations)
     rows: list[Row] = []
@@ -138,7 +141,7 @@ def main(argv: Sequence[str]) -> int:
         for client in wanted:
             with console.status(client.name):
                 rows += rows_of(client, expected, provider)
-            done = [f"{one.transport}: {cells(one)[4]}" for one in rows if one.client == client.name]
+            done = [f"{row.transport}: {cells(row)[4]}" for row in rows if row.client == client.name]
             console.print(f"{client.name}: {', '.join(done)}")
     table = Table(*TITLES, show_lines=True)
     for line in lines_of(rows):

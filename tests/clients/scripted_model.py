@@ -1,9 +1,9 @@
-"""A model provider on loopback that knows by heart how to play: it answers as a pack's own protocol would.
+"""A model provider on loopback that plays the reference protocol of a pack.
 
-It speaks OpenAI's chat completions and Gemini's generateContent, so that each client runs as it would with a real
-model. It keeps no state: what it says next follows from the conversation that it is sent. One call at a time, because
-clients run the calls of one reply side by side, and the order would be anybody's guess. Its first calls
-are wrong ones: an agent learns from refusals, also from several on end, so it goes on only if it is told why.
+It implements OpenAI's chat completions and Gemini's generateContent, so that each client runs as with a real model. It
+keeps no state: its next reply follows from the conversation in the request. Each reply has one call, because clients
+run several calls in parallel, in an unpredictable order. Its first three calls are wrong, and it continues only if the
+client returns the reason of each refusal, as agents need it.
 """
 
 import contextlib
@@ -26,36 +26,36 @@ from scenes.protocol import Call, Reading, load_solution
 
 KEY = "no-key-at-all"
 WRONG = Call("get_position", {"object_id": "object_99"})
-"""A call that every scene refuses, naming the object."""
+"""A call that every scene refuses; the refusal names the object."""
 WRONG_CALLS = 3
 _DONE = "The answer is given."
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """A conversation, in no provider's words."""
+class Conversation:
+    """A conversation, independent of the provider's format."""
 
     task: str
-    """All that was said before the model's first reply."""
+    """All text before the model's first reply."""
     returns: tuple[Any, ...]
-    """What came back after each of the model's replies, however the client wrapped it."""
+    """The result after each reply of the model, as the client wrapped it."""
     tools: frozenset[str]
 
 
-def next_call(asked: Asked) -> Call | None:
-    """What to call next: the wrong calls, then what the protocol of the scene calls; None at its end.
+def next_call(conversation: Conversation) -> Call | None:
+    """The next call: first the wrong calls, then those of the scene's protocol; None at its end.
 
     Raises:
-        ValueError: No scene is told of, it was not told why a call was refused, or what it read makes no sense.
+        ValueError: The conversation names no scene, a refusal gives no reason, or a result cannot be used.
     """
-    readings = [reading(one) for one in asked.returns]
+    readings = [reading(returned) for returned in conversation.returns]
     for refusal in readings[:WRONG_CALLS]:
         if "object_99" not in refusal.get("error", ""):
             raise ValueError(f"the model was not told why its call was refused, but: {json.dumps(refusal)[:200]}")
     if len(readings) < WRONG_CALLS:
         return WRONG
     readings = readings[WRONG_CALLS:]
-    protocol = _solver(asked.task)(asked.task)
+    protocol = _solver(conversation.task)(conversation.task)
     batch, taken = next(protocol), readings
     try:
         while len(readings) >= len(batch):
@@ -77,7 +77,7 @@ def _solver(task: str) -> Any:
 
 
 def reading(returned: Any) -> Reading:
-    """The structured result in whatever a client made of it: text, parts of text, text around JSON."""
+    """The structured result inside a client's representation: text, parts of text, or text around JSON."""
     found = _result_in(returned)
     return found if found is not None else {"error": returned if isinstance(returned, str) else json.dumps(returned)}
 
@@ -98,7 +98,7 @@ def _result_in(value: Any) -> Reading | None:
 
 
 def _json_in(text: str) -> list[Any]:
-    """The JSON objects and lists that stand in a text, outermost first."""
+    """The outermost JSON objects and lists in a text."""
     found: list[Any] = []
     at = 0
     while (start := re.compile(r"[\[{]").search(text, at)) is not None:
@@ -110,28 +110,31 @@ def _json_in(text: str) -> list[Any]:
     return found
 
 
-def read_openai(body: Mapping[str, Any]) -> Asked:
-    """A request for a chat completion."""
+def read_openai(body: Mapping[str, Any]) -> Conversation:
+    """Parse a request for a chat completion."""
     said, returns = _split(
-        [(one["role"] == "assistant", one.get("content")) for one in body["messages"]],
+        [(message["role"] == "assistant", message.get("content")) for message in body["messages"]],
     )
-    return Asked(_text(said), returns, frozenset(one["function"]["name"] for one in body.get("tools") or ()))
+    return Conversation(_text(said), returns, frozenset(tool["function"]["name"] for tool in body.get("tools") or ()))
 
 
-def read_gemini(body: Mapping[str, Any]) -> Asked:
-    """A request for generateContent."""
+def read_gemini(body: Mapping[str, Any]) -> Conversation:
+    """Parse a request for generateContent."""
     said, returns = _split(
         [
-            (one.get("role") == "model", [part.get("functionResponse") or part.get("text") for part in one["parts"]])
-            for one in body["contents"]
+            (
+                message.get("role") == "model",
+                [part.get("functionResponse") or part.get("text") for part in message["parts"]],
+            )
+            for message in body["contents"]
         ],
     )
-    declared = [one for group in body.get("tools") or () for one in group.get("functionDeclarations", ())]
-    return Asked(_text(said), returns, frozenset(one["name"] for one in declared))
+    tools = [tool for group in body.get("tools") or () for tool in group.get("functionDeclarations", ())]
+    return Conversation(_text(said), returns, frozenset(tool["name"] for tool in tools))
 
 
 def _split(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, ...]]:
-    """What was said before the model's first reply, and what came after each of its replies."""
+    """The contents before the model's first reply, and those after each of its replies."""
     before: list[Any] = []
     after: list[list[Any]] = []
     for ours, content in messages:
@@ -139,7 +142,7 @@ def _split(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, 
             after.append([])
         else:
             (after[-1] if after else before).append(content)
-    return before, tuple(one[0] if len(one) == 1 else one for one in after if one)
+    return before, tuple(contents[0] if len(contents) == 1 else contents for contents in after if contents)
 
 
 def _text(contents: Any) -> str:
@@ -149,7 +152,7 @@ def _text(contents: Any) -> str:
         case {"text": text}:
             return _text(text)
         case list() | tuple():
-            return "\n\n".join(_text(one) for one in contents)
+            return "\n\n".join(map(_text, contents))
         case _:
             return ""
 
@@ -158,15 +161,15 @@ async def _openai(request: Request) -> JSONResponse:
     body = await request.json()
     if body.get("stream"):
         return JSONResponse({"error": {"message": "this model does not stream", "type": "no_stream"}}, 400)
-    asked = read_openai(body)
-    call, words = _reply(asked)
+    conversation = read_openai(body)
+    call, words = _reply(conversation)
     message: dict[str, Any] = {"role": "assistant", "content": None if call else words}
     if call:
         function = {"name": call.tool, "arguments": json.dumps(call.arguments)}
-        message["tool_calls"] = [{"id": f"call_{len(asked.returns)}", "type": "function", "function": function}]
+        message["tool_calls"] = [{"id": f"call_{len(conversation.returns)}", "type": "function", "function": function}]
     return JSONResponse(
         {
-            "id": f"chatcmpl-{len(asked.returns)}",
+            "id": f"chatcmpl-{len(conversation.returns)}",
             "object": "chat.completion",
             "created": int(time.time()),
             "model": body.get("model", ""),
@@ -188,14 +191,14 @@ async def _gemini(request: Request) -> JSONResponse:
     )
 
 
-def _reply(asked: Asked) -> tuple[Call | None, str]:
-    """The call to make, or what to say instead."""
+def _reply(conversation: Conversation) -> tuple[Call | None, str]:
+    """The call to make, or the text of a reply without a call."""
     try:
-        call, words = next_call(asked), _DONE
+        call, words = next_call(conversation), _DONE
     except ValueError as error:
         call, words = None, str(error)
-    if call is None and "final_answer" in asked.tools:
-        # Some clients take a reply without a call for a mistake, and offer a tool of their own to end with.
+    if call is None and "final_answer" in conversation.tools:
+        # Some clients treat a reply without a call as an error, and have their own tool to end the run.
         call = Call("final_answer", {"answer": words})
     return call, words
 
@@ -212,7 +215,7 @@ def app() -> Starlette:
 
 @contextlib.contextmanager
 def serving(application: Any) -> Generator[str]:
-    """Serve an ASGI application from a thread, on loopback; its address."""
+    """Serve an ASGI application from a thread, on loopback; yields its address."""
     server = uvicorn.Server(uvicorn.Config(application, port=0, log_level="warning"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

@@ -1,4 +1,4 @@
-"""What `make clients` is made of: the page shows what is run, the model reads whatever clients show it, faults show."""
+"""The parts of `make clients`: the generated page, the scripted model, and the detection of client faults."""
 
 import json
 import sys
@@ -13,7 +13,7 @@ from how_to import PAGE, current
 from playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
 from run import Row, cells, main, rows_of
 from run import page as table_page
-from scripted_model import WRONG, WRONG_CALLS, Asked, app, next_call, read_gemini, read_openai, reading, serving
+from scripted_model import WRONG, WRONG_CALLS, Conversation, app, next_call, read_gemini, read_openai, reading, serving
 
 from evaluator.records import Verdict
 
@@ -80,11 +80,11 @@ def test_the_page_shows_the_programs_that_are_run(update_goldens: bool) -> None:
     if update_goldens:
         PAGE.write_text(current(), encoding="utf-8")
     assert PAGE.read_text(encoding="utf-8") == current()
-    assert {one.program for one in read_clients()} == {file.name for file in PROGRAMS.iterdir() if file.is_file()}
+    assert {client.program for client in read_clients()} == {file.name for file in PROGRAMS.iterdir() if file.is_file()}
 
 
-def test_the_rehearsal_is_refused_finds_measures_and_is_right(expected: Played) -> None:
-    tools = [one["tool"] for one in expected.transcript]
+def test_the_expected_play_is_refused_then_finds_measures_and_is_right(expected: Played) -> None:
+    tools = [call["tool"] for call in expected.transcript]
     assert tools == ["get_position"] * 3 + ["find_objects", "apply_force", "step", "get_displacement", "answer"]
     assert expected.grade is not None
     assert expected.grade.strict is Verdict.CORRECT
@@ -102,32 +102,32 @@ def test_the_rehearsal_is_refused_finds_measures_and_is_right(expected: Played) 
         [["1. it moved", {"result": TEXT}]],
     ],
 )
-def test_the_model_finds_a_result_in_whatever_a_client_makes_of_it(returned: Any) -> None:
+def test_the_model_finds_a_result_in_every_representation_of_a_client(returned: Any) -> None:
     assert reading(returned) == RESULT
 
 
 @pytest.mark.parametrize(
     "returned", [REFUSED, f"Error: {REFUSED}", {"error": REFUSED}, [{"type": "text", "text": REFUSED}]]
 )
-def test_the_model_reads_a_refusal(returned: Any) -> None:
+def test_the_model_recognises_a_refusal(returned: Any) -> None:
     assert "object_99" in reading(returned)["error"]
 
 
-def test_the_model_goes_on_only_if_it_is_told_why_it_was_refused(expected: Played) -> None:
-    told = Asked(expected.prompt, (REFUSED,) * WRONG_CALLS, frozenset())
-    assert next_call(Asked(expected.prompt, (), frozenset())) == WRONG
-    after = next_call(told)
+def test_the_model_continues_only_if_it_gets_the_reason_of_a_refusal(expected: Played) -> None:
+    with_reasons = Conversation(expected.prompt, (REFUSED,) * WRONG_CALLS, frozenset())
+    assert next_call(Conversation(expected.prompt, (), frozenset())) == WRONG
+    after = next_call(with_reasons)
     assert after is not None
     assert after.tool == "find_objects"
     with pytest.raises(ValueError, match="not told why"):
-        next_call(Asked(expected.prompt, ("tool failed",), frozenset()))
+        next_call(Conversation(expected.prompt, ("tool failed",), frozenset()))
     with pytest.raises(ValueError, match="tells of no scene"):
-        next_call(Asked("Hello.", (REFUSED,) * WRONG_CALLS, frozenset()))
+        next_call(Conversation("Hello.", (REFUSED,) * WRONG_CALLS, frozenset()))
     with pytest.raises(ValueError, match="makes nothing of"):
-        next_call(Asked(expected.prompt, (*(REFUSED,) * WRONG_CALLS, "no such tool"), frozenset()))
+        next_call(Conversation(expected.prompt, (*(REFUSED,) * WRONG_CALLS, "no such tool"), frozenset()))
 
 
-def test_both_wire_formats_say_the_same() -> None:
+def test_both_wire_formats_give_the_same_conversation() -> None:
     chat = {
         "messages": [
             {"role": "system", "content": "Act."},
@@ -146,46 +146,44 @@ def test_both_wire_formats_say_the_same() -> None:
         ],
         "tools": [{"functionDeclarations": [{"name": "step"}]}],
     }
-    one, other = read_openai(chat), read_gemini(gemini)
-    assert one.task == other.task == "Act.\n\nTask"
-    assert one.tools == other.tools == {"step"}
-    assert [reading(each) for each in one.returns] == [reading(each) for each in other.returns] == [RESULT]
+    first, second = read_openai(chat), read_gemini(gemini)
+    assert first.task == second.task == "Act.\n\nTask"
+    assert first.tools == second.tools == {"step"}
+    assert list(map(reading, first.returns)) == list(map(reading, second.returns)) == [RESULT]
 
 
-def test_a_client_is_held_to_the_rehearsal_over_http(tmp_path: Path, provider: str, expected: Played) -> None:
+def test_a_client_over_http_is_compared_with_the_expected_play(tmp_path: Path, provider: str, expected: Played) -> None:
     seen = over_http(program(tmp_path), [23], provider, "/usr/bin:/bin")[23]
     assert difference(seen, expected) == ""
     assert seen.protocols == {"2026-07-28"}
 
 
-def test_a_client_is_held_to_the_rehearsal_on_stdio(tmp_path: Path, provider: str, expected: Played) -> None:
+def test_a_client_on_stdio_is_compared_with_the_expected_play(tmp_path: Path, provider: str, expected: Played) -> None:
     seen = on_stdio(program(tmp_path), 23, expected.prompt, provider, "/usr/bin:/bin")
     assert difference(seen, expected) == ""
     assert (seen.protocols, seen.processes) == ({"2026-07-28"}, 1)
 
 
-def test_a_client_that_changes_a_call_is_caught(tmp_path: Path, provider: str, expected: Played) -> None:
+def test_a_client_that_changes_a_call_is_detected(tmp_path: Path, provider: str, expected: Played) -> None:
     fault = 'arguments |= {"duration": 14.0} if function["name"] == "step" else {}'
     seen = on_stdio(program(tmp_path, fault), 23, expected.prompt, provider, "/usr/bin:/bin")
     assert difference(seen, expected).startswith('call 6 is {"tool": "step", "arguments": {"duration": 14.0}')
 
 
-def test_a_client_that_breaks_off_is_a_failure_with_its_last_words(
-    tmp_path: Path, provider: str, expected: Played
-) -> None:
+def test_a_client_that_crashes_is_a_failure_with_its_last_line(tmp_path: Path, provider: str, expected: Played) -> None:
     fault = 'assert function["name"] != "step", "I will not wait"'
     seen = on_stdio(program(tmp_path, fault), 23, expected.prompt, provider, "/usr/bin:/bin")
     assert difference(seen, expected).startswith("call 6 is missing")
     assert "I will not wait" in difference(seen, expected)
 
 
-def test_another_grade_is_a_difference(expected: Played) -> None:
+def test_a_different_grade_is_a_difference(expected: Played) -> None:
     assert expected.grade is not None
     worse = expected.grade.model_copy(update={"strict": Verdict.INCORRECT})
     assert difference(Played(expected.transcript, worse), expected).startswith("the grade is")
 
 
-def test_processes_and_versions_are_read_from_the_messages() -> None:
+def test_calls_and_versions_are_read_from_the_messages() -> None:
     def said(process: int, speaker: str, **message: Any) -> dict[str, Any]:
         return {"process": process, "speaker": speaker, "message": {"jsonrpc": "2.0", **message}}
 
@@ -200,10 +198,10 @@ def test_processes_and_versions_are_read_from_the_messages() -> None:
     ]
     exchanges, versions = read_messages(messages)
     assert versions == {"2025-06-18"}
-    assert [canonical(one) for one in exchanges] == [{"tool": "step", "arguments": {"duration": 1}, "result": RESULT}]
+    assert list(map(canonical, exchanges)) == [{"tool": "step", "arguments": {"duration": 1}, "result": RESULT}]
 
 
-def test_a_client_that_cannot_be_installed_is_a_row_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_that_cannot_be_installed_has_a_row_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_client: Client) -> None:
         raise CannotInstall("pip: no such version")
 
@@ -233,6 +231,6 @@ def test_a_client_that_fails_makes_the_command_fail_and_writes_no_page(
     assert main(["no such client"]) == 1
 
 
-def test_the_table_says_who_needs_a_host() -> None:
+def test_the_table_says_which_clients_need_a_host() -> None:
     row = Row("A | B", "1.0", "stdio", "2025-11-25", works=True, why="starts a process for each call", know="So it is.")
     assert "| A \\| B | 1.0 | stdio | 2025-11-25 | host only | So it is. |" in table_page([row])

@@ -1,6 +1,6 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false
-# ruff: noqa: E402 - what needs the library is imported after the look whether it is there
+# ruff: noqa: E402 - imports that need the library follow the check that it is installed
 
 """Inspect AI plays and grades as `physment-eval` does: the same turns, returns, outcome, answer and verdicts."""
 
@@ -20,7 +20,7 @@ inspect_ai = pytest.importorskip(
 
 from inspect_ai.model import ModelOutput, ModelUsage, get_model
 from playing import Rehearsed, canonical, exchanges_of
-from scripted_model import KEY, Asked, app, next_call, serving
+from scripted_model import KEY, Conversation, app, next_call, serving
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
@@ -35,13 +35,13 @@ ROOT = Path(__file__).parents[2]
 USAGE = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
 Outputs = Callable[..., ModelOutput]
 
-pytestmark = pytest.mark.filterwarnings("default")  # those of a library with a hundred dependencies are not ours
+pytestmark = pytest.mark.filterwarnings("default")  # warnings of a library with a hundred dependencies
 
 
 def rehearsed(messages: list[Any], *_: object) -> ModelOutput:
-    """The scripted model, in Inspect's words."""
-    returns = tuple(one.text for one in messages if one.role == "tool")
-    call = next_call(Asked(messages[0].text, returns, frozenset()))
+    """The scripted model as a model of Inspect."""
+    returns = tuple(message.text for message in messages if message.role == "tool")
+    call = next_call(Conversation(messages[0].text, returns, frozenset()))
     assert call is not None
     output = ModelOutput.for_tool_call("mockllm", call.tool, call.arguments)
     output.usage = USAGE
@@ -54,14 +54,14 @@ def wrong(messages: list[Any], *_: object) -> ModelOutput:
     return output
 
 
-def hesitant(messages: list[Any], *_: object) -> ModelOutput:
+def misfitting(messages: list[Any], *_: object) -> ModelOutput:
     output = ModelOutput.for_tool_call("mockllm", "step", {"duration": "long"})
     output.usage = USAGE
     return output
 
 
 class Repeating:
-    """The agent that makes the same call in each turn."""
+    """An agent that makes the same call in each turn."""
 
     def __init__(self, tool: str, arguments: dict[str, Any]) -> None:
         self.name = "repeating"
@@ -95,13 +95,13 @@ async def play_here(agent: Agent, scene: int, budget: int) -> Episode:
 CASES = {
     "solved": (23, 20, rehearsed, Rehearsed(), Outcome.ANSWERED, 1.0),
     "wrong": (7, 20, wrong, Repeating("answer", {"answer": -1.0}), Outcome.ANSWERED, 0.0),
-    "out of budget": (7, 4, hesitant, Repeating("step", {"duration": "long"}), Outcome.BUDGET_EXHAUSTED, 0.0),
+    "out of budget": (7, 4, misfitting, Repeating("step", {"duration": "long"}), Outcome.BUDGET_EXHAUSTED, 0.0),
     "out of budget before the answer": (23, 7, rehearsed, Rehearsed(), Outcome.BUDGET_EXHAUSTED, 0.0),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_an_episode_counts_in_inspect_what_it_counts_here(case: str, tmp_path: Path) -> None:
+def test_an_episode_in_inspect_has_the_same_turns_and_grade_as_here(case: str, tmp_path: Path) -> None:
     import anyio
 
     scene, budget, outputs, agent, outcome, strict = CASES[case]
@@ -109,7 +109,7 @@ def test_an_episode_counts_in_inspect_what_it_counts_here(case: str, tmp_path: P
     ours = anyio.run(play_here, agent, scene, budget)
     assert (theirs.outcome, theirs.answer, theirs.prompt) == (outcome, ours.answer, ours.prompt)
     assert ours.outcome is outcome
-    assert [canonical(one) for one in exchanges_of(theirs)] == [canonical(one) for one in exchanges_of(ours)]
+    assert list(map(canonical, exchanges_of(theirs))) == list(map(canonical, exchanges_of(ours)))
     assert [turn.note for turn in theirs.turns] == [turn.note for turn in ours.turns]
     grade = grade_episode(ours, KeyRing().key(scene, 0))
     score = sample.scores["laboratory_grade"]
@@ -121,22 +121,22 @@ def test_an_episode_counts_in_inspect_what_it_counts_here(case: str, tmp_path: P
     assert (score.value["strict"], score.explanation) == (strict, grade.reason)
 
 
-def test_a_model_reads_in_inspect_what_models_read_here(tmp_path: Path) -> None:
+def test_a_model_in_inspect_gets_the_same_texts_as_here(tmp_path: Path) -> None:
     episode, sample = play_in_inspect(rehearsed, 23, 20, tmp_path)
-    said = [one.text for one in sample.messages]
+    said = [message.text for message in sample.messages]
     assert said[0] == episode.prompt
-    returns = [one.text for one in sample.messages if one.role == "tool"]
-    assert returns == [one.text for one in exchanges_of(episode)][:-1]  # nobody reads what comes after the answer
+    returns = [message.text for message in sample.messages if message.role == "tool"]
+    assert returns == [exchange.text for exchange in exchanges_of(episode)][:-1]  # the result of the answer is not sent
     assert said[3] == "Iterations left: 19."
 
 
-def test_nothing_of_the_key_is_in_a_sample_before_it_is_graded() -> None:
+def test_a_sample_does_not_contain_the_key() -> None:
     (sample,) = physment(scenes="23").dataset
     assert not sample.target
     assert set(sample.metadata or {}) == {"key", "category", "problem_type"}
 
 
-def test_inspect_eval_plays_the_file_of_the_task(tmp_path: Path) -> None:
+def test_inspect_eval_plays_the_task_file(tmp_path: Path) -> None:
     with serving(app()) as provider:
         words = ["eval", "evaluator/inspect_task.py", "--model", "openai/gpt-5.5", "-M", "responses_api=false"]
         words += ["-T", "scenes=20,23", "-T", "budget=15", "--log-dir", str(tmp_path), "--log-format", "json"]
@@ -146,7 +146,7 @@ def test_inspect_eval_plays_the_file_of_the_task(tmp_path: Path) -> None:
             cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=120,
         )  # fmt: skip
     (log,) = tmp_path.glob("*.json")
-    told = json.loads(log.read_text(encoding="utf-8"))
-    assert told["status"] == "success", done.stdout[-2000:]
-    scores = {one["name"]: one["metrics"]["mean"]["value"] for one in told["results"]["scores"]}
+    result = json.loads(log.read_text(encoding="utf-8"))
+    assert result["status"] == "success", done.stdout[-2000:]
+    scores = {score["name"]: score["metrics"]["mean"]["value"] for score in result["results"]["scores"]}
     assert scores == {"strict": 1.0, "normalised": 1.0, "graded": 1.0}

@@ -1,4 +1,4 @@
-"""The host as `physment-mcp serve` runs it, with a note of the protocol version of each call.
+"""The host as `physment-mcp serve` runs it, which also records the protocol version of each call.
 
 python watched_host.py FILE    serves on a free port, prints its address, appends a JSON line for each POST to FILE
 """
@@ -15,7 +15,7 @@ from physment_mcp.serving.host import Host, serve
 
 
 class WatchedHost(Host):
-    """Takes a note of what is posted."""
+    """A host that records each POST."""
 
     notes: Path
 

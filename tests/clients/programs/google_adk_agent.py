@@ -13,7 +13,7 @@ laboratory, task = sys.argv[1:]
 
 
 def connect():
-    # The toolset's own five seconds for a call are short for a long experiment.
+    # The toolset's default timeout of five seconds is too short for a long experiment.
     if laboratory.startswith("http"):
         return StreamableHTTPConnectionParams(url=laboratory, timeout=300)
     command, *args = shlex.split(laboratory)

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Scene 23 by hand, with the command line of the MCP Inspector. Each command is a connection of its own.
+# Plays scene 23 with the command line of the MCP Inspector. Each command opens a new connection.
 laboratory=$1
 
 call() {
   mcp-inspector --cli "$laboratory" --transport http --method tools/call --tool-name "$@"
 }
 
-# What is refused says why, and ends with a code of its own.
+# A refused call says why, and ends with a non-zero exit code.
 for attempt in first second third; do
   call get_position --tool-arg object_id=object_99 || echo "$attempt refusal, code $?"
 done

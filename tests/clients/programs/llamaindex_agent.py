@@ -1,4 +1,4 @@
-"""A LlamaIndex agent with the tools of the laboratory. Its client connects anew for each call: give it a URL."""
+"""A LlamaIndex agent with the tools of the laboratory. Its client reconnects for each call, so give it a URL."""
 
 import asyncio
 import os

@@ -1,4 +1,4 @@
-"""The `mcp` 1.x client and the loop that most agents are: ask the model, call the tool, show it what came back."""
+"""The `mcp` 1.x client with a minimal agent loop: ask the model, call the tool, return the result to the model."""
 
 import asyncio
 import json

@@ -13,7 +13,7 @@ set_tracing_disabled(disabled=True)
 
 
 def connect():
-    # The SDK's own five seconds for a call are short for a long experiment.
+    # The SDK's default timeout of five seconds is too short for a long experiment.
     if laboratory.startswith("http"):
         return MCPServerStreamableHttp({"url": laboratory}, client_session_timeout_seconds=300)
     command, *args = shlex.split(laboratory)

@@ -19,10 +19,10 @@ def parameters():
 with MCPClient(parameters(), structured_output=False) as tools:
     for tool in tools:
         for argument in tool.inputs.values():
-            if "anyOf" in argument:  # which the adapter takes for text, and would refuse the number of an answer
+            if "anyOf" in argument:  # the adapter takes it as a text, and would refuse a number as answer
                 argument["type"] = "any"
-            if "default" in argument:  # or all arguments are required
+            if "default" in argument:  # otherwise the adapter requires all arguments
                 argument["nullable"] = True
-    # Calls of one reply would run side by side, in any order.
+    # Otherwise the calls of one reply run in parallel, in any order.
     agent = ToolCallingAgent(tools, OpenAIModel("gpt-5.5"), max_steps=100, max_tool_threads=1, verbosity_level=0)
     print(agent.run(task))
