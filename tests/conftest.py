@@ -1,4 +1,4 @@
-"""What all tests share: one async backend, property tests without a clock, a web server, the flag for golden files."""
+"""Shared by all tests: one async backend, property tests without deadlines, a web server, and --update-goldens."""
 
 import contextlib
 import http.server
@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 import pytest
 from hypothesis import settings
 
-# How long an example takes says more of the machine and its neighbours than of the code.
+# The time of an example depends on the machine and its load, so it must not fail a test.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
@@ -31,7 +31,7 @@ def anyio_backend() -> str:
 
 @pytest.fixture
 def web_server() -> Callable[[int, bytes], contextlib.AbstractContextManager[str]]:
-    """A web server that gives one reply to everything; its address."""
+    """Starts a web server that gives the same reply to every request; yields its address."""
 
     @contextlib.contextmanager
     def serving(status: int, body: bytes) -> Generator[str]:

@@ -1,4 +1,4 @@
-"""Documents that follow from the code are remade from it and compared; links lead somewhere."""
+"""Generated documents match the code, and links between documents have a target."""
 
 import json
 import re
@@ -17,7 +17,7 @@ from tests.builders.paths import DOCS
 
 
 def tools_page() -> str:
-    """The reference of the tools, from their published schemas."""
+    """The reference page of the tools, generated from their published schemas."""
     lines = [
         "# The 26 tools",
         "",
@@ -51,7 +51,7 @@ def _table(title: str, schema: dict[str, Any]) -> list[str]:
 
 def _form(field: dict[str, Any]) -> str:
     if "anyOf" in field:
-        return " or ".join(_form(one) for one in field["anyOf"])
+        return " or ".join(_form(option) for option in field["anyOf"])
     if "enum" in field:
         return " or ".join(map(str, field["enum"]))
     if "$ref" in field:
@@ -72,7 +72,7 @@ def _form(field: dict[str, Any]) -> str:
     return " ".join([str(field.get("type", "any")), ", ".join(bounds)]).strip()
 
 
-def test_the_reference_of_the_tools_is_current(update_goldens: bool) -> None:
+def test_the_reference_page_of_the_tools_is_current(update_goldens: bool) -> None:
     page = DOCS / "reference" / "tools.md"
     if update_goldens:
         page.write_text(tools_page(), encoding="utf-8")
@@ -80,7 +80,7 @@ def test_the_reference_of_the_tools_is_current(update_goldens: bool) -> None:
 
 
 def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
-    """Editors check a pack against it while it is written; `physment-eval lint` says more."""
+    """Editors validate a pack with this schema; `physment-eval lint` checks more."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": "Made from scenes/pack.py by `pytest tests/test_docs.py --update-goldens`; do not edit.",
@@ -124,7 +124,7 @@ def test_every_pack_fits_the_published_schema() -> None:
         validator.validate(json.loads(files.json.read_text(encoding="utf-8")))  # pyright: ignore[reportUnknownMemberType] - partly typed
 
 
-def test_links_between_documents_lead_somewhere() -> None:
+def test_links_between_documents_have_a_target() -> None:
     broken = [
         f"{page.name} → {target}"
         for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]

@@ -1,4 +1,4 @@
-"""What a person installs: the lock, and the wheel far from the checkout."""
+"""The files that users install: the lock file, and the wheel outside the checkout."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ def run(*command: str, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fresh environment that has our wheel and, beside it, the dependencies installed here; its bin folder."""
+    """The bin folder of a new environment with our wheel and the dependencies installed here."""
     place = tmp_path_factory.mktemp("wheel")
     run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(place), str(ROOT), cwd=place)
     (wheel,) = place.glob("*.whl")
@@ -32,12 +32,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     binaries = environment / "bin"
     run(str(binaries / "python"), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel), cwd=place)
     site = next((environment / "lib").glob("python*")) / "site-packages"
-    # A plain path, so that editable installs there, which are .pth files too, stay out.
+    # Python ignores .pth files in a folder added by a .pth file, so editable installs there have no effect.
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
     return binaries
 
 
-def test_the_wheel_brings_every_pack_whole(installed: Path, tmp_path: Path) -> None:
+def test_the_wheel_contains_every_file_of_every_pack(installed: Path, tmp_path: Path) -> None:
     code = (
         "import scenes; packs = scenes.list_packs();"
         "assert all(f.json.is_file() and f.mjcf.is_file() and f.solution.is_file() for f in packs);"
@@ -49,7 +49,7 @@ def test_the_wheel_brings_every_pack_whole(installed: Path, tmp_path: Path) -> N
     assert ids.split() == [str(files.scene_id) for files in scenes.list_packs()]
 
 
-def test_the_wheel_says_that_its_packages_are_typed(installed: Path, tmp_path: Path) -> None:
+def test_the_packages_in_the_wheel_are_marked_as_typed(installed: Path, tmp_path: Path) -> None:
     code = (
         "from importlib.resources import files;"
         "print(*(name for name in ('physment_mcp', 'evaluator', 'scenes') if (files(name) / 'py.typed').is_file()))"
@@ -64,12 +64,12 @@ def test_the_wheel_plays_a_scene_outside_the_checkout(installed: Path, tmp_path:
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
 
 
-def test_the_lock_has_a_hash_for_everything_and_names_no_host() -> None:
+def test_every_requirement_in_the_lock_has_a_hash_and_none_names_a_host() -> None:
     lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
     assert not re.search(r"https?:|--(extra-)?index-url|--find-links|file:", lock)
     requirements = re.split(r"\n(?=[A-Za-z0-9])", lock.split("\n", 1)[1])
     assert len(requirements) > 30
-    assert [one.split()[0] for one in requirements if "--hash=sha256:" not in one] == []
+    assert [text.split()[0] for text in requirements if "--hash=sha256:" not in text] == []
 
 
 def test_the_lock_satisfies_every_requirement_of_the_project() -> None:

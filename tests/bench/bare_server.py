@@ -1,6 +1,6 @@
-"""The least a typed MCP server can be: one tool that returns a constant. What the laboratory is measured against.
+"""A minimal typed MCP server, with one tool that returns a constant. The laboratory's speed is compared with it.
 
-The tool declares schemas both ways, as ours do: the client's own check of results costs the same on both sides.
+The tool has input and output schemas like ours, so the client's check of results takes the same time on both sides.
 
 python bare_server.py          on stdio
 python bare_server.py http     over HTTP, one session manager at /mcp; prints its address as one JSON line

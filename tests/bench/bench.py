@@ -1,7 +1,7 @@
-"""Speed, as ratios measured side by side in one run: `make bench`.
+"""Speed as ratios measured in one run: `make bench`.
 
-Each row times the two sides in turn, many rounds over, and gives the median of the rounds' ratios. A ratio above its
-aim is marked, not failed: machines differ, and a busy one measures its neighbours.
+Each row times both sides alternately in many rounds, and gives the median of the ratios. A ratio above its aim is
+marked but is no failure, because machines differ and other processes disturb the measurement.
 """
 
 import contextlib
@@ -41,16 +41,16 @@ async def compare(ours: Timed, theirs: Timed, rounds: int) -> tuple[float, float
     await ours()
     await theirs()
     pairs = [(await ours(), await theirs()) for _ in range(rounds)]
-    ratios = [mine / other for mine, other in pairs]
+    ratios = [our_time / their_time for our_time, their_time in pairs]
     return (
-        statistics.median(mine for mine, _ in pairs),
-        statistics.median(other for _, other in pairs),
+        statistics.median(our_time for our_time, _ in pairs),
+        statistics.median(their_time for _, their_time in pairs),
         statistics.median(ratios),
     )
 
 
 def calling(client: Client, calls: int) -> Timed:
-    """The time [s] of one `get_velocity`, averaged over some calls."""
+    """Measures the time [s] of one `get_velocity`, averaged over some calls."""
 
     async def timed() -> float:
         start = time.perf_counter()
@@ -67,7 +67,7 @@ def stdio(*arguments: str) -> Client:
 
 @contextlib.asynccontextmanager
 async def listening(*arguments: str) -> AsyncGenerator[str]:
-    """A server process that prints its address first."""
+    """Start a server process that prints its address first; yields the address."""
     process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, text=True)  # noqa: ASYNC220
     try:
         assert process.stdout is not None
@@ -78,7 +78,7 @@ async def listening(*arguments: str) -> AsyncGenerator[str]:
 
 
 async def tool_calls() -> AsyncGenerator[tuple[str, float, float, float, float]]:
-    """A reading through each transport, against a server that does nothing."""
+    """Time a reading through each transport, compared with a server that does nothing."""
     async with Client(open_episode(SCENE).server()) as mine, Client(bare_server()) as bare:
         yield "tool call, in memory", *await compare(calling(mine, 200), calling(bare, 200), 15), 1.25
     async with stdio("-m", "physment_mcp", "--scene", str(SCENE)) as mine, stdio(str(HERE / "bare_server.py")) as bare:
@@ -110,7 +110,7 @@ async def tool_calls() -> AsyncGenerator[tuple[str, float, float, float, float]]
 
 
 async def stepping() -> tuple[str, float, float, float, float]:
-    """Ten simulated seconds of eight boxes through the session, against the engine alone on the same model."""
+    """Time ten simulated seconds of eight boxes in a session, compared with the engine alone on the same model."""
     scene = Scene(load_scene(SCENE).public.model_copy(update={"objects": ()}), STACK)
     model = mujoco.MjModel.from_xml_string(STACK)
 
@@ -130,7 +130,7 @@ async def stepping() -> tuple[str, float, float, float, float]:
 
 
 async def starting() -> tuple[str, float, float, float, float]:
-    """From starting the process to its answer to the first request, against importing mcp and mujoco alone."""
+    """Time from starting the process to its first reply, compared with importing mcp and mujoco."""
     hello = json.dumps(
         {
             "jsonrpc": "2.0",

@@ -1,7 +1,7 @@
-"""Many conversations at a time on one warm host: wall time over the ideal, and processor time for each turn.
+"""Many concurrent conversations on one host: wall time relative to the ideal, and processor time per turn.
 
-The agent stands for a model: it thinks for a fixed time, then calls two tools, and answers in its last turn. The ideal
-is what the thinking alone takes. Run with: python tests/bench/many_episodes.py [EPISODES [TURNS [LATENCY_S]]]
+The agent simulates a model: it waits for a fixed time, then calls two tools, and answers in its last turn. The ideal is
+the sum of the waiting times. Run with: python tests/bench/many_episodes.py [EPISODES [TURNS [LATENCY_S]]]
 """
 
 import resource
@@ -25,14 +25,14 @@ from evaluator.study.runner import Runner
 
 @dataclass(frozen=True)
 class Thinker:
-    """Thinks for `latency_s` before each of its turns."""
+    """An agent that waits for `latency_s` before each turn."""
 
     turns: int
     latency_s: float
     name: str = "thinker"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_Thinking":
-        """A player that has not thought yet."""
+        """A new player."""
         del key, briefing
         return _Thinking(self)
 
@@ -43,7 +43,7 @@ class _Thinking:
     taken: int = 0
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """Think, then call."""
+        """Wait, then call."""
         del feedback
         await anyio.sleep(self.agent.latency_s)
         self.taken += 1
@@ -54,7 +54,7 @@ class _Thinking:
 
 
 async def run(episodes: int, turns: int, latency_s: float) -> None:
-    """Play, and print the figures."""
+    """Play the episodes and print the times."""
     agent = Thinker(turns, latency_s)
     plan = Plan(scenes=(7,), agents=(agent.name,), seeds=tuple(range(episodes)), budgets=(turns,))
     versions = Versions(physment="0", protocol="0", pack="0")
@@ -66,7 +66,7 @@ async def run(episodes: int, turns: int, latency_s: float) -> None:
             await Runner(play=play, folder=folder, concurrency=episodes).run(plan.matrix())
             wall, busy = time.perf_counter() - clock, time.process_time() - busy
         hosted = resource.getrusage(resource.RUSAGE_CHILDREN)
-        answered = sum(one.outcome is Outcome.ANSWERED for one in folder.episodes().values())
+        answered = sum(episode.outcome is Outcome.ANSWERED for episode in folder.episodes().values())
     ideal, all_turns = turns * latency_s, episodes * turns
     print(f"{answered} of {episodes} episodes answered, {turns} turns each, {latency_s:g} s of thinking per turn")
     print(f"wall time {wall:.1f} s, ideal {ideal:.1f} s: {wall / ideal:.3f} ×")
@@ -75,6 +75,6 @@ async def run(episodes: int, turns: int, latency_s: float) -> None:
 
 
 if __name__ == "__main__":
-    make_room()  # as the command does
+    make_room()  # as `physment-eval` does
     words = dict(enumerate(sys.argv[1:]))
     anyio.run(run, int(words.get(0, "500")), int(words.get(1, "20")), float(words.get(2, "2")))

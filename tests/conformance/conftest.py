@@ -1,4 +1,4 @@
-"""Makes the modules of `make conformance` importable: they are a program, which finds them beside itself."""
+"""Makes the modules of `make conformance` importable; as a program they are imported from its own folder."""
 
 import sys
 from pathlib import Path

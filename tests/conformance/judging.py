@@ -1,4 +1,4 @@
-"""What the suite found, held against the list of what cannot pass."""
+"""Compares the results of the suite with the list of expected failures."""
 
 import tomllib
 from collections import Counter
@@ -12,43 +12,43 @@ from suite import Result
 from evaluator.markdown import markdown_table
 
 Found = Mapping[str, Mapping[str, Result]]
-"""Protocol → scenario → what it found."""
+"""Protocol → scenario → its result."""
 
 KINDS = {
-    "fixture": "wants a tool, resource or prompt of the suite's own test server",
-    "option": "wants a part of the protocol that is optional, and that the server does not declare",
+    "fixture": "needs a tool, resource or prompt of the suite's own test server",
+    "option": "needs an optional part of the protocol that the server does not declare",
     "fault": "a fault of the server",
 }
 """Why a scenario does not pass."""
 
 
 class Expected(BaseModel):
-    """A scenario that does not pass."""
+    """A scenario that is expected to fail."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     scenario: str
     kind: Literal["fixture", "option", "fault"]
     checks: frozenset[str] = Field(min_length=1)
-    """The checks that fail; all others of the scenario must hold."""
+    """The checks that fail; all other checks of the scenario must pass."""
     reason: str = Field(min_length=10)
 
 
 def read_expected(file: Path) -> dict[str, Expected]:
-    """The list, by scenario.
+    """Read the list of expected failures, by scenario.
 
     Raises:
-        ValueError: It is not well-formed, or names a scenario twice.
+        ValueError: The list is malformed, or names a scenario twice.
     """
     entries = TypeAdapter(list[Expected]).validate_python(tomllib.loads(file.read_text(encoding="utf-8"))["expected"])
-    twice = [name for name, count in Counter(one.scenario for one in entries).items() if count > 1]
+    twice = [name for name, count in Counter(entry.scenario for entry in entries).items() if count > 1]
     if twice:
         raise ValueError(f"named twice: {', '.join(twice)}")
-    return {one.scenario: one for one in entries}
+    return {entry.scenario: entry for entry in entries}
 
 
 def differences(found: Found, expected: Mapping[str, Expected]) -> list[str]:
-    """Where the results are not those of the list: failures that it does not name, and names that do not fail."""
+    """Differences between results and list: failures that are not listed, and listed checks that do not fail."""
     problems: list[str] = []
     for revision, results in found.items():
         for scenario, result in results.items():
@@ -75,25 +75,25 @@ def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
     revisions = list(found)
     ran = list(dict.fromkeys(scenario for results in found.values() for scenario in results))
     counts = ", ".join(
-        f"{sum(not one.failed for one in results.values())} of {len(results)} in {revision}"
+        f"{sum(not result.failed for result in results.values())} of {len(results)} in {revision}"
         for revision, results in found.items()
     )
     lines = [
         "# Conformance to the protocol",
         "",
         "Made by `make conformance`; do not edit. It runs every server scenario of the official suite"
-        f" (`{suite}`) against an episode of the host, but for those of extensions (skills, tasks), which the host does"
-        " not offer, in two protocols with sessions and in the stateless one.",
+        f" (`{suite}`) against an episode of the host, in two protocols with sessions and in the stateless one. The"
+        " scenarios of extensions (skills, tasks) are left out, because the host does not offer them.",
         "",
         "The suite was written for a test server: most scenarios call tools, resources and prompts with names such as"
-        " `test_image_content`, which a laboratory with a fixed set of 26 tools does not have. What then fails is in"
-        " `tests/conformance/expected.toml`, check by check, with the reason; whatever else fails, or fails no longer,"
-        " makes the command fail.",
+        " `test_image_content`, which a laboratory with a fixed set of 26 tools does not have."
+        " `tests/conformance/expected.toml` lists each check that therefore fails, with the reason. Any other failure,"
+        " and any listed check that passes, makes the command fail.",
         "",
-        f"Scenarios that pass whole: {counts}. In brackets, the checks that hold.",
+        f"Scenarios that pass completely: {counts}. The number of passed checks is in brackets.",
         "",
-        "A pass means little where a scenario takes any well-formed reply: `tools-call-simple-text` is content with the"
-        " refusal of a tool that is not there. What the 26 tools do is held by `make test`.",
+        "A pass means little if a scenario accepts any well-formed reply: `tools-call-simple-text` accepts the refusal"
+        " of a tool that does not exist. `make test` tests the 26 tools.",
         "",
         markdown_table(
             ("scenario", *revisions, "why not"),
@@ -101,7 +101,7 @@ def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
         ),
         "",
         *(f"- *{kind}*: {meaning}." for kind, meaning in KINDS.items()),
-        "- –: the scenario is not of this protocol.",
+        "- –: the scenario does not exist for this protocol.",
     ]
     return "\n".join(lines) + "\n"
 

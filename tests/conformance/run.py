@@ -1,4 +1,4 @@
-"""Runs the official MCP conformance suite against a host and holds the results to the list of what cannot pass.
+"""Runs the official MCP conformance suite against a host and compares the results with the list of expected failures.
 
 python tests/conformance/run.py [--out FILE]
 """
@@ -22,10 +22,10 @@ _SCENE = {"scene": 20, "seed": 0}
 
 @contextlib.contextmanager
 def host() -> Generator[str]:
-    """A host as a user starts it; yields its address.
+    """Start a host as a user does; yields its address.
 
     Raises:
-        CannotRun: It does not start.
+        CannotRun: The host does not start.
     """
     words = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
@@ -40,7 +40,7 @@ def host() -> Generator[str]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run, print, and tell by the exit code whether the results are those of the list."""
+    """Run the suite and print the results; returns 0 if they match the list."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="write the table there, if the results are those of the list")
     args = parser.parse_args(argv)
@@ -50,13 +50,13 @@ def main(argv: Sequence[str]) -> int:
     try:
         with host() as address:
             for revision in REVISIONS:
-                # An episode for each: a scenario that ended it must not spoil the next protocol.
+                # A new episode for each protocol, because a scenario may end the episode.
                 url = (
                     httpx.post(f"{address}/episodes", json=_SCENE, trust_env=False).raise_for_status().json()["mcp_url"]
                 )
                 with console.status(revision):
                     found[revision] = run_suite(url, revision)
-                whole = sum(not one.failed for one in found[revision].values())
+                whole = sum(not result.failed for result in found[revision].values())
                 console.print(f"{revision}: {whole} of {len(found[revision])} scenarios pass whole", highlight=False)
     except CannotRun as error:
         console.print(str(error), style="red", highlight=False, markup=False)

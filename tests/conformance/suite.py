@@ -1,4 +1,4 @@
-"""The official MCP conformance suite as a program: what is run, and what it says of a server."""
+"""Runs the official MCP conformance suite as a program and reads its results."""
 
 import json
 import re
@@ -8,48 +8,48 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SUITE = "@modelcontextprotocol/conformance@0.2.0-alpha.12"
-"""The newest release; 0.1.16, the last without a suffix, knows nothing of protocol 2026-07-28."""
+"""The newest release; 0.1.16, the last one without a suffix, does not support protocol 2026-07-28."""
 NODE = "node@22.23.3"
 REVISIONS = ("2025-06-18", "2025-11-25", "2026-07-28")
-"""Protocols that are run: two with sessions, and the stateless one."""
+"""Protocols that are tested: two with sessions, and the stateless one."""
 _PATIENCE_S = 600.0
-"""For one protocol, download included [s]."""
+"""Timeout for one protocol, with the download [s]."""
 _STAMP = re.compile(r"-\d{4}-\d{2}-\d{2}T[\d-]+Z$")
 _ANNOUNCED = re.compile(r"\((\d+) scenarios\)")
 
 
 class CannotRun(Exception):
-    """The suite did not run to its end; says why."""
+    """The suite did not run to its end; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What a scenario found."""
+    """The result of a scenario."""
 
     passed: int
-    """Checks that succeeded."""
+    """Number of checks that passed."""
     failed: frozenset[str]
-    """Ids of the checks that did not."""
+    """Ids of the checks that failed."""
 
 
 def run_suite(url: str, revision: str) -> dict[str, Result]:
-    """Run every server scenario of a protocol that is not of an extension.
+    """Run every server scenario of a protocol, except those of extensions.
 
     Args:
         url: The MCP endpoint.
-        revision: The protocol, by its date.
+        revision: The date of the protocol version.
 
     Returns:
-        What each scenario found, by its name.
+        Scenario → its result.
 
     Raises:
-        CannotRun: npx is missing, the suite cannot be had, or it did not run all that it announced.
+        CannotRun: npx is missing, the suite cannot be installed, or it did not run all announced scenarios.
     """
     with tempfile.TemporaryDirectory() as folder:
         words = ["npx", "--yes", f"--package={NODE}", f"--package={SUITE}", "--", "conformance", "server"]
         options = ["--url", url, "--suite", "all", "--spec-version", revision, "--output-dir", folder]
         try:
-            # Its exit code says only that something failed, which is judged scenario by scenario.
+            # The exit code is ignored: each scenario is compared with the list.
             done = subprocess.run([*words, *options], capture_output=True, text=True, check=False, timeout=_PATIENCE_S)
         except FileNotFoundError:
             raise CannotRun("npx is not installed; it comes with Node.js") from None
@@ -66,7 +66,7 @@ def run_suite(url: str, revision: str) -> dict[str, Result]:
 
 
 def read_results(folder: Path) -> dict[str, Result]:
-    """What the suite wrote: a folder for each scenario, with its checks."""
+    """Read the suite's output: a folder for each scenario, with its checks."""
     return {
         _STAMP.sub("", file.parent.name).removeprefix("server-"): _result(file)
         for file in sorted(folder.glob("*/checks.json"))
@@ -76,6 +76,6 @@ def read_results(folder: Path) -> dict[str, Result]:
 def _result(file: Path) -> Result:
     checks = json.loads(file.read_text(encoding="utf-8"))
     return Result(
-        passed=sum(one["status"] == "SUCCESS" for one in checks),
-        failed=frozenset(one["id"] for one in checks if one["status"] == "FAILURE"),
+        passed=sum(check["status"] == "SUCCESS" for check in checks),
+        failed=frozenset(check["id"] for check in checks if check["status"] == "FAILURE"),
     )

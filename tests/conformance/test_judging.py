@@ -1,4 +1,4 @@
-"""How the results of the conformance suite are held to the list; the suite itself is run by `make conformance`."""
+"""The comparison of results with the list of expected failures; `make conformance` runs the suite itself."""
 
 import json
 import os
@@ -16,7 +16,7 @@ GOOD = Result(2, frozenset())
 BAD = Result(1, frozenset({"has-image"}))
 
 
-def test_what_fails_as_listed_is_no_difference() -> None:
+def test_a_listed_failure_is_no_difference() -> None:
     assert differences({"2025": {"ping": GOOD, "image": BAD}, "2026": {"ping": GOOD}}, LISTED) == []
 
 
@@ -33,11 +33,11 @@ def test_what_fails_as_listed_is_no_difference() -> None:
         ({"image": BAD, "ping": Result(0, frozenset())}, "2025 ping: nothing was checked"),
     ],
 )
-def test_each_difference_is_told(results: dict[str, Result], told: str) -> None:
+def test_each_difference_is_reported(results: dict[str, Result], told: str) -> None:
     assert differences({"2025": results}, LISTED) == [told]
 
 
-def test_results_are_read_as_the_suite_writes_them(tmp_path: Path) -> None:
+def test_the_results_of_the_suite_are_parsed(tmp_path: Path) -> None:
     folder = tmp_path / "server-server-stateless-2026-11-21T09-59-47-618Z"
     folder.mkdir()
     statuses = {"a": "SUCCESS", "b": "FAILURE", "c": "WARNING", "d": "SKIPPED", "e": "INFO"}
@@ -53,7 +53,7 @@ def test_results_are_read_as_the_suite_writes_them(tmp_path: Path) -> None:
         ("echo 'Running all suite (3 scenarios) against x'", "announced 3 scenarios for 2025-11-25 and told of 0"),
     ],
 )
-def test_a_suite_that_breaks_off_is_no_pass(
+def test_a_suite_that_stops_early_is_an_error(
     program: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     npx = tmp_path / "npx"
@@ -64,13 +64,13 @@ def test_a_suite_that_breaks_off_is_no_pass(
         run_suite("http://127.0.0.1:1/mcp", "2025-11-25")
 
 
-def test_without_npx_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_npx_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(CannotRun, match="npx is not installed"):
         run_suite("http://127.0.0.1:1/mcp", "2025-11-25")
 
 
-def test_the_page_tells_of_every_scenario() -> None:
+def test_the_page_lists_every_scenario() -> None:
     text = page({"2025": {"ping": GOOD, "image": BAD}, "2026": {"ping": GOOD}}, LISTED, "suite@1")
     assert "1 of 2 in 2025, 1 of 1 in 2026" in text
     assert "| ping | yes (2) | yes (2) |  |" in text
@@ -78,14 +78,14 @@ def test_the_page_tells_of_every_scenario() -> None:
 
 
 def test_the_list_and_the_page_agree() -> None:
-    """The page is made by the command, which needs the network: here only that neither was changed alone."""
+    """The command that makes the page needs the network; this test only checks that page and list match."""
     text = (HERE.parent.parent / "docs" / "explanation" / "conformance.md").read_text(encoding="utf-8")
-    for one in read_expected(HERE / "expected.toml").values():
-        assert f"| {one.scenario} |" in text
-        assert f"| *{one.kind}*: {one.reason} |" in text
+    for entry in read_expected(HERE / "expected.toml").values():
+        assert f"| {entry.scenario} |" in text
+        assert f"| *{entry.kind}*: {entry.reason} |" in text
 
 
-def test_a_scenario_is_listed_once(tmp_path: Path) -> None:
+def test_a_scenario_listed_twice_is_refused(tmp_path: Path) -> None:
     entry = '[[expected]]\nscenario = "ping"\nkind = "fault"\nchecks = ["pong"]\nreason = "it is not answered"\n'
     (tmp_path / "expected.toml").write_text(entry * 2, encoding="utf-8")
     with pytest.raises(ValueError, match="named twice: ping"):
