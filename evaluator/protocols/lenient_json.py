@@ -27,7 +27,7 @@ _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t"}
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class JsonSpan:
     """A list of objects, or an object, found in a text."""
 
     start: int
@@ -49,7 +49,7 @@ class _BrokenError(Exception):
         """Number of lists and objects that are open there."""
 
 
-def find_json(text: str, start: int = 0) -> Iterator[Found]:
+def find_json(text: str, start: int = 0) -> Iterator[JsonSpan]:
     """Yield the outermost objects and lists of objects in a text from `start` on, valid or broken, in order.
 
     Lists of numbers or words are left out. Takes linear time.
@@ -57,11 +57,11 @@ def find_json(text: str, start: int = 0) -> Iterator[Found]:
     while (match := _START.search(text, start)) is not None:
         try:
             value, end = _value(text, match.start(), 0)
-            found = Found(match.start(), end, value)
+            found = JsonSpan(match.start(), end, value)
         except _BrokenError as error:
             # Skip the rest of a broken list, so that it is not taken for a shorter list.
             end = _end_of_broken(text, error.at, error.open)
-            found = Found(match.start(), end, None, error.problem, error.at)
+            found = JsonSpan(match.start(), end, None, error.problem, error.at)
         yield found
         start = found.end
 

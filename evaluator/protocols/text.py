@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from pydantic import JsonValue
 
 from evaluator.episode.player import Feedback, Reply
-from evaluator.protocols.lenient_json import Found, find_json, read_json
+from evaluator.protocols.lenient_json import JsonSpan, find_json, read_json
 from evaluator.records import Exchange, ToolCall
 
 _PARAMETERS = ("parameters", "arguments", "args", "input")
@@ -168,7 +168,7 @@ def _joined(text: str, place: Sequence[_Attempt]) -> _Attempt:
     return _Attempt(start, end, tuple(call for attempt in place for call in attempt.calls))
 
 
-def _attempt(text: str, found: Found) -> _Attempt | None:
+def _attempt(text: str, found: JsonSpan) -> _Attempt | None:
     """The calls of a JSON value, or its problem; None if it does not look like calls."""
     if found.problem:
         if not _NAMED.search(text, found.start, found.end):

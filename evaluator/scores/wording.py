@@ -1,13 +1,13 @@
 """Scores as text for people: shares, dimensions, and what a budget curve shows."""
 
-from evaluator.statistics.budget_curve import BudgetCurve, Shape
+from evaluator.statistics.budget_curve import BudgetCurve, CurveShape
 
 
 def curve_sentence(curve: BudgetCurve) -> str:
     """One sentence: the shape of a budget curve, the budget after which gains end, and the certainty of both."""
     budgets = [point.budget for point in curve.points]
     on = f"{curve.n} episodes of {curve.n_scenes} scenes at each budget"
-    if curve.shape is Shape.FLAT:
+    if curve.shape is CurveShape.FLAT:
         sure = (
             ""
             if curve.certainty is None

@@ -23,7 +23,7 @@ _ROUNDING = 1e-9
 """Slack for floating-point rounding: 0.85 - 0.80 must not exceed a margin of 0.05."""
 
 
-class Shape(StrEnum):
+class CurveShape(StrEnum):
     """How accuracy changes as the budget grows."""
 
     RISING = "rising"
@@ -51,7 +51,7 @@ class BudgetCurve(Record):
     """Episodes at each budget."""
     n_scenes: int
     points: tuple[BudgetPoint, ...]
-    shape: Shape
+    shape: CurveShape
     certainty: float | None
     """Certainty of the shape, 0 to 1.
 
@@ -96,7 +96,7 @@ def budget_curve(budgets: Sequence[int], cells: Sequence[Cell], margin: float = 
     compared = {pair: _between(cells, *pair) for pair in pairs}
     resampled = _resampled(cells)
     shape, certainty = _shape([compared[pair] for pair in pairs])
-    if shape is Shape.FLAT:
+    if shape is CurveShape.FLAT:
         certainty = None if resampled is None else _share(np.ptp(resampled, axis=0) <= margin + _ROUNDING)
     accuracies = [proportion((cell.scene, cell.verdicts[index]) for cell in cells) for index in range(len(budgets))]
     enough = _enough([accuracy.share for accuracy in accuracies], margin)
@@ -119,16 +119,16 @@ def _between(cells: Sequence[Cell], smaller: int, larger: int) -> PairedDifferen
     return paired_difference((cell.scene, cell.verdicts[smaller], cell.verdicts[larger]) for cell in cells)
 
 
-def _shape(compared: Sequence[PairedDifference]) -> tuple[Shape, float | None]:
+def _shape(compared: Sequence[PairedDifference]) -> tuple[CurveShape, float | None]:
     """The shape and its certainty, from the differences of all pairs of budgets; no certainty for a flat shape."""
     p_values = holm([pair.p_value for pair in compared])
     rise = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference > 0), default=1.0)
     fall = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference < 0), default=1.0)
     if max(rise, fall) <= LEVEL:
-        return Shape.MIXED, 1 - max(rise, fall)
+        return CurveShape.MIXED, 1 - max(rise, fall)
     if min(rise, fall) > LEVEL:
-        return Shape.FLAT, None
-    return (Shape.RISING, 1 - rise) if rise <= LEVEL else (Shape.FALLING, 1 - fall)
+        return CurveShape.FLAT, None
+    return (CurveShape.RISING, 1 - rise) if rise <= LEVEL else (CurveShape.FALLING, 1 - fall)
 
 
 def _resampled(cells: Sequence[Cell]) -> Array | None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from physment_mcp.world.pictures.framing import AZIMUTH_DEG, ELEVATION_DEG, FIELD_DEG, Subject, View, view_of
+from physment_mcp.world.pictures.framing import AZIMUTH_DEG, ELEVATION_DEG, FIELD_DEG, FramedParts, View, view_of
 from physment_mcp.world.pictures.png import Pixels
 from physment_mcp.world.readings import Array
 
@@ -87,7 +87,7 @@ def check_renderer() -> None:
     drawn(model, data, View(np.zeros(3), 4.0, 2.0))
 
 
-def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> Subject:
+def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> FramedParts:
     """Corners of the bounding boxes of what the scene is about, and of each part of its surroundings."""
     # An unbounded plane has no bounding box; it is drawn behind the rest.
     bounded = [geom for geom in visible.geoms if model.geom_rbound[geom] > 0] or list(visible.geoms)
@@ -108,7 +108,7 @@ def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> Su
         things = grown[nearest]
         parts.pop(nearest)
     surroundings = [boxes[geom] for geom in bounded if geom not in named or _size(boxes[geom]) > largest]
-    return Subject(things, surroundings, max(moving) if moving else _size(things))
+    return FramedParts(things, surroundings, max(moving) if moving else _size(things))
 
 
 def _size(corners: Array) -> float:

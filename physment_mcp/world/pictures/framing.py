@@ -27,7 +27,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class FramedParts:
     """What to show."""
 
     things: Array
@@ -38,7 +38,7 @@ class Subject:
     """Size of the largest single thing [m]."""
 
 
-def view_of(subject: Subject, aspect: float) -> View:
+def view_of(subject: FramedParts, aspect: float) -> View:
     """The view that shows all things whole, and the near parts of the fixtures around them.
 
     Args:

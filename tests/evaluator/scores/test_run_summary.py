@@ -14,7 +14,7 @@ from evaluator.scores.grouping import modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import curve_sentence
-from evaluator.statistics.budget_curve import Cell, Shape, budget_curve
+from evaluator.statistics.budget_curve import Cell, CurveShape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
 from tests.builders.paths import DOCS
 from tests.builders.records import episode, episode_key, grade
@@ -103,7 +103,7 @@ def test_a_budget_curve_uses_the_episodes_scored_at_every_budget() -> None:
     curve = summary.budget_curves[0].curve
     assert (curve.n, curve.n_scenes) == (11, 11)
     assert [(point.budget, point.accuracy.n_correct) for point in curve.points] == [(5, 1), (10, 11), (20, 11)]
-    assert (curve.shape, curve.enough) == (Shape.RISING, 10)
+    assert (curve.shape, curve.enough) == (CurveShape.RISING, 10)
 
 
 def test_one_budget_or_no_common_episode_gives_no_curve() -> None:

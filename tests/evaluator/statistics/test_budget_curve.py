@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evaluator.statistics.budget_curve import BudgetCurve, Cell, Shape, budget_curve
+from evaluator.statistics.budget_curve import BudgetCurve, Cell, CurveShape, budget_curve
 from evaluator.statistics.paired import PairedTest
 
 BUDGETS = (5, 10, 15, 20)
@@ -40,7 +40,7 @@ def test_a_curve_matches_a_manual_calculation() -> None:
     assert second.p_value == pytest.approx(2 / 2**20)
     assert (third.difference, fourth.difference) == (pytest.approx(0.02), 0)
     # Holm multiplies the smallest of six p-values (22 gains of 22) by six.
-    assert found.shape is Shape.RISING
+    assert found.shape is CurveShape.RISING
     assert found.certainty == pytest.approx(1 - 6 * 2 / 2**22)
     # Beyond 10 iterations the gain is 2 points; a resampled gain above the margin of 5 points is rare.
     assert found.enough == 10
@@ -50,13 +50,13 @@ def test_a_curve_matches_a_manual_calculation() -> None:
 
 def test_the_largest_budget_is_enough_if_gains_do_not_end() -> None:
     found = budget_curve(BUDGETS, cells(20, 40, 60, 80, scenes=100))
-    assert (found.shape, found.enough, found.enough_certainty) == (Shape.RISING, 20, None)
+    assert (found.shape, found.enough, found.enough_certainty) == (CurveShape.RISING, 20, None)
 
 
 def test_a_gain_equal_to_the_margin_does_not_count() -> None:
     found = budget_curve((5, 10), cells(80, 85, scenes=100))
     assert found.enough == 5
-    assert found.shape is Shape.FLAT  # 5 gains of 5 pairs: p = 0.06
+    assert found.shape is CurveShape.FLAT  # 5 gains of 5 pairs: p = 0.06
 
 
 def test_a_peak_in_the_middle_makes_the_end_of_gains_less_certain() -> None:
@@ -70,8 +70,8 @@ def test_a_peak_in_the_middle_makes_the_end_of_gains_less_certain() -> None:
 def test_falling_and_mixed_curves_are_recognised() -> None:
     falling = curve_of(0.7, 0.5, 0.4, 0.3)
     mixed = curve_of(0.3, 0.7, 0.7, 0.4)
-    assert (falling.shape, falling.enough) == (Shape.FALLING, 5)
-    assert mixed.shape is Shape.MIXED
+    assert (falling.shape, falling.enough) == (CurveShape.FALLING, 5)
+    assert mixed.shape is CurveShape.MIXED
     assert falling.certainty is not None
     assert falling.certainty > 0.99
     assert mixed.certainty is not None
@@ -80,7 +80,7 @@ def test_falling_and_mixed_curves_are_recognised() -> None:
 
 def test_a_flat_shape_is_more_certain_with_more_episodes() -> None:
     few, many = curve_of(0.5, 0.5, 0.5, 0.5, scenes=30), curve_of(0.5, 0.5, 0.5, 0.5, scenes=300, seeds=5)
-    assert few.shape is many.shape is Shape.FLAT
+    assert few.shape is many.shape is CurveShape.FLAT
     assert few.certainty is not None
     assert many.certainty is not None
     assert few.certainty < 0.7 < many.certainty
@@ -89,7 +89,7 @@ def test_a_flat_shape_is_more_certain_with_more_episodes() -> None:
 def test_a_flat_curve_is_misjudged_in_at_most_5_per_cent_of_runs() -> None:
     """150 simulated runs of 60 scenes with equal chances at all budgets."""
     shapes = [curve_of(0.5, 0.5, 0.5, 0.5, scenes=60, seed=seed).shape for seed in range(150)]
-    assert sum(shape is not Shape.FLAT for shape in shapes) <= 7
+    assert sum(shape is not CurveShape.FLAT for shape in shapes) <= 7
 
 
 def test_seeds_of_a_scene_do_not_count_as_scenes() -> None:
@@ -98,19 +98,19 @@ def test_seeds_of_a_scene_do_not_count_as_scenes() -> None:
     found = budget_curve((5, 20), played)
     assert found.points[1].gain is not None
     assert (found.points[1].gain.test, found.points[1].gain.p_value) == (PairedTest.SIGN_FLIP, 0.5)
-    assert found.shape is Shape.FLAT
+    assert found.shape is CurveShape.FLAT
 
 
 def test_too_few_scenes_are_not_resampled() -> None:
     found = budget_curve((5, 20), cells(2, 2, scenes=5))
-    assert (found.shape, found.certainty, found.enough, found.enough_certainty) == (Shape.FLAT, None, 5, None)
+    assert (found.shape, found.certainty, found.enough, found.enough_certainty) == (CurveShape.FLAT, None, 5, None)
 
 
 def test_with_a_single_scene_its_episodes_are_resampled() -> None:
     found = budget_curve((5, 20), [Cell(7, (False, seed < 15)) for seed in range(20)])
-    assert (found.shape, found.n_scenes) == (Shape.RISING, 1)
+    assert (found.shape, found.n_scenes) == (CurveShape.RISING, 1)
     alike = budget_curve((5, 20), [Cell(7, (seed < 15, seed < 15)) for seed in range(20)])
-    assert (alike.shape, alike.certainty) == (Shape.FLAT, 1.0)
+    assert (alike.shape, alike.certainty) == (CurveShape.FLAT, 1.0)
 
 
 @pytest.mark.parametrize("budgets", [(5,), (20, 5), (5, 5)])
