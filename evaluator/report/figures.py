@@ -29,7 +29,7 @@ def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> l
 
     Args:
         folder: Folder to write to; made if missing.
-        results: Who is compared.
+        results: The results to show.
         form: `svg` or `pdf`.
 
     Raises:

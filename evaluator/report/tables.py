@@ -70,7 +70,7 @@ def by_budget(
     """Strict accuracy at each budget.
 
     Args:
-        results: Who is compared.
+        results: The results to show.
         name: Name of the episodes that are wanted, for the title; empty for all.
         wanted: Picks the episodes; all if None.
     """
@@ -98,7 +98,7 @@ def side_by_side(
     """Strict accuracy in each group of a grouping, one column for each agent.
 
     Args:
-        results: Who is compared.
+        results: The results to show.
         name: Name of the grouping.
         title: Title of the table.
         groups: Gives the groups of the grouping.
