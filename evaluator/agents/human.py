@@ -19,7 +19,7 @@ A line is an iteration: one call, or several separated by ;
   step 0.5
   apply_force object_1 [1,0,0]; step 0.2; get_velocity object_1
   answer 1.23
-Arguments stand in their order, or as name=value. What is mistyped is not sent and costs nothing.
+Give arguments in their order, or as name=value. A mistyped line is not sent and costs nothing.
 
   help            this, and the tools          task    the task again
   help TOOL       what a tool does             log     what was measured so far

@@ -154,7 +154,7 @@ def _matrix(group: "ArgumentGroup") -> None:
         "--stopping",
         default="always",
         metavar="P",
-        help=f"{' · '.join(POLICIES)}: when agents are told to answer (default always: by the budget alone)",
+        help=f"{' · '.join(POLICIES)}: when agents are advised to answer (default always: no advice)",
     )
     group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 

@@ -1,4 +1,4 @@
-"""`run.json`: every form that was ever written is read, and written again as it was."""
+"""`run.json`: every form that was ever written can be read, and is written again unchanged."""
 
 import json
 from typing import Any
@@ -41,7 +41,7 @@ RECORD = RunRecord(
     ],
     ids=["plain", "shard", "resumed", "merged", "extended"],
 )
-def test_a_stored_run_is_read_and_written_again_as_it_was(stored: dict[str, Any]) -> None:
+def test_a_stored_run_is_written_again_unchanged(stored: dict[str, Any]) -> None:
     record = RunRecord.model_validate_json(json.dumps(stored))
     assert json.loads(record.model_dump_json()) == stored
 

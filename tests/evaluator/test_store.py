@@ -1,4 +1,4 @@
-"""Run folders that survive kills, and say what is wrong with them."""
+"""Run folders survive kills, and report damage."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def test_what_was_appended_is_read_back(folder: RunFolder) -> None:
 
 
 @pytest.mark.parametrize("kept", [0.1, 0.5, 0.99])
-def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, kept: float) -> None:
+def test_an_unfinished_last_line_is_moved_aside_and_the_rest_is_kept(folder: RunFolder, kept: float) -> None:
     for scene in (7, 8, 9):
         folder.append_episode(episode_of(scene, prompt="äöü" * 50))
     content = folder.episodes_file.read_bytes()
@@ -43,7 +43,7 @@ def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, ke
     torn = content[: last + max(1, int((len(content) - 1 - last) * kept))]
     folder.episodes_file.write_bytes(torn)
     assert [key.scene for key in folder.episodes()] == [7, 8]
-    # It may be the line that is being written just now: only who writes the next one takes it away.
+    # Another process may be writing this line: only the writer of the next line moves it aside.
     assert folder.episodes_file.read_bytes() == torn
     folder.append_episode(episode_of(9))
     assert [key.scene for key in folder.episodes()] == [7, 8, 9]
@@ -51,7 +51,7 @@ def test_a_torn_last_line_is_set_aside_and_the_rest_stands(folder: RunFolder, ke
     assert folder.episodes_file.with_name("episodes.jsonl.torn").read_bytes() == torn[last:] + b"\n"
 
 
-def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
+def test_a_damaged_line_in_the_middle_is_reported_with_its_number(folder: RunFolder) -> None:
     folder.append_episode(episode_of(7))
     with folder.episodes_file.open("a", encoding="utf-8") as stream:
         stream.write("{not json}\n")
@@ -61,14 +61,14 @@ def test_a_damaged_line_in_the_middle_is_named(folder: RunFolder) -> None:
 
 
 @pytest.mark.parametrize("break_", ["\u2028", "\u2029", "\x85", "\x0b", "\x0c", "\x1c", "\r", "\r\n", "\0"], ids=ascii)
-def test_whatever_breaks_lines_in_other_places_breaks_none_here(folder: RunFolder, break_: str) -> None:
+def test_unusual_line_breaks_in_a_record_do_not_end_its_line(folder: RunFolder, break_: str) -> None:
     for scene in (7, 8):
         folder.append_episode(episode_of(scene, prompt=f"one{break_}two"))
-    assert [one.prompt for one in folder.episodes().values()] == [f"one{break_}two"] * 2
+    assert [stored.prompt for stored in folder.episodes().values()] == [f"one{break_}two"] * 2
 
 
 @pytest.mark.parametrize("damage", [b"\xff\xfe\n", b"\n", b"[]\n", b'{"format": 2}\n', b"[" * 300 + b"]" * 300 + b"\n"])
-def test_damage_of_any_kind_is_a_sentence_with_the_line(folder: RunFolder, damage: bytes) -> None:
+def test_every_kind_of_damage_is_reported_in_a_sentence_with_the_line(folder: RunFolder, damage: bytes) -> None:
     folder.append_episode(episode_of(7))
     with folder.episodes_file.open("ab") as stream:
         stream.write(damage)
@@ -76,13 +76,13 @@ def test_damage_of_any_kind_is_a_sentence_with_the_line(folder: RunFolder, damag
         folder.episodes()
 
 
-def test_of_several_records_of_one_episode_the_last_counts(folder: RunFolder) -> None:
+def test_the_last_of_several_records_of_an_episode_counts(folder: RunFolder) -> None:
     folder.append_episode(episode_of(7, Outcome.INFRASTRUCTURE_ERROR))
     folder.append_episode(episode_of(7))
-    assert [one.outcome for one in folder.episodes().values()] == [Outcome.ANSWERED]
+    assert [stored.outcome for stored in folder.episodes().values()] == [Outcome.ANSWERED]
 
 
-def test_a_run_is_not_written_over_unless_it_is_resumed(folder: RunFolder) -> None:
+def test_a_folder_with_a_run_can_only_be_resumed(folder: RunFolder) -> None:
     folder.write_run(record())
     with pytest.raises(StoreError, match="holds a run already; add --resume"):
         folder.create(resume=False)
@@ -113,12 +113,12 @@ def test_a_run_file_with_a_missing_field_is_refused_with_its_name(folder: RunFol
         folder.read_run()
 
 
-def test_only_what_is_missing_or_was_never_played_is_to_be_played() -> None:
+def test_missing_episodes_and_infrastructure_errors_are_still_to_be_played() -> None:
     plan = Plan(scenes=(7, 8, 9), agents=("x",), budgets=(5,))
-    done = {one.key: one for one in (episode_of(7), episode_of(8, Outcome.INFRASTRUCTURE_ERROR))}
+    done = {stored.key: stored for stored in (episode_of(7), episode_of(8, Outcome.INFRASTRUCTURE_ERROR))}
     assert [key.scene for key in missing(plan.matrix(), done)] == [8, 9]
 
 
-def test_a_plan_is_the_whole_matrix_each_cell_once() -> None:
+def test_a_matrix_holds_every_combination_once() -> None:
     keys = Plan(scenes=(7, 8), agents=("x",), budgets=(5, 10), seeds=(0, 1, 2), epochs=2).matrix()
     assert len(keys) == len(set(keys)) == 2 * 2 * 3 * 2

@@ -1,4 +1,4 @@
-"""The reference agent solves a scene of each category; guessers are right as often as chance has it."""
+"""The reference agent solves a scene of each category; guessers are right as often as chance predicts."""
 
 import json
 import math
@@ -32,7 +32,7 @@ async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgen
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 @pytest.mark.parametrize("scene", [7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101])
-async def test_the_reference_protocol_answers_rightly_through_mcp(scene: int, seed: int) -> None:
+async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: int, seed: int) -> None:
     episode = await play(ReferenceAgent(), scene, seed)
     assert episode.outcome is Outcome.ANSWERED
     verdict = grade(episode.answer, KEYS.key(scene, seed))
@@ -40,7 +40,7 @@ async def test_the_reference_protocol_answers_rightly_through_mcp(scene: int, se
 
 
 def chance(key: AnswerKey) -> float:
-    """The probability that a guess is right, from the key and the way guesses are drawn."""
+    """The probability that a guess is right, which follows from the key and from how guesses are drawn."""
     if key.spec.options:
         return 1 / len(key.spec.options)
     values = key.value if isinstance(key.value, tuple) else (key.value,)
@@ -73,7 +73,7 @@ def central_interval(chances: list[float], level: float) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("agent", [BlindAgent(), RandomAgent()], ids=lambda agent: agent.name)
-async def test_over_200_seeded_episodes_a_guesser_is_right_as_often_as_chance_has_it(
+async def test_a_guesser_is_right_as_often_as_chance_predicts_over_200_episodes(
     agent: BlindAgent | RandomAgent,
 ) -> None:
     cells = [(scene, seed) for seed in range(1, math.ceil(200 / len(SCENES)) + 1) for scene in SCENES]
@@ -88,7 +88,7 @@ async def test_over_200_seeded_episodes_a_guesser_is_right_as_often_as_chance_ha
 
 
 @pytest.mark.parametrize("agent", [BlindAgent(), RandomAgent()], ids=lambda agent: agent.name)
-async def test_a_guesser_plays_an_episode_the_same_each_time_and_another_one_differently(
+async def test_a_guesser_repeats_an_episode_exactly_and_plays_another_episode_differently(
     agent: BlindAgent | RandomAgent,
 ) -> None:
     first, second, other = [await play(agent, 7, seed) for seed in (3, 3, 4)]
@@ -98,10 +98,10 @@ async def test_a_guesser_plays_an_episode_the_same_each_time_and_another_one_dif
 
 def _untimed(episode: Episode) -> list[object]:
     """What was called and returned, without how long it took."""
-    return [(one.call, one.text) for turn in episode.turns for one in turn.exchanges]
+    return [(exchange.call, exchange.text) for turn in episode.turns for exchange in turn.exchanges]
 
 
-async def test_oracle_once_gets_one_batch_of_returns_and_then_may_only_answer() -> None:
+async def test_oracle_once_sees_the_results_of_one_batch_and_can_then_only_answer() -> None:
     class Eager:
         name = "eager"
         turns = 0
@@ -122,7 +122,7 @@ async def test_oracle_once_gets_one_batch_of_returns_and_then_may_only_answer() 
     assert episode.answer == 1
 
 
-async def test_oracle_once_solves_a_scene_of_one_look_and_not_one_of_many() -> None:
+async def test_oracle_once_solves_a_scene_that_needs_one_batch_and_not_one_that_needs_several() -> None:
     easy, hard = [await play(OracleOnceAgent(ReferenceAgent()), scene, 0) for scene in (7, 26)]
     assert easy.outcome is Outcome.ANSWERED
     assert hard.outcome is Outcome.BUDGET_EXHAUSTED
@@ -137,7 +137,7 @@ async def test_oracle_once_solves_a_scene_of_one_look_and_not_one_of_many() -> N
         ('[[{"tool": "step", "arguments": {}, "when": 1}]]', "when"),
     ],
 )
-def test_a_script_of_another_form_is_refused_with_the_place(tmp_path: Path, content: str, problem: str) -> None:
+def test_a_malformed_script_is_refused_with_the_place_of_the_error(tmp_path: Path, content: str, problem: str) -> None:
     file = tmp_path / "script.json"
     file.write_text(content, encoding="utf-8")
     with pytest.raises(UsageError, match=problem):
@@ -149,7 +149,7 @@ def test_a_missing_script_is_refused(tmp_path: Path) -> None:
         load_script(tmp_path / "none.json")
 
 
-async def test_a_script_plays_by_scene(tmp_path: Path) -> None:
+async def test_a_script_may_have_other_turns_for_each_scene(tmp_path: Path) -> None:
     file = tmp_path / "script.json"
     turns = [[{"tool": "answer", "arguments": {"answer": 5}}]]
     file.write_text(json.dumps({"7": turns}), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What stopping policies say, when, and that they change nothing else."""
+"""When stopping policies give advice, what they advise, and that they change nothing else."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,22 +20,22 @@ ASKED = "In the reasoning of your next reply, state how confident"
 
 @dataclass
 class Replies:
-    """Gives the replies it was made with, and keeps what it was told."""
+    """Gives the replies it was made with, and keeps the feedback it gets."""
 
     replies: Sequence[Reply]
-    told: list[Feedback | None] = field(default_factory=list[Feedback | None])
+    seen: list[Feedback | None] = field(default_factory=list[Feedback | None])
     name: str = "replies"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "Replies":
         return self
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        self.told.append(feedback)
-        return self.replies[len(self.told) - 1]
+        self.seen.append(feedback)
+        return self.replies[len(self.seen) - 1]
 
     @property
     def notes(self) -> list[str]:
-        return [feedback.note for feedback in self.told if feedback]
+        return [feedback.note for feedback in self.seen if feedback]
 
 
 async def play(agent: Replies | ScriptedAgent, policy: str, budget: int) -> Episode:
@@ -45,7 +45,7 @@ async def play(agent: Replies | ScriptedAgent, policy: str, budget: int) -> Epis
         return await play_episode(playing, client, key, VERSIONS)
 
 
-async def test_budget_aware_asks_for_the_answer_in_the_last_two_iterations_alone() -> None:
+async def test_budget_aware_asks_for_the_answer_only_in_the_last_two_iterations() -> None:
     agent = Replies([Reply(calls=(STEP,))] * 4)
     episode = await play(agent, "budget-aware", budget=4)
     assert [bool(note) for note in agent.notes] == [False, True, True]
@@ -56,7 +56,7 @@ async def test_budget_aware_asks_for_the_answer_in_the_last_two_iterations_alone
     assert (episode.outcome, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, 4)
 
 
-async def test_confidence_asks_for_one_and_at_the_threshold_for_the_answer() -> None:
+async def test_confidence_asks_for_a_confidence_and_above_the_threshold_for_the_answer() -> None:
     stated = ["", "Confidence: 0.89", "confidence: 0.95", "no idea any more", ""]
     agent = Replies([Reply(text, (STEP,)) for text in stated])
     await play(agent, "confidence", budget=5)
@@ -64,18 +64,18 @@ async def test_confidence_asks_for_one_and_at_the_threshold_for_the_answer() -> 
     assert agent.notes[2] == "You stated a confidence of 0.95: call answer now."
 
 
-async def test_the_threshold_is_the_operators() -> None:
+async def test_the_operator_sets_the_threshold() -> None:
     agent = Replies([Reply("confidence: 0.5", (STEP,)), Reply("", (ANSWER,))])
     await play(agent, "confidence:0.5", budget=3)
     assert agent.notes == ["You stated a confidence of 0.5: call answer now."]
 
 
-async def test_always_leaves_the_agent_as_it_is() -> None:
+async def test_always_does_not_change_the_agent() -> None:
     agent = Replies([])
     assert with_stopping(agent, "always") is agent
 
 
-async def test_what_the_loop_says_comes_first() -> None:
+async def test_the_note_of_the_loop_comes_before_the_advice() -> None:
     agent = Replies([Reply("thinking"), Reply(calls=(ANSWER,))])
     await play(agent, "budget-aware", budget=2)
     assert agent.notes == [
@@ -85,13 +85,19 @@ async def test_what_the_loop_says_comes_first() -> None:
 
 
 @pytest.mark.parametrize("policy", ["budget-aware", "confidence", "confidence:0.25"])
-async def test_a_policy_changes_neither_calls_nor_outcome_nor_what_is_left(policy: str) -> None:
+async def test_a_policy_changes_neither_calls_nor_outcome_nor_remaining_iterations(policy: str) -> None:
     script = ((STEP, STEP), (), (STEP,), (ANSWER,))
-    plain, under = [await play(ScriptedAgent("script", {None: script}), one, budget=5) for one in ("always", policy)]
+    plain, under = [
+        await play(ScriptedAgent("script", {None: script}), stopping, budget=5) for stopping in ("always", policy)
+    ]
     assert under.key.agent == f"script+{policy if ':' in policy or policy == 'budget-aware' else 'confidence:0.9'}"
     assert [
-        (turn.reasoning, turn.note, [(one.call, one.content) for one in turn.exchanges]) for turn in under.turns
-    ] == [(turn.reasoning, turn.note, [(one.call, one.content) for one in turn.exchanges]) for turn in plain.turns]
+        (turn.reasoning, turn.note, [(exchange.call, exchange.content) for exchange in turn.exchanges])
+        for turn in under.turns
+    ] == [
+        (turn.reasoning, turn.note, [(exchange.call, exchange.content) for exchange in turn.exchanges])
+        for turn in plain.turns
+    ]
     assert (under.outcome, under.answer, under.prompt) == (plain.outcome, plain.answer, plain.prompt)
 
 
@@ -122,7 +128,7 @@ async def test_a_policy_changes_neither_calls_nor_outcome_nor_what_is_left(polic
         ("", None),
     ],
 )
-def test_a_stated_confidence_is_read_and_nothing_else(text: str, confidence: float | None) -> None:
+def test_only_a_stated_confidence_is_read_as_one(text: str, confidence: float | None) -> None:
     assert stated_confidence(text) == (None if confidence is None else pytest.approx(confidence))
 
 
@@ -130,6 +136,6 @@ def test_a_stated_confidence_is_read_and_nothing_else(text: str, confidence: flo
     "text",
     ["", "never", "always:1", "budget-aware:2"] + [f"confidence:{rest}" for rest in ("", "0", "1.1", "nan", "high")],
 )
-def test_a_policy_that_is_none_is_misuse(text: str) -> None:
+def test_an_unknown_or_malformed_policy_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--stopping"):
         with_stopping(Replies([]), text)

@@ -1,4 +1,4 @@
-"""Each argument that is no such quantity gets a sentence that names the quantity and its unit."""
+"""The error for a malformed argument names the quantity and its unit."""
 
 from pathlib import Path
 
@@ -42,7 +42,9 @@ def test_an_argument_of_the_wrong_kind_is_refused_in_its_own_unit(
     assert sentence in capsys.readouterr().err
 
 
-def test_a_study_file_is_held_to_the_same_quantities(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_values_in_a_study_file_are_checked_in_the_same_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "study.toml"
     file.write_text('max_cost = "free"\n', encoding="utf-8")
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""The command as a person meets it: exit codes, sentences, files, interruption."""
+"""The command as an operator sees it: exit codes, messages, files, interruption."""
 
 import json
 import os
@@ -60,7 +60,7 @@ def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
-    """Run a command that must fail as misuse, and return its one sentence."""
+    """Run a command that must be refused, and return its one sentence."""
     assert main([str(word) for word in words]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -71,7 +71,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("prompting", PROMPTINGS)
-def test_every_prompting_that_is_offered_can_be_played(prompting: str, protocol: str, tmp_path: Path) -> None:
+def test_every_prompting_and_protocol_can_be_played(prompting: str, protocol: str, tmp_path: Path) -> None:
     words = ["--agent", "blind", "--scenes", "7", "--prompting", prompting, "--protocol", protocol]
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
     (episode,) = RunFolder(tmp_path / "run").episodes().values()
@@ -81,14 +81,14 @@ def test_every_prompting_that_is_offered_can_be_played(prompting: str, protocol:
 @pytest.mark.parametrize(
     "words", [["--help"], ["run", "--help"], ["grade", "--help"], ["report", "--help"], ["--version"]]
 )
-def test_help_teaches_and_succeeds(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_printed_and_succeeds(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 0
     assert "physment-eval" in capsys.readouterr().out
 
 
-def test_run_is_the_default_command_and_leaves_a_whole_folder(tmp_path: Path) -> None:
+def test_run_is_the_default_command_and_writes_all_files_of_a_run_folder(tmp_path: Path) -> None:
     done = run("--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "strict accuracy 100.0 % (1/1)" in done.stdout
@@ -119,7 +119,7 @@ def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path) -> N
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
 )
-def test_misuse_gets_one_sentence_and_leaves_nothing_behind(
+def test_wrong_usage_gives_one_sentence_and_leaves_no_files(
     words: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = [] if words == ["--resume"] else ["--out", tmp_path / "run"]
@@ -130,12 +130,14 @@ def test_misuse_gets_one_sentence_and_leaves_nothing_behind(
 
 @pytest.fixture
 def packs(tmp_path: Path) -> Path:
-    """A folder of one pack to spoil."""
+    """A folder with one pack, which a test may damage."""
     shutil.copytree(default_folder() / "Scene7", tmp_path / "packs" / "Scene7")
     return tmp_path / "packs"
 
 
-def test_a_malformed_pack_is_named_by_file_field_and_reason(packs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_malformed_pack_is_reported_with_file_field_and_reason(
+    packs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = packs / "Scene7" / "scene7.json"
     raw = json.loads(file.read_text(encoding="utf-8"))
     del raw["metadata"]["task"]
@@ -144,7 +146,7 @@ def test_a_malformed_pack_is_named_by_file_field_and_reason(packs: Path, capsys:
     assert all(part in said for part in ("scene7.json", "field metadata.task", "Field required"))
 
 
-def test_a_scene_that_does_not_compile_is_named_with_the_engines_reason(
+def test_a_scene_that_does_not_compile_is_reported_with_the_engines_reason(
     packs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = packs / "Scene7" / "scene7.xml"
@@ -186,7 +188,7 @@ def test_a_server_that_dies_is_retried_recorded_and_never_scored_wrong(tmp_path:
 
 def _keys(folder: Path) -> list[tuple[int, int]]:
     lines = (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines()
-    return [(one["scene"], one["seed"]) for one in (json.loads(line)["key"] for line in lines)]
+    return [(key["scene"], key["seed"]) for key in (json.loads(line)["key"] for line in lines)]
 
 
 def _start_and_stop(tmp_path: Path, how: signal.Signals, after: int, *more: str) -> int:
@@ -205,7 +207,7 @@ def _start_and_stop(tmp_path: Path, how: signal.Signals, after: int, *more: str)
 
 
 @pytest.mark.parametrize("after", [1, 23])
-def test_a_killed_run_is_completed_without_a_lost_or_doubled_episode(tmp_path: Path, after: int) -> None:
+def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(tmp_path: Path, after: int) -> None:
     assert _start_and_stop(tmp_path, signal.SIGKILL, after) == -signal.SIGKILL
     torn = tmp_path / "run" / "episodes.jsonl"
     with torn.open("a", encoding="utf-8") as stream:
@@ -222,7 +224,7 @@ def test_a_killed_run_is_completed_without_a_lost_or_doubled_episode(tmp_path: P
     assert len(keys) == len(set(keys)) == 40
 
 
-def test_a_run_killed_again_and_again_is_completed_and_graded_as_if_it_never_was(tmp_path: Path) -> None:
+def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_path: Path) -> None:
     words = ("--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-7", "--out", "run")
     random, on_disk = Random(20), 0
     for _ in range(2):
@@ -241,7 +243,7 @@ def _whole_lines(folder: Path) -> list[bytes]:
     return (folder / "episodes.jsonl").read_bytes().split(b"\n")[:-1]
 
 
-def test_an_interrupted_run_says_how_to_go_on_and_leaves_a_usable_folder(tmp_path: Path) -> None:
+def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(tmp_path: Path) -> None:
     assert _start_and_stop(tmp_path, signal.SIGINT, 3) == 130
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 40
@@ -250,7 +252,7 @@ def test_an_interrupted_run_says_how_to_go_on_and_leaves_a_usable_folder(tmp_pat
     assert (tmp_path / "run" / "report.html").exists()
 
 
-def test_a_report_is_written_again_from_the_folder_alone_and_only_if_it_is_graded(
+def test_a_report_is_written_again_from_a_graded_folder_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
@@ -279,8 +281,8 @@ def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
     assert "run.json cannot be read" in refused(capsys, "report", folder)
 
 
-def test_what_an_agent_writes_cannot_spoil_a_run(tmp_path: Path) -> None:
-    """Line ends of other alphabets, half surrogate pairs and markup, through store, grades, table and report."""
+def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path) -> None:
+    """Unusual line ends, half surrogate pairs and markup, in the store, the grades, the table and the report."""
     evil = "[/x][red]7\u2028\x85\x1b[31m</script><script>alert(1)</script>\u202e"
     turns = [
         [{"tool": "step", "arguments": {"duration": 0.1, "\ud800": 1}}],

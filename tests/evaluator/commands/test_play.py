@@ -1,4 +1,4 @@
-"""A person at the terminal: the real command, fed by a pipe or by a pseudo-terminal."""
+"""A person at a terminal: the real command, with input from a pipe or a pseudo-terminal."""
 
 import os
 import pty
@@ -46,7 +46,7 @@ def test_a_person_solves_a_scene_and_is_graded_like_any_agent(tmp_path: Path) ->
     assert RunFolder(tmp_path / "run").read_run().plan.scenes == (7,)
 
 
-def test_the_budget_is_the_persons_too_and_a_wrong_answer_is_wrong(tmp_path: Path) -> None:
+def test_a_person_has_a_budget_and_a_wrong_answer_is_wrong(tmp_path: Path) -> None:
     done = play(tmp_path, "step 0.1\nstep 0.1\nstep 0.1\nanswer 1\n", "7", "--budget", "2", "--seed", "3")
     assert done.returncode == 0, done.stderr
     assert "1 iteration left > " in done.stdout
@@ -54,7 +54,7 @@ def test_the_budget_is_the_persons_too_and_a_wrong_answer_is_wrong(tmp_path: Pat
     assert episode_in(tmp_path).key.seed == 3
 
 
-def test_help_log_and_what_is_mistyped_cost_nothing(tmp_path: Path) -> None:
+def test_commands_and_mistyped_lines_cost_no_iteration(tmp_path: Path) -> None:
     typed = "help\nhelp step\nhelp fly\ntask\nlog\nstp\nstep 0.1\nlog\nget_position 9\nanswer x\n"
     done = play(tmp_path, typed)
     assert "  apply_force object_id force_vector\n" in done.stdout
@@ -92,7 +92,7 @@ def test_leaving_later_is_recorded_as_an_episode_without_an_answer(tmp_path: Pat
         (("7", "--server", "no-such-program --scene {scene}"), "the server command"),
     ],
 )
-def test_misuse_gets_a_sentence_and_leaves_nothing_behind(
+def test_wrong_usage_gives_a_sentence_and_leaves_no_files(
     tmp_path: Path, words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
@@ -167,7 +167,7 @@ def screen(cwd: Path) -> Generator[Screen]:
 
 
 def _own_terminal() -> None:
-    """Make the pseudo-terminal the one whose Ctrl-C reaches the process."""
+    """Make the pseudo-terminal the controlling terminal, so that its Ctrl-C reaches the process."""
     import fcntl
     import termios
 
@@ -175,7 +175,7 @@ def _own_terminal() -> None:
 
 
 @on_linux
-def test_a_terminal_completes_names_and_control_d_leaves(tmp_path: Path) -> None:
+def test_a_terminal_completes_names_and_ctrl_d_leaves(tmp_path: Path) -> None:
     pytest.importorskip("readline")
     with screen(tmp_path) as terminal:
         terminal.wait_for_prompt(20)
@@ -190,7 +190,7 @@ def test_a_terminal_completes_names_and_control_d_leaves(tmp_path: Path) -> None
 
 
 @on_linux
-def test_control_c_leaves_cleanly(tmp_path: Path) -> None:
+def test_ctrl_c_leaves_without_a_traceback(tmp_path: Path) -> None:
     with screen(tmp_path) as terminal:
         terminal.wait_for_prompt(20)
         terminal.type("\x03")
@@ -201,7 +201,7 @@ def test_control_c_leaves_cleanly(tmp_path: Path) -> None:
 
 
 @on_linux
-def test_an_interrupt_from_outside_while_asking_leaves_too(tmp_path: Path) -> None:
+def test_an_interrupt_signal_while_waiting_for_a_line_leaves_too(tmp_path: Path) -> None:
     with screen(tmp_path) as terminal:
         terminal.wait_for_prompt(20)
         terminal.type("step 0.1\n")

@@ -1,4 +1,4 @@
-"""`verify`, `lint` and `scenes` as an author uses them, each in a process of its own."""
+"""`verify`, `lint` and `scenes` as an author uses them, each in its own process."""
 
 import json
 import shutil
@@ -91,7 +91,7 @@ def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> Non
     assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
 
 
-def test_scenes_show_tells_the_private_half_only_when_asked() -> None:
+def test_scenes_show_prints_the_private_half_only_when_asked() -> None:
     public = run("scenes", "show", "9", "--seed", "3").stdout
     private = run("scenes", "show", "9", "--seed", "3", "--private").stdout
     assert "# Scene:" in public
@@ -101,7 +101,7 @@ def test_scenes_show_tells_the_private_half_only_when_asked() -> None:
     assert "no scene 6; the scenes here are 7, 8" in run("scenes", "show", "6").stderr
 
 
-def test_a_new_scene_never_overwrites_one(tmp_path: Path) -> None:
+def test_a_new_scene_never_overwrites_an_existing_scene(tmp_path: Path) -> None:
     made = run("scenes", "new", "112", "--category", "hard-single-hidden", "--scenes-dir", tmp_path)
     assert made.returncode == 0
     assert "physment-eval verify --scenes-dir" in made.stdout

@@ -1,4 +1,4 @@
-"""What `--server` may say, and that whatever fails behind it is one sentence about the infrastructure."""
+"""What `--server` accepts, and that every failure of a server is an infrastructure error in one sentence."""
 
 import shlex
 import sys
@@ -68,24 +68,24 @@ async def play(server: str, agent: Agent, scene: int = 7, seed: int = 0, scenes_
 
 @pytest.fixture
 def dying(tmp_path: Path) -> str:
-    """The command of a server that dies after some calls; the number of them and more words are to follow."""
+    """The command of a server that dies after some calls. Append their number, and more words."""
     file = tmp_path / "a folder" / "dying.py"
     file.parent.mkdir()
     file.write_text(DYING, encoding="utf-8")
     return f"{PYTHON} {shlex.quote(str(file))}"
 
 
-async def test_a_command_is_told_scene_and_seed_where_it_asks_for_them(dying: str) -> None:
+async def test_the_placeholders_of_a_command_are_replaced_by_scene_and_seed(dying: str) -> None:
     episode = await play(f"{dying} 9 --level={{scene}} 'no {{seed}}' {{}}", script((ANSWER,)), scene=21, seed=5)
     assert episode.prompt == "--level=21 no 5 {}"
 
 
-async def test_a_command_that_asks_for_neither_is_told_both(dying: str) -> None:
+async def test_scene_and_seed_are_appended_to_a_command_without_placeholders(dying: str) -> None:
     episode = await play(f"{dying} 9", script((ANSWER,)), scene=21, seed=5)
     assert episode.prompt == "--scene 21 --seed 5"
 
 
-async def test_the_laboratorys_own_command_serves_the_scene_and_seed_it_is_told() -> None:
+async def test_the_command_of_the_laboratory_serves_the_requested_scene_and_seed() -> None:
     agent = script((call("get_parameters", object_id="object_1"), ANSWER))
     by_command = await play(f"{PYTHON} -m physment_mcp --scene {{scene}} --seed {{seed}}", agent, seed=4)
     by_name = await play("stdio", agent, seed=4)
@@ -94,7 +94,7 @@ async def test_the_laboratorys_own_command_serves_the_scene_and_seed_it_is_told(
 
 
 @pytest.mark.parametrize("calls", [0, 1, 3])
-async def test_a_server_that_dies_in_an_episode_is_told_by_its_last_words(dying: str, calls: int) -> None:
+async def test_the_error_of_a_server_that_dies_holds_the_last_line_that_it_wrote(dying: str, calls: int) -> None:
     agent = script((STEP, STEP), (STEP, STEP), (ANSWER,))
     with pytest.raises(InfrastructureError) as failed:
         await play(f"{dying} {calls}", agent)
@@ -113,7 +113,7 @@ async def test_a_server_that_dies_in_an_episode_is_told_by_its_last_words(dying:
     ],
     ids=["missing", "folder", "refuses", "no server", "no scene"],
 )
-async def test_a_command_that_serves_nothing_is_one_sentence(command: str, said: str) -> None:
+async def test_a_command_that_does_not_serve_gives_one_sentence(command: str, said: str) -> None:
     with pytest.raises(InfrastructureError) as failed:
         await play(command, script((ANSWER,)))
     assert said in str(failed.value)
@@ -131,26 +131,29 @@ async def test_a_command_that_serves_nothing_is_one_sentence(command: str, said:
         ("http://[::1", "not a URL"),
     ],
 )
-async def test_what_names_no_server_is_misuse(server: str, said: str) -> None:
+async def test_a_malformed_server_option_is_refused(server: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         await play(server, script((ANSWER,)))
 
 
-async def test_a_host_is_used_by_its_address_and_by_many_at_a_time() -> None:
+async def test_many_episodes_at_a_time_are_opened_on_a_host_by_its_address() -> None:
     episodes: list[Episode] = []
 
-    async def one(address: str, seed: int) -> None:
+    async def play_seed(address: str, seed: int) -> None:
         episodes.append(await play(address, script((STEP, STEP), (ANSWER,)), seed=seed))
 
     async with LocalHost() as host, anyio.create_task_group() as tasks:
         for seed in range(8):
-            tasks.start_soon(one, host.base_url + "/", seed)
+            tasks.start_soon(play_seed, host.base_url + "/", seed)
     assert sorted(episode.key.seed for episode in episodes) == list(range(8))
-    times = [[one.content["sim_time"] for one in episode.turns[0].exchanges if one.content] for episode in episodes]
+    times = [
+        [exchange.content["sim_time"] for exchange in episode.turns[0].exchanges if exchange.content]
+        for episode in episodes
+    ]
     assert times == [[pytest.approx(0.1), pytest.approx(0.2)]] * 8
 
 
-async def test_a_host_closes_the_episodes_that_have_ended_whichever_way() -> None:
+async def test_an_episode_is_closed_on_its_host_however_it_ends() -> None:
     class Falling:
         name = "falling"
 
@@ -173,7 +176,7 @@ async def test_a_host_closes_the_episodes_that_have_ended_whichever_way() -> Non
                 await play(host.base_url, script((ANSWER,)))
 
 
-async def test_a_host_that_is_killed_in_an_episode_and_one_that_is_down_are_infrastructure() -> None:
+async def test_a_host_that_is_killed_or_down_is_an_infrastructure_error() -> None:
     class Murderous:
         name = "murderous"
 
@@ -200,7 +203,9 @@ async def test_a_host_that_is_killed_in_an_episode_and_one_that_is_down_are_infr
 
 @pytest.mark.parametrize("server", ["stdio", "host"])
 @pytest.mark.parametrize("error", [PermanentFailure("the provider refused the key"), UsageError("no such option")])
-async def test_what_fails_on_the_agents_side_is_not_laid_on_the_server(server: str, error: Exception) -> None:
+async def test_an_error_of_the_agents_side_is_not_reported_as_an_error_of_the_server(
+    server: str, error: Exception
+) -> None:
     class Failing:
         name = "failing"
 
@@ -226,7 +231,7 @@ async def test_what_fails_on_the_agents_side_is_not_laid_on_the_server(server: s
         (200, b'{"episode_id": "a", "mcp_url": "http://127.0.0.1:9/mcp"}', "failed"),
     ],
 )
-async def test_a_web_server_that_is_no_host_is_one_sentence(
+async def test_a_web_server_that_is_not_a_host_gives_one_sentence(
     web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
 ) -> None:
     with web_server(status, body) as address, pytest.raises(InfrastructureError) as failed:
@@ -234,7 +239,7 @@ async def test_a_web_server_that_is_no_host_is_one_sentence(
     assert said in str(failed.value)
 
 
-async def test_packs_of_another_folder_are_served_by_servers_we_start(tmp_path: Path) -> None:
+async def test_servers_that_the_evaluator_starts_serve_the_given_folder_of_packs(tmp_path: Path) -> None:
     for server in ("stdio", "host"):
         with pytest.raises((InfrastructureError, UsageError)) as failed:
             await play(server, script((ANSWER,)), scenes_dir=tmp_path / "none")

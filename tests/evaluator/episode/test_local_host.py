@@ -1,4 +1,4 @@
-"""The warm host that the evaluator starts: it has room, and nothing is left of it, however the evaluator ends."""
+"""The host that the evaluator starts: it has room for many episodes, and it ends with the evaluator in every case."""
 
 import json
 import resource
@@ -30,7 +30,7 @@ def answers(url: str) -> bool:
         return False
 
 
-def test_a_host_ends_with_an_evaluator_that_is_killed() -> None:
+def test_the_local_host_ends_when_the_evaluator_is_killed() -> None:
     with subprocess.Popen([sys.executable, "-c", HOLD], stdout=subprocess.PIPE, text=True) as held:
         assert held.stdout is not None
         url = held.stdout.readline().strip()
@@ -42,7 +42,7 @@ def test_a_host_ends_with_an_evaluator_that_is_killed() -> None:
             assert time.monotonic() < deadline, "the host outlives the evaluator"
 
 
-def test_more_episodes_than_the_system_lets_files_be_open_at_first(tmp_path: Path) -> None:
+def test_more_episodes_can_be_open_than_the_initial_limit_of_open_files(tmp_path: Path) -> None:
     few = 64  # what Python and its libraries need to start, and little more
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     command = [sys.executable, "-m", "evaluator", "--server", "host", "--agent", "blind", "--scenes", "7", "--json"]

@@ -1,4 +1,4 @@
-"""The loop against the real laboratory, in memory, with agents whose turns are written down."""
+"""The loop against the real laboratory in memory, with agents whose turns are given."""
 
 import math
 from collections.abc import Sequence
@@ -21,18 +21,18 @@ from tests.builders.records import ANSWER, LOOK, STEP, VERSIONS, answer, call, e
 
 @dataclass
 class Replies:
-    """An agent that gives the replies it was made with, and keeps what it was told."""
+    """Gives the replies it was made with, and keeps the feedback it gets."""
 
     replies: Sequence[Reply | Exception]
-    told: list[Feedback | None] = field(default_factory=list[Feedback | None])
+    seen: list[Feedback | None] = field(default_factory=list[Feedback | None])
     name: str = "replies"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "Replies":
         return self
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        self.told.append(feedback)
-        reply = self.replies[len(self.told) - 1] if len(self.told) <= len(self.replies) else Reply()
+        self.seen.append(feedback)
+        reply = self.replies[len(self.seen) - 1] if len(self.seen) <= len(self.replies) else Reply()
         if isinstance(reply, Exception):
             raise reply
         return reply
@@ -48,28 +48,32 @@ def script(*turns: tuple[ToolCall, ...]) -> ScriptedAgent:
 
 
 @pytest.mark.parametrize("value", [7.848, "7.848 m/s", [1, "a", 2.5], "", 0, -1e-9])
-async def test_the_answer_is_taken_down_verbatim(value: object) -> None:
+async def test_the_answer_is_recorded_verbatim(value: object) -> None:
     episode = await play(script((STEP, answer(value))))
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, value)
 
 
-async def test_nothing_after_the_answer_in_a_batch_is_run() -> None:
+async def test_calls_after_the_answer_are_not_run() -> None:
     episode = await play(script((ANSWER, STEP, answer(2))))
     assert episode.answer == 1
-    assert [one.returned for one in episode.turns[0].exchanges] == [True, False, False]
+    assert [exchange.returned for exchange in episode.turns[0].exchanges] == [True, False, False]
 
 
-async def test_an_answer_the_laboratory_refuses_does_not_end_the_episode() -> None:
+async def test_an_answer_that_the_laboratory_refuses_does_not_end_the_episode() -> None:
     too_long = answer("x" * 20_000)
     episode = await play(script((too_long, STEP), (answer(3),)))
     assert (episode.answer, len(episode.turns)) == (3, 2)
 
 
-async def test_a_call_that_fits_no_schema_stops_the_batch_and_what_ran_before_stands() -> None:
+async def test_a_call_that_does_not_fit_its_schema_stops_the_batch_and_earlier_calls_count() -> None:
     agent = Replies([Reply(calls=(STEP, call("step", duration="long"), STEP)), Reply(calls=(LOOK, ANSWER))])
     episode = await play(agent)
     first = episode.turns[0]
-    assert [(one.returned, one.is_error) for one in first.exchanges] == [(True, False), (False, True), (False, False)]
+    assert [(exchange.returned, exchange.is_error) for exchange in first.exchanges] == [
+        (True, False),
+        (False, True),
+        (False, False),
+    ]
     assert "duration" in first.note
     assert episode.turns[1].exchanges[0].content is not None
     assert episode.turns[1].exchanges[0].content["sim_time"] == pytest.approx(0.1)
@@ -88,7 +92,7 @@ async def test_a_call_that_fits_no_schema_stops_the_batch_and_what_ran_before_st
     ],
     ids=str,
 )
-async def test_a_misfit_is_never_run(misfit: ToolCall) -> None:
+async def test_a_call_that_does_not_fit_its_schema_is_never_run(misfit: ToolCall) -> None:
     episode = await play(script((misfit,), (ANSWER,)))
     (exchange,) = episode.turns[0].exchanges
     assert (exchange.returned, exchange.is_error) == (False, True)
@@ -97,14 +101,14 @@ async def test_a_misfit_is_never_run(misfit: ToolCall) -> None:
 
 async def test_a_refusal_by_the_laboratory_does_not_stop_the_batch() -> None:
     episode = await play(script((call("get_position", object_id="object_9"), STEP, ANSWER)))
-    assert [(one.returned, one.is_error) for one in episode.turns[0].exchanges] == [
+    assert [(exchange.returned, exchange.is_error) for exchange in episode.turns[0].exchanges] == [
         (True, True),
         (True, False),
         (True, False),
     ]
 
 
-async def test_a_reply_without_a_call_and_one_that_cannot_be_read_cost_an_iteration_each() -> None:
+async def test_a_reply_without_calls_and_an_unreadable_reply_cost_an_iteration_each() -> None:
     agent = Replies([Reply("thinking"), Reply(calls=(), malformed="no list of calls"), Reply(calls=(ANSWER,))])
     episode = await play(agent)
     assert len(episode.turns) == 3
@@ -112,28 +116,28 @@ async def test_a_reply_without_a_call_and_one_that_cannot_be_read_cost_an_iterat
     assert "no list of calls" in episode.turns[1].note
 
 
-async def test_the_agent_is_told_truly_how_many_iterations_are_left() -> None:
+async def test_the_agent_learns_how_many_iterations_are_left() -> None:
     agent = Replies([Reply(calls=(STEP,))] * 3)
     episode = await play(agent, budget=3)
-    assert [feedback.remaining for feedback in agent.told if feedback] == [2, 1]
+    assert [feedback.remaining for feedback in agent.seen if feedback] == [2, 1]
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.BUDGET_EXHAUSTED, None, 3)
     assert "You have 3 iterations" in episode.prompt
 
 
-async def test_an_answer_after_the_budget_is_no_answer() -> None:
+async def test_an_answer_after_the_last_iteration_does_not_count() -> None:
     episode = await play(script((STEP,), (STEP,), (answer(7.848),)), budget=2)
     assert (episode.outcome, episode.answer) == (Outcome.BUDGET_EXHAUSTED, None)
 
 
-async def test_an_agent_that_cannot_go_on_is_recorded_with_its_reason_and_its_turns() -> None:
+async def test_an_agent_that_cannot_continue_is_recorded_with_its_reason_and_its_turns() -> None:
     episode = await play(Replies([Reply(calls=(STEP,)), AgentError("the context is full")]))
     assert (episode.outcome, episode.error, len(episode.turns)) == (Outcome.AGENT_ERROR, "the context is full", 1)
 
 
-async def test_the_agent_reads_the_very_text_the_laboratory_returned() -> None:
+async def test_the_agent_reads_exactly_the_text_that_the_laboratory_returned() -> None:
     agent = Replies([Reply(calls=(STEP, LOOK)), Reply(calls=(ANSWER,))])
     await play(agent)
-    (feedback,) = [one for one in agent.told if one]
+    (feedback,) = [feedback for feedback in agent.seen if feedback]
     assert feedback.exchanges[0].text.startswith('{"sim_time":0.1')
     assert feedback.exchanges[1].content is not None
     assert feedback.exchanges[1].content["position"][2] < 30
@@ -149,7 +153,7 @@ async def _short_prompt(_ctx: object, _params: object) -> types.GetPromptResult:
     return types.GetPromptResult(messages=[types.PromptMessage(role="user", content=text)])
 
 
-async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_breaks_is_no_fault_of_the_agent() -> None:
+async def test_a_server_needs_no_scene_resource_and_its_failure_is_not_an_agent_error() -> None:
     async def call_tool(_ctx: object, params: types.CallToolRequestParams) -> types.CallToolResult:
         if params.name == "step":
             raise MCPError(types.INTERNAL_ERROR, "broken")
@@ -164,11 +168,11 @@ async def test_a_server_without_a_scene_resource_can_be_played_and_one_that_brea
             await play_episode(script((STEP,)), client, key, VERSIONS)
 
 
-async def test_usage_is_added_up_and_a_cost_nobody_knows_stays_unknown() -> None:
+async def test_usage_is_added_up_and_an_unknown_cost_stays_unknown() -> None:
     tokens = Usage(input_tokens=10, output_tokens=3, cached_tokens=1)
     priced = tokens.model_copy(update={"cost_usd": 0.25})
     both = await play(Replies([Reply(calls=(STEP,), usage=tokens), Reply(calls=(ANSWER,), usage=priced)]))
     assert both.usage == Usage(input_tokens=20, output_tokens=6, cached_tokens=2, cost_usd=0.25)
-    one = await play(Replies([Reply(calls=(ANSWER,), usage=tokens)]))
-    assert one.usage is not None
-    assert one.usage.cost_usd is None
+    unpriced = await play(Replies([Reply(calls=(ANSWER,), usage=tokens)]))
+    assert unpriced.usage is not None
+    assert unpriced.usage.cost_usd is None

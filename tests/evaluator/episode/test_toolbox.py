@@ -1,4 +1,4 @@
-"""What a server publishes of its tools: how often it is asked, and that its results are held to it."""
+"""How often a server is asked for its tools, and that its results must fit the published schemas."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -22,7 +22,7 @@ WEIGH = call("weigh")
 
 @dataclass
 class Asked:
-    """A server with one tool, whose listings are counted and whose results can be chosen."""
+    """A server with one tool. It counts how often its tools are listed, and returns a chosen result."""
 
     hint: CacheHint | None = HOUR
     result: dict[str, Any] | None = field(default_factory=lambda: {"mass": 2.0})
@@ -52,50 +52,52 @@ class Asked:
             yield client
 
 
-async def told(asked: Asked, toolboxes: Toolboxes, episodes: int, mode: str = "auto") -> list[Toolbox]:
-    """What episodes that begin at the same time are told."""
+async def toolboxes_of(asked: Asked, toolboxes: Toolboxes, episodes: int, mode: str = "auto") -> list[Toolbox]:
+    """The toolboxes that episodes get which begin at the same time."""
     found: list[Toolbox] = []
 
-    async def one() -> None:
+    async def ask() -> None:
         async with asked.client(mode) as client:
             found.append(await toolboxes.of(client))
 
     async with anyio.create_task_group() as tasks:
         for _ in range(episodes):
-            tasks.start_soon(one)
+            tasks.start_soon(ask)
     return found
 
 
-async def test_a_host_is_asked_once_for_all_episodes_that_begin_together() -> None:
+async def test_a_host_is_asked_for_its_tools_once_for_all_episodes_that_begin_together() -> None:
     asked = Asked()
-    found = await told(asked, Toolboxes(), 20)
+    found = await toolboxes_of(asked, Toolboxes(), 20)
     assert asked.listed == 1
     assert len(found) == 20
-    assert all(one is found[0] for one in found)
+    assert all(toolbox is found[0] for toolbox in found)
 
 
-async def test_it_is_asked_again_when_what_it_said_is_no_longer_fresh() -> None:
+async def test_a_host_is_asked_for_its_tools_again_when_its_reply_is_no_longer_fresh() -> None:
     now = [0.0]
     asked, toolboxes = Asked(), Toolboxes(clock=lambda: now[0])
     for now[0], times in ((0.0, 1), (3599.0, 1), (3600.0, 2), (7199.0, 2), (7201.0, 3)):
-        await told(asked, toolboxes, 1)
+        await toolboxes_of(asked, toolboxes, 1)
         assert asked.listed == times
 
 
 @pytest.mark.parametrize("hint", [None, CacheHint(ttl_ms=3_600_000), CacheHint(ttl_ms=0, scope="public")], ids=str)
-async def test_a_server_that_does_not_say_that_all_are_told_the_same_is_asked_each_time(hint: CacheHint | None) -> None:
+async def test_a_server_that_does_not_declare_its_tools_public_is_asked_by_every_episode(
+    hint: CacheHint | None,
+) -> None:
     asked = Asked(hint)
-    await told(asked, Toolboxes(), 7)
+    await toolboxes_of(asked, Toolboxes(), 7)
     assert asked.listed == 7
 
 
-async def test_a_session_of_an_older_protocol_is_asked_each_time() -> None:
+async def test_a_server_with_an_older_protocol_is_asked_by_every_episode() -> None:
     asked = Asked()
-    await told(asked, Toolboxes(), 3, mode="legacy")
+    await toolboxes_of(asked, Toolboxes(), 3, mode="legacy")
     assert asked.listed == 3
 
 
-async def test_the_warm_host_shares_its_tools() -> None:
+async def test_the_local_host_declares_its_tools_public() -> None:
     async with LocalHost() as laboratory:
         boxes: list[Toolbox] = []
         for scene in (7, 20):
@@ -109,7 +111,7 @@ async def test_the_warm_host_shares_its_tools() -> None:
     ("result", "problem"),
     [({"mass": "two"}, "mass: 'two' is not of type 'number'"), ({}, "'mass' is a required property"), (None, "None")],
 )
-async def test_a_result_that_is_not_what_the_server_publishes_is_no_result(
+async def test_a_result_that_does_not_fit_the_published_schema_is_an_error(
     result: dict[str, Any] | None, problem: str
 ) -> None:
     asked = Asked(result=result)
@@ -120,7 +122,7 @@ async def test_a_result_that_is_not_what_the_server_publishes_is_no_result(
     assert problem in str(failed.value)
 
 
-async def test_a_result_that_fits_is_handed_on_and_so_is_one_that_nothing_is_said_of() -> None:
+async def test_a_result_that_fits_its_schema_or_has_none_is_returned() -> None:
     for asked in (Asked(), Asked(result={"anything": 1}, output=None)):
         async with asked.client() as client:
             result = await (await Toolboxes().of(client)).run(client, WEIGH)

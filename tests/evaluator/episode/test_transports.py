@@ -1,4 +1,4 @@
-"""The same script gives the same transcript through every front door."""
+"""The same script gives the same transcript over every transport."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Replies that no record could hold are malformed replies: they cost an iteration, and neither end nor spoil a run."""
+"""Replies that no record can hold count as malformed: they cost an iteration and do not harm the run."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from tests.builders.records import ANSWER, STEP, VERSIONS, answer, call, episode
 
 
 class Saying:
-    """An agent that gives one reply, and then answers 1."""
+    """Gives one reply, and then answers 1."""
 
     name = "saying"
 
@@ -41,7 +41,7 @@ def nested(levels: int) -> Any:
 
 
 async def stored(reply: Reply | Exception, path: Path) -> Episode:
-    """Play, write down, and read again."""
+    """Play, store, and read the record again."""
     folder = RunFolder(path / "run")
     folder.create(resume=False)
     key = episode_key(budget=3)
@@ -77,7 +77,7 @@ async def stored(reply: Reply | Exception, path: Path) -> Episode:
         "digits",
     ],
 )
-async def test_a_call_that_no_record_can_hold_runs_nothing_and_costs_an_iteration(
+async def test_a_call_that_no_record_can_hold_is_not_run_and_costs_an_iteration(
     bad: ToolCall, problem: str, tmp_path: Path
 ) -> None:
     episode = await stored(Reply("I try.", (STEP, bad)), tmp_path)
@@ -86,20 +86,20 @@ async def test_a_call_that_no_record_can_hold_runs_nothing_and_costs_an_iteratio
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, 1, 2)
 
 
-async def test_reasoning_that_is_no_text_is_kept_as_far_as_it_is_and_its_calls_run(tmp_path: Path) -> None:
+async def test_reasoning_that_utf_8_cannot_encode_is_repaired_and_its_calls_run(tmp_path: Path) -> None:
     episode = await stored(Reply("so \ud83d and \U0001f600", (answer("ä\u2028\U0001f600"),)), tmp_path)
     assert episode.turns[0].reasoning == "so ? and \U0001f600"
     assert episode.answer == "ä\u2028\U0001f600"
 
 
-async def test_what_is_said_of_a_malformed_reply_and_of_an_agents_end_is_text(tmp_path: Path) -> None:
+async def test_the_reasons_of_a_malformed_reply_and_of_an_agent_error_are_repaired_too(tmp_path: Path) -> None:
     malformed = await stored(Reply(malformed="no list in \ud800"), tmp_path / "one")
     assert malformed.turns[0].note.endswith("no list in ?")
     ended = await stored(AgentError("refused: \ud800"), tmp_path / "two")
     assert (ended.outcome, ended.error) == (Outcome.AGENT_ERROR, "refused: ?")
 
 
-async def test_a_list_of_lists_within_bounds_is_a_matter_of_the_tools_schema(tmp_path: Path) -> None:
+async def test_nested_lists_within_the_limit_are_left_to_the_schema_of_the_tool(tmp_path: Path) -> None:
     episode = await stored(Reply(calls=(answer(nested(62)),)), tmp_path)
     (exchange,) = episode.turns[0].exchanges
     assert (exchange.returned, exchange.is_error) == (False, True)

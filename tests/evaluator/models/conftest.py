@@ -17,9 +17,9 @@ OpenService = Callable[[Dialect], Service]
 
 @pytest.fixture(scope="session")
 def open_service() -> Iterator[OpenService]:
-    """Opens providers on one server, in a thread of its own."""
+    """Opens providers on one server, which runs in its own thread."""
     port = Port()
-    # Named as TCP, since asyncio turns Nagle off for no other: half a reply would wait 40 ms for an acknowledgement.
+    # Name the protocol TCP: only then does asyncio switch off Nagle, without which half a reply would wait 40 ms.
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.bind(("127.0.0.1", 0))
     server = uvicorn.Server(uvicorn.Config(port, lifespan="off", log_level="critical", ws="none"))
@@ -45,7 +45,7 @@ def open_service() -> Iterator[OpenService]:
         listener.close()
 
 
-@pytest.fixture(params=[OpenAI(), Anthropic(), Google()], ids=lambda one: one.name)
+@pytest.fixture(params=[OpenAI(), Anthropic(), Google()], ids=lambda dialect: dialect.name)
 def service(request: pytest.FixtureRequest, open_service: OpenService) -> Service:
     """A provider of each kind in turn."""
     return open_service(request.param)

@@ -1,4 +1,4 @@
-"""What `model:…` names, what would be sent, and what is missing."""
+"""Which model `model:…` names, what would be sent to it, and what is missing to ask it."""
 
 import json
 import subprocess
@@ -14,14 +14,14 @@ from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, find_provider
 from evaluator.models.wire import settings_sent
 
 KEY = "sk-a-key-that-must-not-show"
-ENVIRON = {name: KEY for one in PROVIDERS for name in one.key_variables}
+ENVIRON = {name: KEY for provider in PROVIDERS for name in provider.key_variables}
 
 
 def choose(text: str, **more: Any) -> Any:
     return parse_model(text, environ=ENVIRON, **more)
 
 
-@pytest.mark.parametrize("preset", PRESETS, ids=lambda one: one.name)
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)
 def test_every_preset_can_be_asked_for(preset: Any) -> None:
     agent = model_contender(f"model:{preset.name},max_tokens=9000", environ=ENVIRON)
     assert agent.name == f"model:{preset.name},max_tokens=9000"
@@ -31,7 +31,7 @@ def test_every_preset_can_be_asked_for(preset: Any) -> None:
 
 
 def test_the_seven_models_of_the_paper_are_there() -> None:
-    assert [one.title for one in PRESETS] == [
+    assert [preset.title for preset in PRESETS] == [
         "GPT-5.5",
         "Gemini 3.1 Pro",
         "Claude Opus 4.7",
@@ -48,7 +48,7 @@ def test_a_name_may_hold_colons_and_slashes() -> None:
     assert choose("model:openrouter:deepseek/deepseek-r1:free").model == "deepseek/deepseek-r1:free"
 
 
-def test_options_behind_the_name_come_before_those_of_all() -> None:
+def test_options_after_the_name_win_over_options_of_all_models() -> None:
     chosen = choose("model:vllm:m,temperature=0,effort=low", options=Options("high", 1.0, 500))
     assert chosen.options == Options("low", 0.0, 500)
 
@@ -67,13 +67,13 @@ def test_options_behind_the_name_come_before_those_of_all() -> None:
         ("model:vllm:m,top_p=1", "there is no option 'top_p'"),
     ],
 )
-def test_what_names_no_model_is_refused_with_what_would(text: str, sentence: str) -> None:
+def test_an_unknown_model_or_option_is_refused_with_the_known_ones(text: str, sentence: str) -> None:
     with pytest.raises(UsageError, match=sentence):
         choose(text)
 
 
 @pytest.mark.parametrize("url", ["ftp://host", "host:8000", "http://", "http://[::", "http://host:99999999"])
-def test_a_base_url_that_is_none_is_refused(url: str) -> None:
+def test_a_malformed_base_url_is_refused(url: str) -> None:
     with pytest.raises(UsageError, match="base URL"):
         choose("model:openai-compatible:m", base_url=url)
 
@@ -83,10 +83,10 @@ def test_the_base_url_comes_from_the_option_then_the_environment_then_the_provid
     named = "model:openai-compatible:m"
     assert parse_model(named, environ=environ).base_url == "http://environment/v1"
     assert parse_model(named, base_url="http://option/v1", environ=environ).base_url == "http://option/v1"
-    assert all(parse_model(f"model:{one.name}", environ={}).base_url.startswith("https://") for one in PRESETS)
+    assert all(parse_model(f"model:{preset.name}", environ={}).base_url.startswith("https://") for preset in PRESETS)
 
 
-def test_what_is_missing_is_said_before_anything_is_asked() -> None:
+def test_a_missing_key_or_url_is_reported_before_anything_is_asked() -> None:
     with pytest.raises(UsageError, match="OPENAI_API_KEY is not set; see `physment-eval models`"):
         model_contender("model:gpt-5.5", environ={})
     with pytest.raises(UsageError, match="no base URL"):
@@ -114,7 +114,7 @@ def test_what_is_recorded_as_sent_is_what_the_client_writes(text: str, sent: dic
     assert settings_sent(choose(text)) == sent
 
 
-def test_thoughts_are_asked_to_be_shown_where_a_provider_hides_them() -> None:
+def test_providers_that_hide_thoughts_are_asked_to_show_them() -> None:
     claude = settings_sent(choose("model:claude-opus-4.7,effort=high"))
     assert claude["thinking"] == {"type": "adaptive", "display": "summarized"}
     assert claude["output_config"] == {"effort": "high"}
@@ -122,13 +122,13 @@ def test_thoughts_are_asked_to_be_shown_where_a_provider_hides_them() -> None:
     assert gemini["generationConfig"]["thinkingConfig"] == {"include_thoughts": True}
 
 
-async def test_settings_can_be_had_within_a_running_event_loop() -> None:
+async def test_the_settings_sent_can_be_found_inside_a_running_event_loop() -> None:
     assert settings_sent(choose("model:vllm:m,temperature=0")) == {"temperature": 0}
 
 
 @pytest.mark.parametrize("dialect", Dialect)
-def test_neither_settings_nor_repr_hold_the_key(dialect: Dialect) -> None:
-    provider = next(one for one in PROVIDERS if one.dialect is dialect)
+def test_neither_facts_nor_repr_hold_the_key(dialect: Dialect) -> None:
+    provider = next(candidate for candidate in PROVIDERS if candidate.dialect is dialect)
     agent = model_contender(
         f"model:{provider.name}:vendor/m", base_url="http://user:word@host/v1?token=word", environ=ENVIRON
     )
@@ -148,27 +148,27 @@ def physment_eval(*words: str, before: str = "pass", **environ: str) -> subproce
 def test_the_command_lists_models_and_says_what_is_missing() -> None:
     done = physment_eval("models", "--json", OPENAI_API_KEY=KEY, VLLM_BASE_URL="http://user:word@gpu:8000/v1")
     said = json.loads(done.stdout)
-    lacking = {one["agent"]: one["missing"] for one in said["presets"]}
+    lacking = {preset["agent"]: preset["missing"] for preset in said["presets"]}
     assert lacking["model:gpt-5.5"] == []
     assert lacking["model:claude-opus-4.7"] == ["ANTHROPIC_API_KEY is not set"]
-    places = {one["agent"]: one["base_url"] for one in said["providers"]}
+    places = {provider["agent"]: provider["base_url"] for provider in said["providers"]}
     assert places["model:vllm:NAME"] == "http://gpu:8000/v1"
     assert KEY not in done.stdout
     table = physment_eval("models").stdout
-    assert all(f"model:{one.name}" in table for one in (*PRESETS, *PROVIDERS))
+    assert all(f"model:{listed.name}" in table for listed in (*PRESETS, *PROVIDERS))
     assert "OPENROUTER_API_KEY is not set" in table
 
 
 def test_without_the_extra_the_command_says_what_to_install() -> None:
     done = physment_eval("models", "--json", before="sys.modules['pydantic_ai'] = None")
-    for one in json.loads(done.stdout)["providers"]:
-        assert "its client is not installed (pip install 'physment-mcp[models]')" in one["missing"]
+    for provider in json.loads(done.stdout)["providers"]:
+        assert "its client is not installed (pip install 'physment-mcp[models]')" in provider["missing"]
 
 
-def test_the_command_line_loads_no_provider_s_client() -> None:
+def test_the_command_line_loads_no_client_of_a_provider() -> None:
     code = (
         "import sys, evaluator.__main__, evaluator.models.factory;"
-        "sys.exit(any(one in sys.modules for one in ('pydantic_ai', 'openai', 'anthropic', 'google.genai', 'mujoco')))"
+        "sys.exit(any(m in sys.modules for m in ('pydantic_ai', 'openai', 'anthropic', 'google.genai', 'mujoco')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
 

@@ -11,11 +11,11 @@ MODEL = "model:openai-compatible:m"
 
 
 @pytest.mark.parametrize("stopping", ["always", "budget-aware"])
-def test_a_run_closes_the_connections_of_models_plain_and_wrapped(openai: Any, stopping: str, tmp_path: Path) -> None:
+def test_a_run_closes_the_connections_of_plain_and_wrapped_models(openai: Any, stopping: str, tmp_path: Path) -> None:
     for _ in range(2):
         openai.say("", [("step", {"duration": 0.8})])
         openai.say("", [("answer", {"answer": 7.8})])
-    # Python itself warns of a connection that nobody closed.
+    # Python itself warns about a connection that is never closed.
     command = [sys.executable, "-W", "always::ResourceWarning", "-m", "evaluator", "run", "--scenes", "7"]
     command += ["--agent", MODEL, "--agent", f"oracle-once:{MODEL}", "--base-url", openai.url, "--concurrency", "1"]
     done = subprocess.run(

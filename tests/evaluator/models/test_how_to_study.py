@@ -1,4 +1,4 @@
-"""The page on studies does what it says: its file and its command, against a server on loopback."""
+"""The page on studies is correct: its file and its commands, played against a server on loopback."""
 
 import os
 import re
@@ -27,14 +27,14 @@ def file_of_page(name: str) -> str:
 
 
 def commands_of_page() -> list[str]:
-    """Every command of ours on the page, in code of any kind."""
+    """Every `physment-eval` command on the page, in code blocks of any language."""
     code = "\n".join(re.findall(r"```[^\n]*\n(.*?)```", PAGE, re.DOTALL)).replace("\\\n", " ")
     listed = re.findall(r"^ *command: \[(physment-eval.*)\]", code, re.MULTILINE)
     plain = re.findall(r"^(?:[A-Z_]+=\S+ )?(physment-eval .*)", code, re.MULTILINE)
-    return [*plain, *(one.replace(",", "") for one in listed)]
+    return [*plain, *(line.replace(",", "") for line in listed)]
 
 
-def test_the_command_of_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(openai: Service, tmp_path: Path) -> None:
+def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(openai: Service, tmp_path: Path) -> None:
     assert f"```sh\n{COMMAND}\n```" in PAGE
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
 
@@ -60,11 +60,11 @@ def test_the_command_of_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(o
     assert len(episodes) == 14 * 4
     assert {key.budget for key in episodes} == {5, 10, 15, 20}
     assert {key.agent for key in episodes} == {"model:vllm:Qwen/Qwen3-32B"}
-    assert {one.outcome for one in episodes.values()} == {Outcome.ANSWERED}
+    assert {episode.outcome for episode in episodes.values()} == {Outcome.ANSWERED}
     assert {seen.body["model"] for seen in openai.seen} == {"Qwen/Qwen3-32B"}
 
 
-def test_every_command_of_the_page_is_understood(
+def test_every_command_on_the_page_is_valid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
@@ -80,7 +80,7 @@ def test_every_command_of_the_page_is_understood(
             assert "episodes at a time" in capsys.readouterr().out
 
 
-def test_the_shards_of_the_page_are_merged_into_the_study(
+def test_the_shards_on_the_page_are_merged_into_the_study(
     openai: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
@@ -89,7 +89,7 @@ def test_the_shards_of_the_page_are_merged_into_the_study(
     for _ in range(100):
         openai.say("I know.", [("answer", {"answer": 7.848})])
     (job,) = re.findall(r"^physment-eval (.*)", file_of_page("study.sbatch"), re.MULTILINE)
-    (merge,) = [one for one in commands_of_page() if " merge " in one]
+    (merge,) = [command for command in commands_of_page() if " merge " in command]
     for index in (1, 2):
         for name, value in {"ID": index, "MIN": 1, "STEP": 1, "COUNT": 2}.items():
             monkeypatch.setenv(f"SLURM_ARRAY_TASK_{name}", str(value))

@@ -1,4 +1,4 @@
-"""A study of a model, killed twice while its requests are under way, ends as if it never had been."""
+"""A study of a model that is killed twice during its requests ends with the results of an undisturbed study."""
 
 import json
 import os
@@ -21,7 +21,7 @@ WORDS = ("--server", "host", "--scenes", ",".join(map(str, SCENES)), "--budgets"
 
 
 class Physicist:
-    """A model without memory: lets time pass, looks, then answers with the speed it read. Calls out at one request."""
+    """A model without memory: lets time pass, looks, then answers with the speed it read. Signals a chosen request."""
 
     def __init__(self) -> None:
         self._asked = 0
@@ -29,7 +29,7 @@ class Physicist:
         self.called = threading.Event()
 
     def call_out(self, after: int) -> None:
-        """Set `called` when so many requests more have come in."""
+        """Set `called` after this many more requests."""
         self.called.clear()
         self._call_at = self._asked + after
 
@@ -37,7 +37,7 @@ class Physicist:
         self._asked += 1
         if self._asked == self._call_at:
             self.called.set()
-        velocities = [json.loads(one)["velocity"] for one in seen.returns if '"velocity"' in one]
+        velocities = [json.loads(returned)["velocity"] for returned in seen.returns if '"velocity"' in returned]
         if velocities:
             return Say("That is its speed.", [("answer", {"answer": abs(velocities[0][2])})])
         if seen.returns:
@@ -70,17 +70,19 @@ def finish(process: subprocess.Popen[str]) -> Any:
 
 
 def verdicts(folder: RunFolder) -> dict[Any, tuple[Any, ...]]:
-    return {key: (one.grade, one.answer_key) for key, one in folder.grades().items()}
+    return {key: (record.grade, record.answer_key) for key, record in folder.grades().items()}
 
 
 def recorded(folder: Path) -> list[Any]:
-    """The keys of whole lines, as they are on disk."""
+    """The keys of the complete lines on disk."""
     file = folder / "episodes.jsonl"
     lines: Sequence[bytes] = file.read_bytes().split(b"\n")[:-1] if file.exists() else []
     return [json.dumps(json.loads(line)["key"]) for line in lines]
 
 
-def test_a_study_killed_while_a_model_is_asked_is_completed_as_if_it_never_was(openai: Service, tmp_path: Path) -> None:
+def test_a_study_killed_while_a_model_is_asked_is_completed_with_the_same_results(
+    openai: Service, tmp_path: Path
+) -> None:
     service, model, random, kept = openai, Physicist(), Random(4), 0
     service.latency_s = 0.02
     for _ in range(500):
@@ -88,7 +90,7 @@ def test_a_study_killed_while_a_model_is_asked_is_completed_as_if_it_never_was(o
     for _ in range(2):
         model.call_out(after=random.randint(1, 12))
         with start(service, tmp_path, "--out", "run", "--resume") as process:
-            # At a request, so that it falls into the midst of an episode.
+            # Kill during a request, so that an episode is in progress.
             called = model.called.wait(timeout=60)
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate(timeout=60)

@@ -40,19 +40,19 @@ def written(*calls: tuple[str, Any]) -> str:
     return f"```json\n{json.dumps([{'tool': tool, 'parameters': given} for tool, given in calls])}\n```"
 
 
-async def test_an_episode_with_native_calls_ends_in_the_right_answer(service: Service) -> None:
+async def test_an_episode_with_native_calls_ends_with_the_right_answer(service: Service) -> None:
     service.say("I let it fall, then look.", [STEP, LOOK], thought="v = g t")
     service.compute(lambda seen: Say("It fell.", [("answer", {"answer": speed(seen.returns[1])})]))
     episode = await play(service)
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=1e-3))
     first = episode.turns[0]
-    assert [one.call.tool for one in first.exchanges] == ["step", "get_velocity"]
+    assert [exchange.call.tool for exchange in first.exchanges] == ["step", "get_velocity"]
     assert first.reasoning == "v = g t\n\nI let it fall, then look."
-    # What the record says the model read is what went over the wire.
-    assert service.seen[1].returns == [one.text for one in first.exchanges]
+    # The model received exactly the text that the record holds.
+    assert service.seen[1].returns == [exchange.text for exchange in first.exchanges]
 
 
-async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service: Service) -> None:
+async def test_an_episode_in_the_text_protocol_ends_with_the_right_answer(service: Service) -> None:
     def answer(seen: Any) -> Any:
         returned = next(line for line in seen.last.splitlines() if "get_velocity(" in line)
         return Say(f"Read.\n{written(('answer', {'answer': speed(returned.split('-> ', 1)[1])}))}")
@@ -65,27 +65,25 @@ async def test_an_episode_in_the_text_protocol_ends_in_the_right_answer(service:
     assert not any(seen.body.get("tools") for seen in service.seen)
 
 
-async def test_the_schemas_of_the_tools_go_out_as_the_server_published_them(
-    openai: Service, anthropic: Service
-) -> None:
+async def test_tool_schemas_are_sent_as_the_server_published_them(openai: Service, anthropic: Service) -> None:
     async with Client(open_episode(7).server()) as client:
         published = {tool.name: tool.input_schema for tool in (await client.list_tools()).tools}
     for service in (openai, anthropic):
         service.say("", [("answer", {"answer": 1})])
         await play(service)
-    sent = {one["function"]["name"]: one["function"]["parameters"] for one in openai.seen[0].body["tools"]}
+    sent = {tool["function"]["name"]: tool["function"]["parameters"] for tool in openai.seen[0].body["tools"]}
     assert sent == published
-    assert {one["name"]: one["input_schema"] for one in anthropic.seen[0].body["tools"]} == untitled(published)
+    assert {tool["name"]: tool["input_schema"] for tool in anthropic.seen[0].body["tools"]} == untitled(published)
 
 
 def untitled(value: Any) -> Any:
-    """A schema without titles, which repeat names and which the clients leave out."""
+    """A schema without titles. They repeat the names, and clients leave them out."""
     if isinstance(value, dict):
         return {name: untitled(part) for name, part in value.items() if not (name == "title" and isinstance(part, str))}
     return [untitled(part) for part in value] if isinstance(value, list) else value
 
 
-async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_run(service: Service) -> None:
+async def test_each_call_gets_its_own_result_even_if_it_was_not_run(service: Service) -> None:
     service.say("", [STEP, ("get_velocity", {"object_id": "nobody"}), ("step", {"duration": "long"}), LOOK])
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -100,7 +98,7 @@ async def test_each_of_several_calls_gets_its_own_return_also_where_it_was_not_r
 
 
 def errors_marked(body: dict[str, Any]) -> list[bool]:
-    """Which returns are marked as errors, where the format has a mark."""
+    """Which results are marked as errors, in formats that can mark them."""
     if "contents" in body:
         parts = [part for content in body["contents"] for part in content["parts"]]
         return ["error" in part["functionResponse"]["response"] for part in parts if "functionResponse" in part]
@@ -108,7 +106,7 @@ def errors_marked(body: dict[str, Any]) -> list[bool]:
     return [block.get("is_error", False) for block in blocks if block.get("type") == "tool_result"]
 
 
-async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversation_goes_on(service: Service) -> None:
+async def test_a_native_call_in_the_text_protocol_is_not_run_and_the_conversation_continues(service: Service) -> None:
     service.say("", [STEP])
     service.say(written(("answer", {"answer": 1})))
     episode = await play(service, protocol="text")
@@ -117,7 +115,7 @@ async def test_a_native_call_in_the_text_protocol_runs_nothing_and_the_conversat
     assert episode.outcome is Outcome.ANSWERED
 
 
-async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_note(service: Service) -> None:
+async def test_a_reply_without_calls_costs_an_iteration_and_the_model_reads_a_note(service: Service) -> None:
     service.say("Let me think.")
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -130,7 +128,9 @@ async def test_a_reply_without_calls_costs_an_iteration_and_is_answered_with_a_n
     "written",
     ['{"duration": 0.8', "[0.8]", "0.8", '"0.8"', '{"duration": 0.8,}', pytest.param("[" * 100_000, id="deep")],
 )
-async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai: Service, written: str) -> None:
+async def test_if_arguments_are_not_a_json_object_no_call_is_run_and_the_model_reads_why(
+    openai: Service, written: str
+) -> None:
     openai.say("", [LOOK, ("step", written)])
     openai.say("", [STEP, LOOK])
     openai.say("", [("answer", {"answer": 1})])
@@ -143,7 +143,7 @@ async def test_arguments_that_are_no_json_object_run_nothing_and_are_told(openai
     assert json.loads(openai.seen[2].returns[0])["steps"] == 160
 
 
-async def test_gemini_s_malformed_call_is_the_model_s_doing_and_not_a_failure(google: Service) -> None:
+async def test_a_malformed_call_of_gemini_is_an_error_of_the_model_and_not_of_the_service(google: Service) -> None:
     google.say("", finish="MALFORMED_FUNCTION_CALL")
     google.say("", [("answer", {"answer": 1})])
     episode = await play(google)
@@ -155,7 +155,7 @@ CUT_OFF = {"openai": "length", "anthropic": "max_tokens", "google": "MAX_TOKENS"
 
 
 @pytest.mark.parametrize("protocol", ["native", "text"])
-async def test_a_reply_cut_off_at_the_limit_runs_nothing(service: Service, protocol: str) -> None:
+async def test_no_call_of_a_reply_that_was_cut_off_is_run(service: Service, protocol: str) -> None:
     calls = [] if protocol == "text" else [STEP]
     service.say(f"First {written(STEP)}, then", calls, finish=CUT_OFF[service.dialect.name])
     service.say(written(("answer", {"answer": 1})), [] if protocol == "text" else [("answer", {"answer": 1})])
@@ -190,7 +190,7 @@ REFUSALS: dict[str, list[dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("which", [0, 1])
-async def test_a_refusal_ends_the_episode_as_the_agent_s_error(service: Service, which: int) -> None:
+async def test_a_refusal_ends_the_episode_as_an_agent_error(service: Service, which: int) -> None:
     service.say(**REFUSALS[service.dialect.name][which])
     episode = await play(service)
     assert episode.outcome is Outcome.AGENT_ERROR
@@ -209,7 +209,7 @@ OVERFLOW = {
 }
 
 
-async def test_a_conversation_too_long_for_the_model_ends_the_episode_as_the_agent_s_error(service: Service) -> None:
+async def test_a_conversation_that_is_too_long_ends_the_episode_as_an_agent_error(service: Service) -> None:
     code, message = OVERFLOW[service.dialect.name]
     service.say("", [STEP])
     service.fail(400, message, code)
@@ -219,13 +219,13 @@ async def test_a_conversation_too_long_for_the_model_ends_the_episode_as_the_age
     assert len(episode.turns) == 1
 
 
-async def test_a_full_window_in_the_midst_of_a_reply_is_not_taken_for_a_limit_of_output(anthropic: Service) -> None:
+async def test_a_full_context_window_during_a_reply_is_not_mistaken_for_the_limit_of_output(anthropic: Service) -> None:
     anthropic.say("Then", finish="model_context_window_exceeded")
     assert "context window" in str((await play(anthropic)).error)
 
 
 @pytest.mark.parametrize("code", ["content_policy_violation", "invalid_prompt"])
-async def test_a_conversation_refused_for_its_content_is_the_agent_s_error(openai: Service, code: str) -> None:
+async def test_a_conversation_that_is_refused_for_its_content_is_an_agent_error(openai: Service, code: str) -> None:
     openai.fail(400, "Invalid prompt: flagged.", code)
     episode = await play(openai)
     assert "for its content" in str(episode.error)
@@ -245,7 +245,7 @@ async def test_tokens_and_price_of_each_turn_are_recorded(service: Service) -> N
     assert episode.usage.cost_usd == pytest.approx(2 * used.cost_usd)
 
 
-async def test_what_a_failed_episode_used_up_is_counted(openai: Service) -> None:
+async def test_the_usage_of_a_failed_episode_is_counted(openai: Service) -> None:
     openai.say("", [STEP])
     openai.fail(401, "gone")
     used: list[Usage] = []
@@ -255,11 +255,13 @@ async def test_what_a_failed_episode_used_up_is_counted(openai: Service) -> None
     ):
         with pytest.raises(PermanentFailure):
             await play_episode(agent, client, episode_key(), VERSIONS, used=used)
-    assert [(one.input_tokens, one.output_tokens) for one in used] == [(1000, 100)]
+    assert [(usage.input_tokens, usage.output_tokens) for usage in used] == [(1000, 100)]
     assert used[0].cost_usd
 
 
-async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_sent_back(openrouter: Service) -> None:
+async def test_thoughts_and_cost_from_openrouter_are_recorded_and_the_thoughts_are_sent_back(
+    openrouter: Service,
+) -> None:
     openrouter.say("", [STEP], thought="Let it fall.")
     openrouter.say("", [("answer", {"answer": 1})])
     episode = await play(openrouter, options=",effort=high")
@@ -271,7 +273,7 @@ async def test_openrouter_s_thoughts_and_bill_are_taken_down_and_its_thoughts_se
     assert second["messages"][1]["reasoning_details"][0]["text"] == "Let it fall."
 
 
-async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthropic: Service) -> None:
+async def test_signed_thoughts_are_sent_back_unchanged(anthropic: Service) -> None:
     anthropic.say("", [STEP], thought="Let it fall.")
     anthropic.say("", [("answer", {"answer": 1})])
     await play(anthropic, options=",effort=high")
@@ -279,7 +281,7 @@ async def test_thoughts_that_a_provider_signs_are_sent_back_as_they_came(anthrop
     assert thought == {"type": "thinking", "thinking": "Let it fall.", "signature": "c2ln"}
 
 
-async def test_the_price_of_a_model_nobody_lists_is_unknown_and_not_zero(openai: Service) -> None:
+async def test_the_price_of_an_unlisted_model_is_unknown_and_not_zero(openai: Service) -> None:
     openai.say("", [("answer", {"answer": 1})])
     choice = parse_model("model:openai-compatible:my-own", base_url=openai.url, environ={})
     key = episode_key(agent=choice.name)
@@ -299,7 +301,7 @@ async def test_half_a_surrogate_pair_in_a_reply_does_not_end_the_conversation(op
     assert (episode.outcome, len(openai.seen)) == (Outcome.ANSWERED, 2)
 
 
-async def test_the_paper_s_baseline_plays_with_a_model(openai: Service) -> None:
+async def test_oracle_once_plays_with_a_model(openai: Service) -> None:
     openai.say("", [STEP, LOOK])
     openai.compute(lambda seen: Say("", [LOOK, ("answer", {"answer": speed(seen.returns[1])})]))
     choice = parse_model("model:gpt-5.5", environ=openai.environ)

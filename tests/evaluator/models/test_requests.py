@@ -1,4 +1,4 @@
-"""Failures of a provider, as its real client meets them, and what is made of them. Clock and pauses are ours."""
+"""Failures of a provider, as its real client sees them, and what follows. The tests control clock and pauses."""
 
 import math
 from collections.abc import AsyncIterator
@@ -22,7 +22,7 @@ from tests.builders.providers import Service
 
 @dataclass
 class Clock:
-    """Time that passes only in pauses."""
+    """A clock that advances only during pauses."""
 
     now: float = 1000.0
     pauses: list[float] = field(default_factory=list)
@@ -65,7 +65,7 @@ async def desk(service: Service) -> AsyncIterator[Desk]:
         yield open_desk(agent)
 
 
-async def test_a_server_error_is_asked_again_once_and_not_behind_our_back(service: Service, desk: Desk) -> None:
+async def test_after_a_server_error_the_request_is_made_again_once_and_counted(service: Service, desk: Desk) -> None:
     service.fail(500)
     service.say("at last")
     assert await desk.ask() == "at last"
@@ -73,7 +73,7 @@ async def test_a_server_error_is_asked_again_once_and_not_behind_our_back(servic
     assert desk.requests.retries == 1
 
 
-async def test_pauses_double_and_end_at_a_ceiling(openai: Service) -> None:
+async def test_pauses_double_up_to_a_longest_pause(openai: Service) -> None:
     for _ in range(5):
         openai.fail(503)
     openai.say("at last")
@@ -83,7 +83,7 @@ async def test_pauses_double_and_end_at_a_ceiling(openai: Service) -> None:
     assert desk.clock.pauses == [1, 2, 4, 5, 5]
 
 
-async def test_pauses_are_jittered_so_that_what_failed_together_does_not_come_back_together(openai: Service) -> None:
+async def test_pauses_have_jitter_so_that_requests_that_failed_together_do_not_return_together(openai: Service) -> None:
     openai.fail(503)
     openai.say("at last")
     async with agent_of(openai) as agent:
@@ -93,7 +93,7 @@ async def test_pauses_are_jittered_so_that_what_failed_together_does_not_come_ba
     assert desk.clock.pauses == [0.5]
 
 
-async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: Service, desk: Desk) -> None:
+async def test_after_a_rate_limit_the_pause_is_as_long_as_the_provider_asks(service: Service, desk: Desk) -> None:
     service.fail(429, Retry_After="17")
     service.say("at last")
     assert await desk.ask() == "at last"
@@ -101,7 +101,7 @@ async def test_a_rate_limit_is_waited_out_as_long_as_the_provider_says(service: 
     assert desk.requests.lane.shut_until == 1017
 
 
-async def test_a_wait_may_be_a_fraction_or_a_date(openai: Service) -> None:
+async def test_a_pause_may_be_given_as_a_fraction_or_a_date(openai: Service) -> None:
     date = format_datetime(datetime.now(UTC) + timedelta(seconds=300), usegmt=True)
     for value, low, high in (("2.5", 2.5, 2.7), (date, 250, 310), ("soon", 1, 1), ("-5", 1, 1)):
         openai.fail(429, Retry_After=value)
@@ -112,7 +112,7 @@ async def test_a_wait_may_be_a_fraction_or_a_date(openai: Service) -> None:
         assert low <= desk.clock.pauses[0] <= high, value
 
 
-async def test_gemini_says_in_the_body_how_long_to_wait(google: Service) -> None:
+async def test_the_pause_that_gemini_gives_in_the_body_is_read(google: Service) -> None:
     detail = {"@type": "type.googleapis.com/google.rpc.RetryInfo", "retryDelay": "33s"}
     google.fail(429, code="RESOURCE_EXHAUSTED", details=[detail])
     google.say("at last")
@@ -122,14 +122,14 @@ async def test_gemini_says_in_the_body_how_long_to_wait(google: Service) -> None
     assert 33 <= sum(desk.clock.pauses) <= 35
 
 
-async def test_a_wait_beyond_all_patience_is_not_begun(service: Service, desk: Desk) -> None:
+async def test_a_pause_that_is_longer_than_the_patience_is_not_started(service: Service, desk: Desk) -> None:
     service.fail(429, Retry_After="86400")
     with pytest.raises(InfrastructureError, match="asked for a pause of 86400 s"):
         await desk.ask()
     assert desk.clock.pauses == []
 
 
-async def test_a_lane_that_one_request_found_shut_is_shut_for_the_others(openai: Service) -> None:
+async def test_a_pause_that_one_request_was_given_holds_for_all_requests_of_the_lane(openai: Service) -> None:
     openai.say("at last")
     async with agent_of(openai) as agent:
         desk = open_desk(agent)
@@ -142,7 +142,9 @@ async def test_a_lane_that_one_request_found_shut_is_shut_for_the_others(openai:
     assert len(openai.seen) == 1
 
 
-async def test_asking_ends_after_so_many_attempts_with_the_provider_s_own_words(service: Service, desk: Desk) -> None:
+async def test_asking_ends_after_the_last_attempt_with_the_message_of_the_provider(
+    service: Service, desk: Desk
+) -> None:
     for _ in range(6):
         service.fail(503, "the machines are on strike")
     with pytest.raises(InfrastructureError, match=r"in 6 attempts.*on strike"):
@@ -150,7 +152,7 @@ async def test_asking_ends_after_so_many_attempts_with_the_provider_s_own_words(
     assert len(service.seen) == 6
 
 
-async def test_asking_ends_when_the_pauses_add_up(openai: Service) -> None:
+async def test_asking_ends_when_the_pauses_together_are_too_long(openai: Service) -> None:
     for _ in range(6):
         openai.fail(429, Retry_After="10")
     async with agent_of(openai, total_wait_s=25.0) as agent:
@@ -160,7 +162,7 @@ async def test_asking_ends_when_the_pauses_add_up(openai: Service) -> None:
     assert sum(desk.clock.pauses) <= 25
 
 
-async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(service: Service) -> None:
+async def test_a_silent_server_is_asked_again_after_the_time_out(service: Service) -> None:
     service.hang()
     service.say("at last")
     async with agent_of(service, timeout_s=0.3) as agent:
@@ -169,7 +171,7 @@ async def test_a_silent_server_is_given_up_after_the_time_out_and_asked_again(se
     assert len(service.seen) == 2
 
 
-async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: Service) -> None:
+async def test_a_server_that_sends_bytes_forever_is_given_up_after_the_time_out(service: Service) -> None:
     service.drip()
     service.say("at last")
     async with agent_of(service, timeout_s=0.5) as agent:
@@ -178,13 +180,13 @@ async def test_a_server_that_drips_is_given_up_after_the_time_out_too(service: S
     service.closed = True
 
 
-async def test_a_reply_that_breaks_off_is_asked_for_again(service: Service, desk: Desk) -> None:
+async def test_after_a_reply_that_breaks_off_the_request_is_made_again(service: Service, desk: Desk) -> None:
     service.cut("a reply long enough to be cut in two")
     service.say("whole")
     assert await desk.ask() == "whole"
 
 
-async def test_a_server_that_is_not_there_is_asked_again_and_then_given_up(service: Service, desk: Desk) -> None:
+async def test_a_server_that_cannot_be_reached_is_asked_again_and_then_given_up(service: Service, desk: Desk) -> None:
     gone = parse_model(
         f"model:{service.dialect.name}:{service.dialect.model}",
         base_url="http://127.0.0.1:9",
@@ -196,7 +198,7 @@ async def test_a_server_that_is_not_there_is_asked_again_and_then_given_up(servi
 
 
 @pytest.mark.parametrize("body", ["", "<html>Bad gateway</html>", "{}", "[]", '{"choices": []}', "null"])
-async def test_a_reply_nobody_can_read_is_asked_for_again(openai: Service, body: str) -> None:
+async def test_after_an_unreadable_reply_the_request_is_made_again(openai: Service, body: str) -> None:
     openai.raw(body)
     openai.say("readable")
     async with agent_of(openai) as agent:
@@ -215,7 +217,9 @@ async def test_a_reply_nobody_can_read_is_asked_for_again(openai: Service, body:
         (422, "unprocessable", "rejected the request"),
     ],
 )
-async def test_what_cannot_pass_is_not_asked_again(openai: Service, status: int, code: str, sentence: str) -> None:
+async def test_after_a_permanent_failure_no_request_is_made_again(
+    openai: Service, status: int, code: str, sentence: str
+) -> None:
     openai.fail(status, "As I said.", code)
     async with agent_of(openai) as agent:
         with pytest.raises(PermanentFailure, match=rf"{sentence}.*As I said\."):
@@ -224,7 +228,7 @@ async def test_what_cannot_pass_is_not_asked_again(openai: Service, status: int,
 
 
 @pytest.mark.parametrize("status", [400, 422])
-async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_s_end(
+async def test_a_rejection_in_the_middle_of_a_conversation_ends_only_that_conversation(
     openai: Service, status: int
 ) -> None:
     openai.fail(status, "Failed to call a function.", "tool_use_failed")
@@ -235,14 +239,14 @@ async def test_a_rejection_in_the_middle_of_a_conversation_is_that_conversation_
     assert len(openai.seen) == 1
 
 
-async def test_a_request_too_large_is_the_conversation_s_fault(anthropic: Service) -> None:
+async def test_a_request_that_is_too_large_is_an_agent_error(anthropic: Service) -> None:
     anthropic.fail(413, "Request exceeds the maximum size", "request_too_large")
     async with agent_of(anthropic) as agent:
         with pytest.raises(AgentError, match="too large"):
             await open_desk(agent).ask()
 
 
-async def test_a_provider_s_error_that_repeats_the_key_does_not_carry_it_on(service: Service, desk: Desk) -> None:
+async def test_a_key_that_a_provider_repeats_in_its_error_is_removed(service: Service, desk: Desk) -> None:
     key = next(value for name, value in service.environ.items() if name.endswith("_KEY"))
     service.fail(401, f"Incorrect API key provided: {key}.", "invalid_api_key")
     with pytest.raises(PermanentFailure, match=r"\[key\]") as caught:
@@ -252,7 +256,7 @@ async def test_a_provider_s_error_that_repeats_the_key_does_not_carry_it_on(serv
     assert any(key in value for value in service.seen[0].headers.values())
 
 
-async def test_no_more_requests_are_under_way_than_the_lane_is_wide(openai: Service) -> None:
+async def test_a_lane_limits_the_requests_at_a_time(openai: Service) -> None:
     openai.latency_s = 0.05
     for _ in range(8):
         openai.say("done")

@@ -1,4 +1,4 @@
-"""Replay: the same calls bring the same returns, and a laboratory that changed is caught."""
+"""Replay: the same calls give the same results, and a changed laboratory is noticed."""
 
 import json
 import shutil
@@ -56,9 +56,9 @@ async def replayed(agent: Agent, scenes_dir: Path | None = None) -> Episode:
         return await play_episode(agent, client, key(), VERSIONS)
 
 
-async def test_a_replay_makes_the_same_calls_and_gets_the_same_returns(folder: RunFolder, stored: Episode) -> None:
+async def test_a_replay_makes_the_same_calls_and_gets_the_same_results(folder: RunFolder, stored: Episode) -> None:
     now = await replayed(load_recorded(folder.path))
-    assert [[one.call for one in turn.exchanges] for turn in now.turns] == [list(turn) for turn in TURNS]
+    assert [[exchange.call for exchange in turn.exchanges] for turn in now.turns] == [list(turn) for turn in TURNS]
     assert (now.outcome, now.answer) == (Outcome.ANSWERED, 1.5)
     assert list(differences(stored, now, rel_tol=0.0)) == []
 
@@ -72,7 +72,7 @@ def tampered(episode: Episode, turn: int, index: int, **changes: object) -> Epis
     return episode.model_copy(update={"turns": tuple(turns)})
 
 
-def test_each_kind_of_difference_is_told_with_its_place(stored: Episode) -> None:
+def test_each_kind_of_difference_is_reported_with_its_place(stored: Episode) -> None:
     content = dict(stored.turns[0].exchanges[1].content or {})
     position = content["position"]
     moved = [position[0], position[1], position[2] + 1e-3]
@@ -82,7 +82,7 @@ def test_each_kind_of_difference_is_told_with_its_place(stored: Episode) -> None
     assert (found.stored, found.now) == (position[2], moved[2])
     close = tampered(stored, 0, 1, content=content | {"position": near})
     assert list(differences(stored, close)) == []
-    assert [one.what for one in differences(stored, close, rel_tol=0.0)] == ["get_position: position[2]"]
+    assert [found.what for found in differences(stored, close, rel_tol=0.0)] == ["get_position: position[2]"]
     short = {name: value for name, value in content.items() if name != "position"}
     [missing] = differences(stored, tampered(stored, 0, 1, content=short))
     assert (missing.what, missing.now) == ("get_position: position", "(nothing)")
@@ -90,34 +90,36 @@ def test_each_kind_of_difference_is_told_with_its_place(stored: Episode) -> None
     assert (refused.what, refused.now) == ("step", "returned, an error: no")
     [worded] = differences(stored, tampered(stored, 0, 2, text="otherwise"))
     assert (worded.call, worded.now) == (3, "otherwise")
-    [told] = differences(stored, stored.model_copy(update={"prompt": "Another task."}))
-    assert (told.turn, told.what) == (0, "opening prompt")
+    [prompt] = differences(stored, stored.model_copy(update={"prompt": "Another task."}))
+    assert (prompt.turn, prompt.what) == (0, "opening prompt")
     cut = stored.model_copy(update={"turns": stored.turns[:3], "outcome": Outcome.AGENT_ERROR})
-    assert [(one.turn, one.what) for one in differences(stored, cut)] == [(4, "turn")]
+    assert [(found.turn, found.what) for found in differences(stored, cut)] == [(4, "turn")]
 
 
-async def test_a_scene_without_transcript_is_an_error_of_the_agent(stored: Episode) -> None:
+async def test_a_scene_without_a_record_is_an_agent_error(stored: Episode) -> None:
     other = stored.model_copy(update={"key": key(budget=5)})
     assert "no transcript is stored for scene 7" in ((await replayed(RecordedAgent("replay:x", (other,)))).error or "")
     two = (stored, stored.model_copy(update={"key": key("another")}))
-    agent = RecordedAgent("replay:x", tuple(one.model_copy(update={"key": one.key}) for one in two))
+    agent = RecordedAgent("replay:x", tuple(episode.model_copy(update={"key": episode.key}) for episode in two))
     async with LocalHost() as laboratory, laboratory.open(SCENE, 0) as client:
         unnamed = await play_episode(agent, client, key("replay:x"), VERSIONS)
     assert "of someone, another" in (unnamed.error or "")
     assert (await replayed(agent)).outcome is Outcome.ANSWERED
 
 
-def test_a_folder_without_transcripts_cannot_be_replayed(tmp_path: Path) -> None:
+def test_a_folder_without_episodes_cannot_be_replayed(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no transcript"):
         load_recorded(tmp_path)
 
 
-def test_the_command_is_content_with_the_same_laboratory(folder: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_finds_no_difference_in_the_same_laboratory(
+    folder: RunFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", str(folder.path)]) == 0
     assert "1 episodes, 4 calls compared: 1 episodes the same, 0 differences" in capsys.readouterr().out
 
 
-def test_the_command_tells_what_a_changed_pack_does(
+def test_the_command_shows_the_effect_of_a_changed_pack(
     folder: RunFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     packs = tmp_path / "packs"
@@ -129,7 +131,7 @@ def test_the_command_tells_what_a_changed_pack_does(
     assert main(["replay", str(folder.path), "--scenes-dir", str(packs), "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert (said["episodes"], said["not_played"]) == (1, [])
-    assert any(one["what"].startswith("get_position: position") for one in said["differences"])
+    assert any(found["what"].startswith("get_position: position") for found in said["differences"])
     assert main(["replay", str(folder.path), "--scenes-dir", str(packs)]) == 1
     assert "get_position: position" in capsys.readouterr().out
 

@@ -1,4 +1,4 @@
-"""The matrix of a run: a few episodes at a time, each on disk once, whatever fails and whenever it is stopped."""
+"""Playing the matrix of a run: a few episodes at a time, each recorded once, in spite of failures and stops."""
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -29,7 +29,7 @@ SCRIPT = ScriptedAgent("x", {None: ((ANSWER,),)})
 
 @dataclass
 class InMemory:
-    """A laboratory in this process that counts, and fails the first times it opens some seeds."""
+    """A laboratory in this process. It counts openings, and the first openings of some seeds fail."""
 
     failures: dict[int, int] = field(default_factory=dict[int, int])
     opened: list[int] = field(default_factory=list[int])
@@ -48,7 +48,7 @@ class InMemory:
             async with Client(open_episode(scene).server()) as client:
                 yield client
         except ExceptionGroup as group:
-            # As the real laboratories do: a client wraps what happens while it is connected.
+            # As in the real laboratories, where a connected client wraps errors.
             if group.subgroup(InfrastructureError):
                 raise InfrastructureError("failed while connected") from group
             raise
@@ -84,7 +84,7 @@ def lines(folder: RunFolder) -> int:
 
 
 @pytest.mark.parametrize("concurrency", [1, 3, 50])
-async def test_no_more_episodes_are_open_at_a_time_than_asked_for_and_each_is_played_once(
+async def test_no_more_episodes_are_open_than_the_concurrency_and_each_is_played_once(
     folder: RunFolder, concurrency: int
 ) -> None:
     laboratory = InMemory()
@@ -94,7 +94,7 @@ async def test_no_more_episodes_are_open_at_a_time_than_asked_for_and_each_is_pl
     assert (lines(folder), set(folder.episodes())) == (10, set(keys(10)))
 
 
-async def test_as_many_episodes_are_open_at_a_time_as_asked_for(folder: RunFolder) -> None:
+async def test_as_many_episodes_are_open_as_the_concurrency_allows(folder: RunFolder) -> None:
     class Waiting:
         """Answers only when three of its kind are playing."""
 
@@ -120,7 +120,7 @@ async def test_as_many_episodes_are_open_at_a_time_as_asked_for(folder: RunFolde
 
 
 @pytest.mark.parametrize(("failing", "replies"), [(0, 2), (1, 3), (2, 4), (3, 3)])
-async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, failing: int, replies: int) -> None:
+async def test_the_usage_of_failed_attempts_is_counted(folder: RunFolder, failing: int, replies: int) -> None:
     class Failing:
         """Loses the laboratory after its first turn in some attempts, and answers in its second in the next."""
 
@@ -149,18 +149,18 @@ async def test_what_failed_attempts_used_up_is_paid_for_too(folder: RunFolder, f
     assert (meter.tokens, meter.cost_usd) == (11 * replies, 0.5 * replies)
 
 
-async def test_a_failure_of_the_infrastructure_costs_an_attempt_and_not_the_episode(folder: RunFolder) -> None:
+async def test_an_infrastructure_error_costs_an_attempt_and_not_the_episode(folder: RunFolder) -> None:
     laboratory = InMemory(failures={0: 1, 1: MAX_ATTEMPTS - 1})
     await run(laboratory, folder, 3)
-    played = sorted(folder.episodes().values(), key=lambda one: one.key.seed)
-    assert [(one.outcome, one.attempts) for one in played] == [
+    played = sorted(folder.episodes().values(), key=lambda episode: episode.key.seed)
+    assert [(episode.outcome, episode.attempts) for episode in played] == [
         (Outcome.ANSWERED, 2),
         (Outcome.ANSWERED, MAX_ATTEMPTS),
         (Outcome.ANSWERED, 1),
     ]
 
 
-async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(folder: RunFolder) -> None:
+async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(folder: RunFolder) -> None:
     class Keyless:
         """Its provider refuses the key."""
 
@@ -184,7 +184,7 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_stops_no_other(fol
     assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
 
 
-async def test_an_episode_is_played_anew_from_its_beginning_after_a_failure_in_the_middle(folder: RunFolder) -> None:
+async def test_after_a_failure_in_the_middle_an_episode_is_played_again_from_its_start(folder: RunFolder) -> None:
     class Shaky:
         """Looks, and on the first attempt fails at its second turn."""
 
@@ -215,7 +215,7 @@ async def test_an_episode_is_played_anew_from_its_beginning_after_a_failure_in_t
     assert (episode.answer, episode.attempts) == (pytest.approx(0.1), 2)
 
 
-async def test_an_episode_that_only_ever_failed_is_recorded_not_scored_and_played_on_resumption(
+async def test_an_episode_whose_attempts_all_failed_is_recorded_unscored_and_played_when_the_run_is_resumed(
     folder: RunFolder,
 ) -> None:
     laboratory = InMemory(failures={1: MAX_ATTEMPTS})
@@ -230,10 +230,10 @@ async def test_an_episode_that_only_ever_failed_is_recorded_not_scored_and_playe
     again = InMemory()
     await run(again, folder, 3)
     assert again.opened == [1]
-    assert [one.outcome for one in folder.episodes().values()] == [Outcome.ANSWERED] * 3
+    assert [episode.outcome for episode in folder.episodes().values()] == [Outcome.ANSWERED] * 3
 
 
-async def test_an_agent_that_gives_up_is_a_result_and_not_played_again(folder: RunFolder) -> None:
+async def test_an_agent_error_is_a_result_and_the_episode_is_not_played_again(folder: RunFolder) -> None:
     class Unwilling:
         name = "x"
 
@@ -244,10 +244,10 @@ async def test_an_agent_that_gives_up_is_a_result_and_not_played_again(folder: R
     await run(laboratory, folder, 2, Unwilling())
     await run(laboratory, folder, 2, Unwilling())
     assert sorted(laboratory.opened) == [0, 1]
-    assert {one.outcome for one in folder.episodes().values()} == {Outcome.AGENT_ERROR}
+    assert {episode.outcome for episode in folder.episodes().values()} == {Outcome.AGENT_ERROR}
 
 
-async def test_a_run_goes_on_where_it_was_stopped_whenever_that_was(folder: RunFolder) -> None:
+async def test_a_run_continues_where_it_was_stopped_at_any_moment(folder: RunFolder) -> None:
     class Stop(Exception):
         pass
 
@@ -277,19 +277,19 @@ async def test_a_run_goes_on_where_it_was_stopped_whenever_that_was(folder: RunF
     assert set(folder.episodes()) == set(keys(11))
 
 
-async def test_an_episode_is_on_disk_when_its_end_is_told(folder: RunFolder) -> None:
-    told: list[tuple[str, int]] = []
+async def test_an_episode_is_on_disk_when_its_end_is_reported(folder: RunFolder) -> None:
+    reported: list[tuple[str, int]] = []
 
     def on_start(key: EpisodeKey) -> None:
-        told.append(("start", key.seed))
+        reported.append(("start", key.seed))
 
     def on_end(episode: Episode) -> None:
         assert folder.episodes()[episode.key] == episode
-        told.append(("end", episode.key.seed))
+        reported.append(("end", episode.key.seed))
 
     runner = Runner(play=playing(InMemory(), SCRIPT), folder=folder, on_start=on_start, on_end=on_end)
     await runner.run(keys(2))
-    assert told == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
+    assert reported == [("start", 0), ("end", 0), ("start", 1), ("end", 1)]
 
 
 async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_written(folder: RunFolder) -> None:
@@ -304,6 +304,6 @@ async def test_a_record_that_cannot_be_written_stops_the_run_and_keeps_what_was_
     assert (folder.path / "moved").read_bytes().count(b"\n") == 2
 
 
-async def test_a_run_with_nothing_to_play_is_done(folder: RunFolder) -> None:
+async def test_a_run_with_nothing_to_play_ends_at_once(folder: RunFolder) -> None:
     await run(InMemory(), folder, 0)
     assert folder.episodes() == {}

@@ -1,4 +1,4 @@
-"""What the options mean, and the sentence for each that means nothing."""
+"""How options are read, and the sentence for each that is malformed."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def test_scenes_are_selected_by_id_range_and_category() -> None:
         ("category:simple", "the categories are easy-single, "),
     ],
 )
-def test_a_selection_of_nothing_is_refused(text: str, problem: str) -> None:
+def test_a_selection_that_is_malformed_or_empty_is_refused(text: str, problem: str) -> None:
     with pytest.raises(UsageError) as refused:
         parse_scenes(text, None)
     assert problem in str(refused.value)
@@ -57,17 +57,17 @@ def test_agents_are_found_by_name(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "reference:x", "scripted", "model"])
-def test_an_unknown_agent_is_refused_with_those_there_are(name: str) -> None:
+def test_an_unknown_agent_is_refused_with_a_list_of_the_known_ones(name: str) -> None:
     with pytest.raises(UsageError, match="the agents are reference, random, blind"):
         Team((name,)).build()
 
 
-def test_numbers_are_lists_and_ranges_without_repetition() -> None:
+def test_lists_and_ranges_of_numbers_are_read_without_repetition() -> None:
     assert parse_numbers("5,10,5", "--budgets", 1) == (5, 10)
     assert parse_numbers("0-3,2", "--seeds", 0) == (0, 1, 2, 3)
 
 
 @pytest.mark.parametrize("text", ["0", "", "5,", "-1", "5.0", "ten", "3-1", "nan"])
-def test_a_budget_that_is_no_whole_number_above_0_is_refused(text: str) -> None:
+def test_a_budget_that_is_not_a_whole_number_above_0_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--budgets"):
         parse_numbers(text, "--budgets", 1)

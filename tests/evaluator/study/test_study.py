@@ -1,4 +1,4 @@
-"""Shards, limits, study files, merged runs: what a lab needs when a run is large."""
+"""Shards, limits, study files and merged runs: what large runs need."""
 
 import json
 import re
@@ -34,9 +34,9 @@ def test_shards_take_every_episode_once(count: int) -> None:
     assert taken == Counter(keys)
 
 
-def test_shards_are_the_same_on_every_machine_and_of_like_size() -> None:
+def test_shards_are_the_same_on_every_machine_and_of_similar_size() -> None:
     sizes = [sum(Shard(index, 8).takes(key) for key in PLAN.matrix()) for index in range(1, 9)]
-    # Frozen: a change would make machines of different versions play episodes twice or never.
+    # These must not change: machines with different versions would play some episodes twice and others never.
     assert sizes[:3] == [210, 199, 217]
     assert min(sizes) > 0.75 * max(sizes)
 
@@ -59,7 +59,7 @@ def test_shards_are_the_same_on_every_machine_and_of_like_size() -> None:
         ({"JOB_COMPLETION_INDEX": "0", "PHYSMENT_SHARDS": "5"}, Shard(1, 5)),
     ],
 )
-def test_a_scheduler_says_which_shard_this_is(environ: dict[str, str], shard: Shard) -> None:
+def test_the_shard_is_read_from_the_variables_of_a_scheduler(environ: dict[str, str], shard: Shard) -> None:
     assert shard_of_environment(environ) == shard
 
 
@@ -72,7 +72,7 @@ def test_a_scheduler_says_which_shard_this_is(environ: dict[str, str], shard: Sh
         {"SLURM_ARRAY_TASK_ID": "3"},
     ],
 )
-def test_a_scheduler_that_does_not_say_it_is_not_guessed_at(environ: dict[str, str]) -> None:
+def test_incomplete_or_contradictory_variables_of_a_scheduler_are_refused(environ: dict[str, str]) -> None:
     with pytest.raises(UsageError, match="--shard i/n"):
         shard_of_environment(environ)
 
@@ -83,7 +83,7 @@ def test_a_malformed_shard_is_refused(text: str) -> None:
         parse_shard(text)
 
 
-def test_limits_are_reached_one_by_one() -> None:
+def test_each_limit_is_reported_when_it_is_reached() -> None:
     now = [0.0]
     meter = Meter(Limits(cost_usd=1.0, tokens=1000, wall_s=60), lambda: now[0])
     meter.add_all([None, Usage(input_tokens=100, output_tokens=50, cached_tokens=90, cost_usd=0.4)])
@@ -97,14 +97,14 @@ def test_limits_are_reached_one_by_one() -> None:
     assert meter.reached() == "--max-time is reached: 60 s of 60 s"
 
 
-def test_a_cost_that_is_not_known_is_never_taken_for_none() -> None:
+def test_an_unknown_cost_is_never_taken_for_zero() -> None:
     meter = Meter(Limits(cost_usd=1.0))
     meter.add(Usage(input_tokens=10))
     assert "the price of a model is not known" in meter.reached()
     assert Meter(Limits(tokens=100)).reached() == ""
 
 
-def test_a_study_file_gives_options_and_the_command_line_wins(tmp_path: Path) -> None:
+def test_a_study_file_sets_options_and_the_command_line_wins(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(
         'agent = ["random", "blind"]\nbudgets = [5, 10]\nmax_cost = 2.5\nresume = true\nscenes = "7-9"\n', "utf-8"
@@ -127,7 +127,7 @@ def test_a_study_file_gives_options_and_the_command_line_wins(tmp_path: Path) ->
         ("[budgets]\nx = 1", "budgets must be a value or a list"),
     ],
 )
-def test_a_study_file_with_a_slip_is_refused(tmp_path: Path, content: str, problem: str) -> None:
+def test_a_study_file_with_an_error_is_refused(tmp_path: Path, content: str, problem: str) -> None:
     (tmp_path / "study.toml").write_text(content, encoding="utf-8")
     with pytest.raises(UsageError, match=re.escape(problem)):
         with_config(["--config", str(tmp_path / "study.toml")], OPTIONS)
@@ -146,9 +146,10 @@ def test_a_dry_run_counts_and_plays_nothing(tmp_path: Path, capsys: pytest.Captu
     assert not (tmp_path / "run").exists()
 
 
-def test_the_estimate_rests_on_what_a_model_is_sent() -> None:
+def test_the_estimate_agrees_with_what_a_model_is_sent() -> None:
     tools = [
-        {"name": one.name, "description": one.description, "parameters": one.input_schema} for one in published_tools()
+        {"name": tool.name, "description": tool.description, "parameters": tool.input_schema}
+        for tool in published_tools()
     ]
     prompts = [len(opening_prompt(Session(load_scene(files.scene_id, 0)), PromptOptions())) for files in list_packs()]
     sent = len(json.dumps(tools)) + sum(prompts) / len(prompts)
@@ -157,24 +158,24 @@ def test_the_estimate_rests_on_what_a_model_is_sent() -> None:
 
 
 def shards(tmp_path: Path, *more: str) -> Path:
-    """A run of two shards, each played by a process of its own as it were."""
+    """A run of two shards, each played by its own command."""
     words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2", *more]
     for index in (1, 2):
         assert main([*words, "--shard", f"{index}/2", "--out", str(tmp_path / "study")]) == 0
     return tmp_path / "study"
 
 
-def test_merged_shards_are_the_run_in_one_piece(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_merged_shards_equal_a_run_that_was_not_divided(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = shards(tmp_path)
     assert main(["merge", str(study), "--out", str(tmp_path / "merged")]) == 0
     words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2"]
     assert main([*words, "--out", str(tmp_path / "whole")]) == 0
     merged, whole = RunFolder(tmp_path / "merged"), RunFolder(tmp_path / "whole")
-    assert {key: one.answer for key, one in merged.episodes().items()} == {
-        key: one.answer for key, one in whole.episodes().items()
+    assert {key: episode.answer for key, episode in merged.episodes().items()} == {
+        key: episode.answer for key, episode in whole.episodes().items()
     }
-    assert {key: one.grade for key, one in merged.grades().items()} == {
-        key: one.grade for key, one in whole.grades().items()
+    assert {key: record.grade for key, record in merged.grades().items()} == {
+        key: record.grade for key, record in whole.grades().items()
     }
     assert [part.shard for part in merged.read_run().merged] == ["1/2", "2/2"]
     capsys.readouterr()
@@ -204,9 +205,7 @@ def test_runs_that_do_not_belong_together_are_not_merged(tmp_path: Path, capsys:
     assert "holds neither a run nor shards" in capsys.readouterr().err
 
 
-def test_a_run_stops_cleanly_at_a_limit_and_goes_on_from_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_stops_at_a_limit_and_can_be_continued(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", "--agent", "random", "--scenes", "7,21", "--seeds", "0-2", "--out", str(tmp_path / "run")]
     assert main([*words, "--max-time", "0.000001"]) == 1
     said = capsys.readouterr().err
@@ -216,7 +215,9 @@ def test_a_run_stops_cleanly_at_a_limit_and_goes_on_from_there(
     assert len(RunFolder(tmp_path / "run").episodes()) == 6
 
 
-def test_a_changed_verdict_is_told_and_the_old_one_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_changed_verdict_is_reported_and_the_old_grades_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "run"
     assert main(["run", "--agent", "reference", "--scenes", "7", "--out", str(folder)]) == 0
     grades = (folder / "grades.jsonl").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""One warm host for the tests of this folder, and programs that play on it from outside."""
+"""A host for the tests of this folder, and programs that play on it from outside."""
 
 import sys
 from collections.abc import AsyncGenerator, Callable
@@ -45,7 +45,7 @@ def program(tmp_path: Path) -> Callable[..., list[str]]:
 
 @pytest.fixture
 def client(program: Callable[..., list[str]]) -> Callable[..., list[str]]:
-    """The words of a program that opens an MCP client and runs the lines it is given."""
+    """The words of a program that opens an MCP client and runs the given lines."""
 
     def write(body: str, *words: str) -> list[str]:
         indented = "\n".join(f"        {line}" for line in body.strip().splitlines())

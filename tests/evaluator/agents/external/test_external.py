@@ -1,4 +1,4 @@
-"""Programs that play by themselves, from real MCP clients to ones that crash, hang, overspend or pry."""
+"""Programs that play by themselves: real MCP clients, and programs that crash, hang, make too many calls or snoop."""
 
 import json
 import os
@@ -28,8 +28,8 @@ Words = Callable[..., list[str]]
 SOLVE = """
 await client.list_tools()
 await client.call_tool("step", {"duration": 0.8})
-told = await client.call_tool("get_velocity", {"object_id": "object_1"})
-speed = abs(told.structured_content["velocity"][2])
+result = await client.call_tool("get_velocity", {"object_id": "object_1"})
+speed = abs(result.structured_content["velocity"][2])
 print("The speed is", speed)
 await client.call_tool("answer", {"answer": speed})
 """
@@ -48,7 +48,7 @@ async def play(host: HostLaboratory, words: list[str], budget: int = 20, **optio
     return episode
 
 
-async def test_a_real_client_solves_a_scene_and_is_judged_by_what_the_laboratory_saw(
+async def test_a_real_client_solves_a_scene_and_the_record_is_what_the_laboratory_logged(
     host: HostLaboratory, client: Words
 ) -> None:
     episode = await play(host, client(SOLVE))
@@ -63,11 +63,11 @@ async def test_a_real_client_solves_a_scene_and_is_judged_by_what_the_laboratory
     assert "iterations" not in episode.prompt
 
 
-async def test_calls_beyond_the_budget_are_refused_and_counted_nowhere(host: HostLaboratory, client: Words) -> None:
+async def test_calls_beyond_the_budget_are_refused_and_not_counted(host: HostLaboratory, client: Words) -> None:
     body = """
 for _ in range(5):
-    told = await client.call_tool("step", {"duration": 0.1})
-    print(told.is_error, told.content[0].text if told.is_error else "")
+    result = await client.call_tool("step", {"duration": 0.1})
+    print(result.is_error, result.content[0].text if result.is_error else "")
 late = await client.call_tool("answer", {"answer": 7.848})
 print(late.is_error)
 """
@@ -79,7 +79,7 @@ print(late.is_error)
     assert "its 3 calls are used up" in said[3]
 
 
-async def test_an_answer_the_laboratory_refuses_is_none(host: HostLaboratory, client: Words) -> None:
+async def test_an_answer_that_the_laboratory_refuses_does_not_count(host: HostLaboratory, client: Words) -> None:
     tries = """
 await client.call_tool("answer", {"answer": "x" * 20_000})
 await client.call_tool("answer", {"answer": "short"})
@@ -88,14 +88,14 @@ await client.call_tool("answer", {"answer": "short"})
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, "short", 2)
 
 
-async def test_a_program_that_ends_without_an_answer_is_told_apart(host: HostLaboratory, client: Words) -> None:
+async def test_a_program_that_ends_without_an_answer_is_an_agent_error(host: HostLaboratory, client: Words) -> None:
     episode = await play(host, client('await client.call_tool("step", {"duration": 0.1})'))
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.AGENT_ERROR, None, 1)
     assert episode.error is not None
     assert "ended without an answer after 1 of 200 calls" in episode.error
 
 
-async def test_a_crash_is_told_by_its_last_words(host: HostLaboratory, program: Words) -> None:
+async def test_a_crash_is_recorded_with_the_last_line_of_its_error_output(host: HostLaboratory, program: Words) -> None:
     episode = await play(host, program("print('hello'); raise SystemExit('thinking\\nout of credit\\n')"))
     assert (episode.outcome, episode.turns[0].exchanges) == (Outcome.AGENT_ERROR, ())
     assert episode.error is not None
@@ -103,12 +103,12 @@ async def test_a_crash_is_told_by_its_last_words(host: HostLaboratory, program: 
     assert episode.turns[0].reasoning == "hello"
 
 
-async def test_a_crash_after_the_answer_leaves_the_answer(host: HostLaboratory, client: Words) -> None:
+async def test_a_crash_after_the_answer_does_not_void_the_answer(host: HostLaboratory, client: Words) -> None:
     episode = await play(host, client('await client.call_tool("answer", {"answer": "x"})\nraise SystemExit(3)'))
     assert (episode.outcome, episode.answer, episode.error) == (Outcome.ANSWERED, "x", None)
 
 
-async def test_one_that_lingers_after_its_answer_is_stopped_and_its_answer_stands(
+async def test_a_program_that_runs_on_after_its_answer_is_stopped_and_the_answer_counts(
     host: HostLaboratory, client: Words
 ) -> None:
     body = 'await client.call_tool("answer", {"answer": 1})\nprint("done", flush=True)\nawait anyio.sleep(600)'
@@ -119,7 +119,7 @@ async def test_one_that_lingers_after_its_answer_is_stopped_and_its_answer_stand
     assert (episode.outcome, episode.answer, episode.turns[-1].reasoning) == (Outcome.ANSWERED, 1, "done")
 
 
-async def test_one_that_hangs_is_stopped_with_all_it_started(
+async def test_a_program_that_hangs_is_stopped_with_its_child_processes(
     host: HostLaboratory, program: Words, tmp_path: Path
 ) -> None:
     note = tmp_path / "pids"
@@ -139,9 +139,7 @@ time.sleep(600)
     await gone(*map(int, note.read_text(encoding="utf-8").split()))
 
 
-async def test_what_a_program_leaves_running_is_ended_with_it(
-    host: HostLaboratory, program: Words, tmp_path: Path
-) -> None:
+async def test_child_processes_are_ended_with_the_program(host: HostLaboratory, program: Words, tmp_path: Path) -> None:
     note = tmp_path / "pid"
     source = f"""
 import subprocess, sys
@@ -153,9 +151,7 @@ open({str(note)!r}, "w").write(str(child.pid))
     await gone(int(note.read_text(encoding="utf-8")))
 
 
-async def test_interruption_ends_the_program_and_closes_the_episode(
-    program: Words, tmp_path: Path, host: HostLaboratory
-) -> None:
+async def test_an_interruption_ends_the_program(program: Words, tmp_path: Path, host: HostLaboratory) -> None:
     note = tmp_path / "pid"
     words = program(f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
     agent = agent_of(words)
@@ -169,7 +165,7 @@ async def test_interruption_ends_the_program_and_closes_the_episode(
 
 
 async def gone(*pids: int) -> None:
-    """Wait until processes are dead; one that nobody reaps counts as dead."""
+    """Wait until processes are dead. A zombie process counts as dead."""
     await until(lambda: not any(map(_lives, pids)))
 
 
@@ -190,7 +186,9 @@ def _lives(pid: int) -> bool:
     return not (stat.exists() and stat.read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z")
 
 
-async def test_the_prompt_comes_on_stdin_where_it_has_no_place(host: HostLaboratory, program: Words) -> None:
+async def test_the_prompt_comes_on_stdin_if_the_command_has_no_placeholder_for_it(
+    host: HostLaboratory, program: Words
+) -> None:
     source = "import sys; print(sys.argv[1:], sys.stdin.read())"
     episode = await play(host, program(source, "--url={mcp_url}", "{braces}"))
     said = episode.turns[0].reasoning
@@ -214,7 +212,7 @@ print(json.dumps({"cwd": os.listdir(), "env": dict(os.environ), "config": json.l
     assert not [value for value in found["env"].values() if str(ROOT) in value]
 
 
-def test_variables_that_tell_of_the_packs_are_left_out(tmp_path: Path) -> None:
+def test_variables_that_reveal_where_the_packs_are_are_left_out(tmp_path: Path) -> None:
     ours = {
         "ORDINARY": "kept",
         "HOME": "/home/someone",
@@ -230,18 +228,18 @@ def test_variables_that_tell_of_the_packs_are_left_out(tmp_path: Path) -> None:
     assert child_environment({}, None) == {"PATH": os.defpath}
 
 
-def test_a_secret_that_a_program_wrote_is_in_no_record() -> None:
+def test_the_secrets_that_a_program_writes_are_replaced_by_their_names() -> None:
     environment = {
         "MODEL_API_KEY": "sk-12345678",
         "LONGER_TOKEN": "sk-12345678-9",
         "SHORT_KEY": "1",
         "HOME": "/home/you",
     }
-    told = "sk-12345678-9 and sk-12345678 in /home/you, 1 of 2"
-    assert without_secrets(told, environment) == "[LONGER_TOKEN] and [MODEL_API_KEY] in /home/you, 1 of 2"
+    output = "sk-12345678-9 and sk-12345678 in /home/you, 1 of 2"
+    assert without_secrets(output, environment) == "[LONGER_TOKEN] and [MODEL_API_KEY] in /home/you, 1 of 2"
 
 
-async def test_only_the_end_of_much_output_is_kept(host: HostLaboratory, program: Words) -> None:
+async def test_only_the_end_of_a_long_output_is_kept(host: HostLaboratory, program: Words) -> None:
     source = "import sys\nfor i in range(200_000): print(i)\nprint('the end')\nsys.stderr.write('y' * 10**6)"
     episode = await play(host, program(source))
     said = episode.turns[0].reasoning
@@ -249,12 +247,12 @@ async def test_only_the_end_of_much_output_is_kept(host: HostLaboratory, program
     assert len(said) <= 20_000
 
 
-async def test_a_host_that_is_gone_is_infrastructure(program: Words) -> None:
+async def test_a_host_that_cannot_be_reached_is_an_infrastructure_error(program: Words) -> None:
     with pytest.raises(InfrastructureError, match="cannot be reached"):
         await play(HostLaboratory("http://127.0.0.1:9"), program("pass"))
 
 
-async def test_a_host_killed_in_an_episode_is_infrastructure_and_the_program_is_ended(
+async def test_a_host_killed_during_an_episode_is_an_infrastructure_error_and_the_program_is_ended(
     program: Words, tmp_path: Path
 ) -> None:
     note = tmp_path / "pid"
@@ -272,7 +270,7 @@ time.sleep(600)
     await gone(int(note.read_text(encoding="utf-8")))
 
 
-async def test_a_laboratory_without_an_address_is_misuse(program: Words) -> None:
+async def test_a_laboratory_without_an_address_is_refused(program: Words) -> None:
     agent = agent_of(program("pass"))
     key = episode_key(agent=agent.name, budget=5)
     with pytest.raises(UsageError, match="needs a laboratory with an address"):
@@ -289,18 +287,18 @@ async def test_a_laboratory_without_an_address_is_misuse(program: Words) -> None
         ([sys.executable, "{mcp_url}"], "python -m x", "--server host, or the URL"),
     ],
 )
-def test_a_command_that_could_not_play_is_misuse(words: list[str], server: str, said: str) -> None:
+def test_a_command_that_cannot_play_is_refused(words: list[str], server: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         parse_external(words, server, None)
 
 
-def test_a_path_that_would_not_be_found_is_misuse(tmp_path: Path) -> None:
+def test_a_relative_path_is_refused_because_the_command_runs_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "agent.py").write_text("", encoding="utf-8")
     with pytest.raises(UsageError, match=r"write the path in full: .*/agent\.py"):
         parse_external([sys.executable, os.path.relpath(tmp_path / "agent.py"), "{mcp_url}"], "host", None)
 
 
-def test_who_could_read_the_packs_is_marked_and_kept_apart(tmp_path: Path) -> None:
+def test_an_agent_that_could_read_the_packs_is_marked_unsealed_and_has_another_name(tmp_path: Path) -> None:
     words, ours = [sys.executable, "{mcp_url}"], {"PHYSMENT_HOST_TOKEN": "x"}
     here = parse_external(words, "host", None)
     assert here.unsealed is not None
@@ -318,7 +316,7 @@ def test_who_could_read_the_packs_is_marked_and_kept_apart(tmp_path: Path) -> No
     assert local.unsealed == "the host of the laboratory is on the machine where it runs"
 
 
-def test_a_host_on_which_anybody_may_practise_is_not_sealed(tmp_path: Path) -> None:
+def test_an_agent_is_unsealed_on_a_host_where_anybody_may_open_episodes(tmp_path: Path) -> None:
     empty = tmp_path / "none"
     empty.mkdir()
     for vouched in (True, False):
@@ -329,7 +327,7 @@ def test_a_host_on_which_anybody_may_practise_is_not_sealed(tmp_path: Path) -> N
         assert "practise" in open_to_all.unsealed
 
 
-async def test_an_agent_can_open_no_episode_of_its_own_on_the_evaluators_host(program: Words) -> None:
+async def test_an_agent_cannot_open_episodes_on_the_evaluators_host(program: Words) -> None:
     source = """
 import json, sys, urllib.error, urllib.request
 base = json.load(open(sys.argv[1]))["mcpServers"]["physment"]["url"].partition("/episodes/")[0]
@@ -347,7 +345,7 @@ except urllib.error.HTTPError as error:
     assert episode.turns[0].reasoning == "401"
 
 
-def test_what_decides_a_result_can_be_written_down() -> None:
+def test_the_facts_of_an_agent_hold_its_command_and_bounds_but_no_secrets() -> None:
     agent = parse_external([sys.executable, "{mcp_url}", "--fast"], "host", None, max_calls=7)
     assert json.loads(json.dumps(agent.facts())) == {
         "command": [sys.executable, "{mcp_url}", "--fast"],
@@ -357,13 +355,13 @@ def test_what_decides_a_result_can_be_written_down() -> None:
     }
 
 
-def test_calls_follow_the_budget_unless_told() -> None:
+def test_the_limit_of_calls_follows_the_budget_unless_it_is_set() -> None:
     words = [sys.executable, "{mcp_url}"]
     assert parse_external(words, "host", None).calls_for(5) == 50
     assert parse_external(words, "host", None, max_calls=7).calls_for(5) == 7
 
 
-async def test_arguments_that_a_record_cannot_hold_are_left_out_and_said_to_be(
+async def test_arguments_that_a_record_cannot_hold_are_left_out_with_a_remark(
     host: HostLaboratory, client: Words
 ) -> None:
     body = """
@@ -388,14 +386,14 @@ await client.call_tool("answer", {"answer": 1})
         (401, b'{"error": "episodes are opened with the token of this host"}', "opened no episode: episodes are"),
     ],
 )
-async def test_a_host_that_is_none_for_this_is_infrastructure(
+async def test_a_host_without_call_logs_is_an_infrastructure_error(
     program: Words, web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
 ) -> None:
     with web_server(status, body) as address, pytest.raises(InfrastructureError, match=said):
         await play(HostLaboratory(address), program("pass"))
 
 
-async def test_a_log_that_is_none_is_infrastructure(
+async def test_a_malformed_log_is_an_infrastructure_error(
     web_server: Callable[[int, bytes], AbstractContextManager[str]],
 ) -> None:
     for status, body in ((200, b"<html>"), (200, b'{"calls": 1}'), (500, b"oh")):

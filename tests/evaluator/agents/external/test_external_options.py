@@ -1,4 +1,4 @@
-"""The command line of an external agent: its words come through as they are."""
+"""The command line of an external agent: its words are passed on unchanged."""
 
 import argparse
 import sys
@@ -11,7 +11,7 @@ from evaluator.errors import UsageError
 
 
 def parsed(*words: str) -> argparse.Namespace:
-    """As `physment-eval run` parses them: below a sub-command."""
+    """The arguments, parsed as `physment-eval run` parses them: below a sub-command."""
     parser = argparse.ArgumentParser()
     add_options(parser.add_subparsers().add_parser("run"))
     return parser.parse_args(["run", "--server", "host", *words])
@@ -23,7 +23,7 @@ def external_agent(args: argparse.Namespace) -> ExternalAgent:
     return agent
 
 
-def test_the_words_after_the_dashes_are_the_programs_own() -> None:
+def test_the_words_after_the_dashes_are_passed_to_the_program_unchanged() -> None:
     own = ["--print", "--agent", "x", "--", "{mcp_url}", "-h", ""]
     agent = external_agent(parsed("--agent", "external", "--", sys.executable, *own))
     assert agent.command == (sys.executable, *own)
@@ -31,20 +31,20 @@ def test_the_words_after_the_dashes_are_the_programs_own() -> None:
     assert agent.unsealed
 
 
-def test_its_bounds_and_the_operators_word_are_options() -> None:
+def test_limits_and_the_operators_voucher_are_options() -> None:
     options = ("--max-calls", "7", "--max-wall-time", "2.5", "--sealed")
     agent = external_agent(parsed("--agent", "external", *options, "--", sys.executable, "{mcp_url}"))
     assert (agent.max_calls, agent.max_wall_s, agent.unsealed) == (7, 2.5, None)
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "soon"])
-def test_a_wall_time_that_is_none_is_misuse(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wall_time_that_is_not_a_time_is_refused(value: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         parsed("--max-wall-time", value)
     assert "is not a time above 0" in capsys.readouterr().err
 
 
-def test_a_command_belongs_to_an_external_agent_and_takes_no_advice() -> None:
+def test_only_an_external_agent_has_a_command_and_it_has_no_stopping_policy() -> None:
     with pytest.raises(UsageError, match="belongs to --agent external"):
         read_options(parsed("--agent", "random", "--", sys.executable), {}).team.build()
     words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")

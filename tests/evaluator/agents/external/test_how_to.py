@@ -1,4 +1,4 @@
-"""The pages on external agents and on playing do what they say."""
+"""The pages on external agents and on playing are correct."""
 
 import re
 import shlex
@@ -22,7 +22,7 @@ TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_sche
 PAGE = (DOCS / "how-to" / "external-agents.md").read_text(encoding="utf-8")
 
 
-async def test_the_smallest_agent_of_the_page_solves_its_scene(
+async def test_the_smallest_agent_on_the_page_solves_its_scene(
     host: HostLaboratory, program: Callable[..., list[str]]
 ) -> None:
     (source,) = re.findall(r"```python file=my_agent\.py\n(.*?)```", PAGE, re.DOTALL)
@@ -32,7 +32,7 @@ async def test_the_smallest_agent_of_the_page_solves_its_scene(
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=0.05))
 
 
-def test_the_commands_of_the_page_could_play() -> None:
+def test_the_commands_on_the_page_are_valid() -> None:
     commands = [
         shlex.split(line.partition(" -- ")[2])
         for line in PAGE.replace("\\\n", "").splitlines()
@@ -50,7 +50,7 @@ def test_what_the_page_on_playing_shows_is_what_a_person_sees(tmp_path: Path) ->
     command = [sys.executable, "-m", "evaluator", "play", "7", "--out", "run"]
     done = subprocess.run(command, cwd=tmp_path, input=typed, capture_output=True, text=True, check=True, timeout=60)
     seen = done.stdout[done.stdout.index("20 iterations left") :]
-    # A pipe does not show what is typed into it.
+    # A pipe does not echo what is typed into it.
     assert seen.startswith(re.sub(r"(left > ).*\n", r"\1", shown))
     for line in re.findall(r"`((?:apply_force|attach_objects) .*?)`", page):
         assert parse_line(line, TOOLS)

@@ -1,4 +1,4 @@
-"""Episodes played by Ray workers: on a cluster of several nodes on this machine, with nodes killed in mid-run.
+"""Episodes played by Ray workers, on a cluster of several nodes on this machine. Some nodes are killed during a run.
 
 Ray is a large package that few need: where it is not installed these are skipped. `make ray-test` installs and runs.
 """
@@ -23,13 +23,13 @@ from evaluator.__main__ import main
 HAS_RAY = importlib.util.find_spec("ray") is not None
 needs_ray = pytest.mark.skipif(not HAS_RAY, reason="Ray is not installed; `make ray-test` installs it")
 STORE_BYTES = 80 * 2**20
-"""Of a node's object store: about the least that Ray accepts."""
+"""Size of the object store of a node: about the least that Ray accepts."""
 WORDS = ("--agent", "random", "--scenes", "7,21", "--seeds", "0-9", "--executor", "ray", "--concurrency", "4")
 
 
 @pytest.fixture
 def cluster() -> Iterator[Any]:
-    """A cluster whose head plays nothing; nodes are added by the test."""
+    """A cluster whose head plays nothing. The tests add nodes."""
     head = {"num_cpus": 0, "object_store_memory": STORE_BYTES, "include_dashboard": False}
     made = importlib.import_module("ray.cluster_utils").Cluster(initialize_head=True, head_node_args=head)
     try:
@@ -44,7 +44,7 @@ def add_node(cluster: Any) -> Any:
 
 @contextmanager
 def started(cluster: Any, folder: Path, *words: str, **environ: str) -> Generator[subprocess.Popen[str]]:
-    """The command, on that cluster; ended for certain."""
+    """The command on that cluster; ended in every case."""
     command = [sys.executable, "-m", "evaluator", *WORDS, "--out", "run", *words]
     environ = os.environ | {"RAY_ADDRESS": cluster.address} | environ
     with subprocess.Popen(
@@ -60,7 +60,7 @@ def started(cluster: Any, folder: Path, *words: str, **environ: str) -> Generato
 
 
 def read_until(stream: IO[str] | None, count: int) -> None:
-    """Read what the command prints until so many episodes have ended."""
+    """Read the output of the command until this many episodes have ended."""
     assert stream is not None
     assert any(line.startswith(f"[{count}/") for line in stream), "the command ended before"
 
@@ -70,26 +70,26 @@ def episodes(folder: Path) -> list[dict[str, Any]]:
 
 
 @needs_ray
-def test_nodes_that_die_cost_no_episode_and_double_none(cluster: Any, tmp_path: Path) -> None:
+def test_if_nodes_die_no_episode_is_lost_or_recorded_twice(cluster: Any, tmp_path: Path) -> None:
     first, second = add_node(cluster), add_node(cluster)
     with started(cluster, tmp_path) as process:
         read_until(process.stdout, 3)
         cluster.remove_node(first, allow_graceful=False)
         read_until(process.stdout, 6)
-        # The last place where workers run: from here on all depends on those that Ray starts anew.
+        # The last node with workers: from here on, only workers that Ray starts again can play.
         add_node(cluster)
         cluster.remove_node(second, allow_graceful=False)
         said, _ = process.communicate()
         assert process.returncode == 0, said
     played = episodes(tmp_path)
-    keys = [(one["key"]["scene"], one["key"]["seed"]) for one in played]
+    keys = [(episode["key"]["scene"], episode["key"]["seed"]) for episode in played]
     assert sorted(keys) == sorted((scene, seed) for scene in (7, 21) for seed in range(10))
-    assert {one["outcome"] for one in played} <= {"answered", "budget_exhausted"}
-    assert max(one["attempts"] for one in played) > 1, "no node that was killed had an episode under way"
+    assert {episode["outcome"] for episode in played} <= {"answered", "budget_exhausted"}
+    assert max(episode["attempts"] for episode in played) > 1, "no node that was killed had an episode under way"
 
 
 @needs_ray
-def test_an_interrupted_run_on_ray_goes_on_without_it(cluster: Any, tmp_path: Path) -> None:
+def test_an_interrupted_run_on_ray_can_be_continued_without_it(cluster: Any, tmp_path: Path) -> None:
     add_node(cluster)
     with started(cluster, tmp_path) as process:
         read_until(process.stdout, 2)
@@ -101,14 +101,14 @@ def test_an_interrupted_run_on_ray_goes_on_without_it(cluster: Any, tmp_path: Pa
     assert 2 <= kept < 20
     words = [*WORDS, "--executor", "local", "--server", "host", "--out", str(tmp_path / "run"), "--resume"]
     assert main(words) == 0
-    keys = [(one["key"]["scene"], one["key"]["seed"]) for one in episodes(tmp_path)]
+    keys = [(episode["key"]["scene"], episode["key"]["seed"]) for episode in episodes(tmp_path)]
     assert len(keys) == len(set(keys)) == 20
 
 
 @needs_ray
-def test_what_a_node_lacks_is_told_in_one_sentence(cluster: Any, tmp_path: Path) -> None:
+def test_what_a_node_lacks_is_reported_in_one_sentence(cluster: Any, tmp_path: Path) -> None:
     add_node(cluster)
-    # The key is in the environment of whoever starts the run, and not in that of the nodes.
+    # The key is in the environment of the run, and not in that of the nodes.
     with started(cluster, tmp_path, "--agent", "model:gpt-5.5", OPENAI_API_KEY="sk-loopback") as process:
         said, _ = process.communicate()
     assert process.returncode == 2, said
@@ -137,7 +137,7 @@ anyio.run(run)
 
 
 @needs_ray
-def test_a_cluster_without_room_is_not_waited_for_for_ever(cluster: Any) -> None:
+def test_a_cluster_without_room_is_not_waited_for_forever(cluster: Any) -> None:
     environ = os.environ | {"RAY_ADDRESS": cluster.address}
     command = [sys.executable, "-c", NOBODY]
     done = subprocess.run(command, env=environ, capture_output=True, text=True, check=False, timeout=90)
@@ -153,7 +153,7 @@ def test_a_cluster_without_room_is_not_waited_for_for_ever(cluster: Any) -> None
         ("ray://127.0.0.1:10001", "start the run on a machine of the cluster"),
     ],
 )
-def test_an_address_without_a_cluster_is_one_sentence(address: str, problem: str, tmp_path: Path) -> None:
+def test_an_address_without_a_cluster_gives_one_sentence(address: str, problem: str, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "evaluator", *WORDS, "--server", "host", "--out", "run"]
     environ = os.environ | {"RAY_ADDRESS": address}
     done = subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=False, timeout=60)
