@@ -111,7 +111,7 @@ async def test_a_crash_after_the_answer_does_not_void_the_answer(host: HostLabor
 async def test_a_program_that_runs_on_after_its_answer_is_stopped_and_the_answer_counts(
     host: HostLaboratory, client: Words
 ) -> None:
-    body = 'await client.call_tool("answer", {"answer": 1})\nprint("done", flush=True)\nawait anyio.sleep(600)'
+    body = 'print("done", flush=True)\nawait client.call_tool("answer", {"answer": 1})\nawait anyio.sleep(600)'
     agent = replace(agent_of(client(body)), grace_s=0.1)
     key = episode_key(agent=agent.name, budget=5)
     with anyio.fail_after(30):
