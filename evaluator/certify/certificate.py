@@ -1,4 +1,4 @@
-"""All six certificates of one scene: played through MCP, examined in the engine."""
+"""Checks all six certificates of one scene, with episodes played through MCP and runs of the engine."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ from scenes import PackError, PackFiles, pack_hash
 BUDGET = 20
 _SANE_SEEDS = 3
 _WIRED_SEEDS = 4
-"""Seeds played over the wire."""
+"""Number of seeds played with the given laboratory; the others are played in memory."""
 
 
 async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> SceneCertificate:
@@ -28,9 +28,9 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
 
     Args:
         files: The pack. Its `solution.py` is run.
-        seeds: On how many seeds, from 0 on.
-        laboratory: Where the reference protocol is played on the first seeds; on the others it is played in memory,
-            through the same server and client without a socket between them, since sockets would be most of the time.
+        seeds: Number of seeds, from 0 on.
+        laboratory: Plays the reference protocol on the first seeds. On the others the same server and client are
+            connected in memory, because sockets would take most of the time.
 
     Raises:
         InfrastructureError: The laboratory failed.
@@ -58,13 +58,13 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
         ]
     except InfrastructureError:
         raise
-    except Exception as error:  # noqa: BLE001 - the pack's own code ran: whatever it raised is a reason
+    except Exception as error:  # noqa: BLE001 - the pack's own code ran; any exception is a reason
         checks = [check(name, [f"solution.py failed: {error!r}"]) for name in CERTIFICATES]
     return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
 
 
 def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
-    """Certificate 6: nothing that reading the pack shows is wrong; no deep contact; no energy from nowhere."""
+    """Certificate 6: lint finds no fault, no contact is deep at the start, and energy does not increase."""
     reasons = list(faults)
     drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
     depth = max(compiled_model.deepest_contact(mjcf) for mjcf in drawn)
@@ -77,7 +77,7 @@ def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
 
 
 async def play_reference(subject: Subject, seed: int, laboratory: Laboratory) -> Episode:
-    """The reference agent's episode in a scene at a seed."""
+    """Play the reference agent's episode in a scene at a seed."""
     key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
     agent = ReferenceAgent(subject.files.folder.parent)
     async with laboratory.open(subject.files.scene_id, seed) as client:

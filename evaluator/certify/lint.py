@@ -1,4 +1,4 @@
-"""What can be said of a pack without running it: one sentence for each fault, with what to do about it."""
+"""Finds faults of a pack without running it: one sentence for each, with its remedy."""
 
 import difflib
 import json
@@ -16,16 +16,16 @@ from physment_mcp.session import Session
 from scenes import CANARY, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack, write_values
 from scenes.protocol import load_solution
 
-TELLING_NAMES = frozenset(
+REVEALING_WORDS = frozenset(
     {"hollow", "solid", "heavy", "light", "rough", "smooth", "elastic", "inelastic", "hidden", "long", "short"}
     | {"stiff", "soft", "slippery", "sticky"}
 )
+"""Words in the name of an object that would reveal one of its properties."""
 _EDITS = ("create_objects", "attach_objects", "delete_objects")
-_KNOB_RATIO = 2.0
 
 
 def lint(files: PackFiles) -> list[str]:
-    """Everything wrong with a pack that reading it shows; empty if nothing is."""
+    """The faults of a pack that can be found without running it; empty if there are none."""
     try:
         pack = read_pack(files)
         mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, 0), canonical=True)
@@ -39,7 +39,7 @@ def lint(files: PackFiles) -> list[str]:
 
 
 def _unknown_fields(files: PackFiles, _pack: Pack, _mjcf: str) -> Iterator[str]:
-    """Unknown keys are ignored when a pack is read, so a slip of the pen would go unseen."""
+    """Report unknown keys: they are ignored when a pack is read, so a typing error would go unnoticed."""
     raw = json.loads(files.json.read_text(encoding="utf-8"))
     yield from _unknown(raw, Pack, "")
 
@@ -56,15 +56,15 @@ def _unknown(raw: Any, model: type[BaseModel], where: str) -> Iterator[str]:
             continue
         nested = cast("dict[str, Any]", value)
         if _is_mapping(field.annotation):
-            for name, one in nested.items():
-                yield from _unknown(one, inner, f"{where}{key}.{name}.")
+            for name, entry in nested.items():
+                yield from _unknown(entry, inner, f"{where}{key}.{name}.")
         else:
             yield from _unknown(nested, inner, f"{where}{key}.")
 
 
 def _model_inside(annotation: Any) -> type[BaseModel] | None:
     options = [annotation, *getattr(annotation, "__args__", ())]
-    return next((one for one in options if isinstance(one, type) and issubclass(one, BaseModel)), None)
+    return next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
 
 
 def _is_mapping(annotation: Any) -> bool:
@@ -103,24 +103,24 @@ def _solution(files: PackFiles, _pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
-    listed = {f"object_{one.object_id}" for one in pack.objects.values()}
+    listed = {f"object_{entry.object_id}" for entry in pack.objects.values()}
     wanted = {f"object_{number}" for number in range(1, len(listed) + 1)}
     if listed != wanted:
         yield f"objects are numbered {', '.join(sorted(listed))}; number them from object_1 on without gaps"
     yield from (
-        f"body {one} can move but is no object: list it, so that agents can name it"
-        for one in sorted(compiled_model.movable(mjcf) - listed)
-        if one.startswith("object_")
+        f"body {body} can move but is no object: list it, so that agents can name it"
+        for body in sorted(compiled_model.movable(mjcf) - listed)
+        if body.startswith("object_")
     )
     for key in pack.object_permissions:
         if key.removesuffix("_permissions") not in pack.objects:
             yield f"object_permissions.{key} belongs to no object"
-    for key, one in pack.objects.items():
+    for key, entry in pack.objects.items():
         if f"{key}_permissions" not in pack.object_permissions:
             yield f"object_permissions.{key}_permissions is missing: everything about {key} would be withheld"
-        told = TELLING_NAMES & set(re.split(r"[\W_]+", one.name.lower()))
-        if told:
-            yield f"the name {one.name!r} of {key} tells something: {', '.join(sorted(told))}; use a neutral noun"
+        words = REVEALING_WORDS & set(re.split(r"[\W_]+", entry.name.lower()))
+        if words:
+            yield f"the name {entry.name!r} of {key} reveals a property: {', '.join(sorted(words))}; use a neutral noun"
         answerable = pack.answer_spec is not None and key in pack.answer_spec.options
         if pack.permissions_of(key).hidden and not answerable and re.search(rf"\b{key}\b", pack.metadata.task):
             yield f"the task names {key}, which is hidden"
@@ -157,7 +157,7 @@ def _hidden(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
             yield "a hidden scene has no hidden object"
         open_to_fakes = [tool for tool in _EDITS if tool not in pack.disabled_tools]
         if open_to_fakes:
-            yield f"disable {', '.join(open_to_fakes)}: a made body must not stand in for the hidden one"
+            yield f"disable {', '.join(open_to_fakes)}: a created body must not replace the hidden one"
     elif hidden:
         yield f"{hidden[0]} is hidden, but the category is {category}"
 

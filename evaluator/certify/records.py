@@ -1,4 +1,4 @@
-"""What a certificate is on disk: per scene six checks, each with its figures and, where it failed, its reasons."""
+"""Certificates as records on disk: six checks for each scene, with figures and, if a check failed, reasons."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,9 +9,9 @@ from pydantic import Field
 from evaluator.records import FORMAT, Record
 
 CERTIFICATES_FILE = "certificates.json"
-"""Name of the file, in a folder of packs."""
+"""Name of the file in a folder of packs."""
 CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
-"""The six certificates, in the order in which they are proven."""
+"""The six certificates, in the order in which they are checked."""
 
 
 class Check(Record):
@@ -20,11 +20,11 @@ class Check(Record):
     name: str
     passed: bool
     reasons: tuple[str, ...] = ()
-    """Why it failed, a sentence each."""
+    """Why it failed, one sentence for each reason."""
     figures: Mapping[str, float | int | str | list[str]] = Field(
         default_factory=dict[str, float | int | str | list[str]]
     )
-    """What was measured, by name."""
+    """Name → measured value."""
 
 
 class SceneCertificate(Record):
@@ -34,9 +34,9 @@ class SceneCertificate(Record):
     name: str
     category: str
     pack: str
-    """Hash of the pack it was proven for."""
+    """Hash of the certified pack."""
     seeds: int
-    """It was proven on seeds 0 to this number less one."""
+    """Number of seeds it was certified on, from 0 on."""
     checks: tuple[Check, ...]
 
     @property
@@ -50,18 +50,18 @@ class Certificates(Record):
 
     format: Literal[1] = FORMAT
     engine: str
-    """Version of MuJoCo they were proven with."""
+    """Version of MuJoCo used."""
     scenes: tuple[SceneCertificate, ...]
 
 
 def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> Check:
-    """A check that passed if there is no reason against it; figures to four significant digits."""
+    """A check that passed if there are no reasons; figures are rounded to four significant digits."""
     rounded = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in figures.items()}
     return Check(name=name, passed=not reasons, reasons=tuple(reasons), figures=rounded)
 
 
 def read_certificates(folder: Path) -> Certificates | None:
-    """The certificates stored in a folder of packs, if there are any that can be read."""
+    """The certificates stored in a folder of packs; None if the file is missing or cannot be read."""
     try:
         return Certificates.model_validate_json((folder / CERTIFICATES_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):

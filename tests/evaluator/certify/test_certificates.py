@@ -237,7 +237,7 @@ async def test_a_pack_that_cannot_be_read_fails_every_certificate(
         (lambda pack: pack["answer_spec"].update(unit=None), "answer_spec.unit is missing"),
         (lambda pack: pack["answer_spec"].update(kind="choice"), "answer_spec.options is empty"),
         (lambda pack: pack["answer_spec"].update(kind="choice", options=["1"]), "is not among the options"),
-        (lambda pack: pack["objects"]["object_1"].update(name="heavy cart"), "tells something: heavy"),
+        (lambda pack: pack["objects"]["object_1"].update(name="heavy cart"), "reveals a property: heavy"),
         (lambda pack: pack["objects"]["object_1"].update(object_id="2"), "its XML has no body named object_2"),
         (lambda pack: pack.update(object_permissions={}), "everything about object_1 would be withheld"),
         (lambda pack: pack["object_permissions"].update(object_9_permissions={}), "belongs to no object"),
