@@ -35,7 +35,7 @@ async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
     for seed in range(1, len(episodes)):
         revealing = _difference(first, await all_readings(subject.session(subject.draw(seed))))
         if revealing:
-            reasons.append(f"at the start {revealing} tells seed {seed} from seed 0")
+            reasons.append(f"at the start {revealing} distinguishes seed {seed} from seed 0")
             break
     if len({str(subject.truth(subject.draw(seed))) for seed in range(len(episodes))}) == 1:
         reasons.append("all seeds have the same key")
@@ -77,7 +77,7 @@ async def check_modality(subject: Subject) -> Check:
         figures[tool] = needing
         if not needing:
             how = "; ".join(revealed) or "no single knob changes the key"
-            reasons.append(f"{tool} is decoration: without it twins are told apart in {how}")
+            reasons.append(f"{tool} is not needed: without it twins can be distinguished: {how}")
     return check("modality", reasons, **figures)
 
 

@@ -51,7 +51,7 @@ def next_call(conversation: Conversation) -> Call | None:
     readings = [reading(returned) for returned in conversation.returns]
     for refusal in readings[:WRONG_CALLS]:
         if "object_99" not in refusal.get("error", ""):
-            raise ValueError(f"the model was not told why its call was refused, but: {json.dumps(refusal)[:200]}")
+            raise ValueError(f"the client did not return why a call was refused, but: {json.dumps(refusal)[:200]}")
     if len(readings) < WRONG_CALLS:
         return WRONG
     readings = readings[WRONG_CALLS:]
@@ -64,7 +64,7 @@ def next_call(conversation: Conversation) -> Call | None:
     except StopIteration:
         return None
     except (LookupError, TypeError) as error:
-        raise ValueError(f"the protocol makes nothing of {json.dumps(taken)[:300]}") from error
+        raise ValueError(f"the protocol cannot use {json.dumps(taken)[:300]}") from error
     return batch[len(readings)]
 
 
@@ -73,7 +73,7 @@ def _solver(task: str) -> Any:
     for files in list_packs():
         if named and read_pack(files).metadata.scene_name == named[1].strip():
             return load_solution(files).solve
-    raise ValueError(f"the conversation tells of no scene: {task[:200]!r}")
+    raise ValueError(f"the conversation names no scene: {task[:200]!r}")
 
 
 def reading(returned: Any) -> Reading:

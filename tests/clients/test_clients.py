@@ -119,11 +119,11 @@ def test_the_model_continues_only_if_it_gets_the_reason_of_a_refusal(expected: P
     after = next_call(with_reasons)
     assert after is not None
     assert after.tool == "find_objects"
-    with pytest.raises(ValueError, match="not told why"):
+    with pytest.raises(ValueError, match="did not return why"):
         next_call(Conversation(expected.prompt, ("tool failed",), frozenset()))
-    with pytest.raises(ValueError, match="tells of no scene"):
+    with pytest.raises(ValueError, match="names no scene"):
         next_call(Conversation("Hello.", (REFUSED,) * WRONG_CALLS, frozenset()))
-    with pytest.raises(ValueError, match="makes nothing of"):
+    with pytest.raises(ValueError, match="cannot use"):
         next_call(Conversation(expected.prompt, (*(REFUSED,) * WRONG_CALLS, "no such tool"), frozenset()))
 
 

@@ -61,7 +61,7 @@ def run_suite(url: str, revision: str) -> dict[str, Result]:
             raise CannotRun(f"{SUITE} did not start: {said[-1] if said else done.returncode}")
         results = read_results(Path(folder))
     if len(results) != int(announced[1]):
-        raise CannotRun(f"{SUITE} announced {announced[1]} scenarios for {revision} and told of {len(results)}")
+        raise CannotRun(f"{SUITE} announced {announced[1]} scenarios for {revision} and reported {len(results)}")
     return results
 
 

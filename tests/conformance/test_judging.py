@@ -21,7 +21,7 @@ def test_a_listed_failure_is_no_difference() -> None:
 
 
 @pytest.mark.parametrize(
-    ("results", "told"),
+    ("results", "sentence"),
     [
         ({"image": BAD, "ping": Result(0, frozenset({"pong"}))}, "2025 ping: pong fails and is not in the list"),
         (
@@ -33,8 +33,8 @@ def test_a_listed_failure_is_no_difference() -> None:
         ({"image": BAD, "ping": Result(0, frozenset())}, "2025 ping: nothing was checked"),
     ],
 )
-def test_each_difference_is_reported(results: dict[str, Result], told: str) -> None:
-    assert differences({"2025": results}, LISTED) == [told]
+def test_each_difference_is_reported(results: dict[str, Result], sentence: str) -> None:
+    assert differences({"2025": results}, LISTED) == [sentence]
 
 
 def test_the_results_of_the_suite_are_parsed(tmp_path: Path) -> None:
@@ -47,20 +47,20 @@ def test_the_results_of_the_suite_are_parsed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("program", "told"),
+    ("program", "sentence"),
     [
         ("echo 'npm error 404' >&2; exit 1", "did not start: npm error 404"),
-        ("echo 'Running all suite (3 scenarios) against x'", "announced 3 scenarios for 2025-11-25 and told of 0"),
+        ("echo 'Running all suite (3 scenarios) against x'", "announced 3 scenarios for 2025-11-25 and reported 0"),
     ],
 )
 def test_a_suite_that_stops_early_is_an_error(
-    program: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    program: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     npx = tmp_path / "npx"
     npx.write_text(f"#!/bin/sh\n{program}\n", encoding="utf-8")
     npx.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(CannotRun, match=told):
+    with pytest.raises(CannotRun, match=sentence):
         run_suite("http://127.0.0.1:1/mcp", "2025-11-25")
 
 

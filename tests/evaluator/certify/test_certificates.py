@@ -128,7 +128,7 @@ async def test_a_creation_scene_that_can_be_solved_without_creating_fails_the_mo
     author.edit(files, lambda pack: pack["object_permissions"]["object_1_permissions"].update(actuate=True))
     found = failed(await proven(files, laboratory))
     assert set(found) == {"modality"}
-    assert "create_objects is decoration" in found["modality"].reasons[0]
+    assert "create_objects is not needed" in found["modality"].reasons[0]
 
 
 async def test_a_hidden_body_that_can_be_measured_without_finding_it_fails_the_modality(
@@ -144,7 +144,7 @@ async def test_a_hidden_body_that_can_be_measured_without_finding_it_fails_the_m
     author.replace(
         files.mjcf, "</worldbody>", '</worldbody><equality><joint joint1="object_2_joint" joint2="j"/></equality>'
     )
-    assert "find_objects is decoration" in failed(await proven(files, laboratory))["modality"].reasons[0]
+    assert "find_objects is not needed" in failed(await proven(files, laboratory))["modality"].reasons[0]
 
 
 async def test_a_hard_scene_solved_by_fixed_interventions_fails_the_difficulty(

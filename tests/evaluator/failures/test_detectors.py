@@ -228,10 +228,10 @@ def test_a_known_object_used_in_a_forbidden_way_is_no_confusion(exchange: Exchan
 
 
 def test_an_id_in_an_earlier_result_is_known() -> None:
-    told = returned("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
+    revealed = returned("find_objects").model_copy(update={"text": '{"revealed": ["object_9"]}'})
     misfit = rejected("apply_force", object_id="object_9", force_vector=[1.0])
     assert FailureMode.OBJECT_ID in found(answered(turn("", misfit), *SOUND))
-    assert FailureMode.OBJECT_ID not in found(answered(turn("", told, misfit), *SOUND))
+    assert FailureMode.OBJECT_ID not in found(answered(turn("", revealed, misfit), *SOUND))
 
 
 @pytest.mark.parametrize(
