@@ -264,7 +264,7 @@ def test_an_id_written_with_the_name_of_another_object_is_a_confusion(said: str,
 )
 def test_arguments_that_do_not_fit_are_a_wrong_parameter(exchange: Exchange) -> None:
     failure = found(answered(turn("", LOOK, exchange), *SOUND))[FailureMode.WRONG_PARAMETER]
-    assert [(one.turn, one.exchange) for one in failure.evidence] == [(0, 1)]
+    assert [(evidence.turn, evidence.exchange) for evidence in failure.evidence] == [(0, 1)]
 
 
 @pytest.mark.parametrize(("mass", "wrong"), [(1.0, True), (2.2, True), (2.05, False), (2.0, False)])
@@ -334,7 +334,7 @@ def test_theory_that_agrees_with_the_readings_is_not_reported(episode: Episode) 
 def test_every_mode_is_counted_over_all_and_over_wrong_answers() -> None:
     key = number_key(5.0)
     right, wrong = answered(said="It is 5."), answered(answer=9.0, said="It is 9.")
-    grades = [grade_episode(one, key) for one in (right, wrong)]
+    grades = [grade_episode(episode, key) for episode in (right, wrong)]
     shown = failures_of(right, grades[0], expected_form(key))
     counts = failure_counts([(grades[0], shown), (grades[1], shown), (UNSCORED, shown)])
     assert counts[FailureMode.PREMATURE_ANSWER] == FailureCount(n=2, n_incorrect=1)
