@@ -1,9 +1,9 @@
-"""Pictures for results: what of an episode may be seen now, drawn by a separate process.
+"""Frames for results: pictures of what may be seen now in an episode, drawn by a separate process.
 
 A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
 type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
 orientation at the start, and only if its position says where all of it is. The separate process receives only these
-parts. When it fails, results come without a picture.
+parts. When it fails, results come without a frame.
 """
 
 import base64
@@ -78,7 +78,7 @@ class Painter:
 
 
 class Frames:
-    """The pictures of one episode."""
+    """The frames of one episode."""
 
     def __init__(self, session: Session, variants: Sequence[str], painter: Painter) -> None:
         """Find out what may be drawn.
@@ -127,7 +127,7 @@ def _start_turns(session: Session) -> dict[str, Array]:
 
 
 def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:
-    """What makes the pictures of an episode, for a value of `--observations`; None for text alone.
+    """What makes the frames of an episode, for a value of `--observations`; None for text alone.
 
     Raises:
         UsageError: Nothing can be drawn off-screen on this machine.

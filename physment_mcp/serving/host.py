@@ -92,7 +92,7 @@ class Host:
     names: tuple[str, ...] = ()
     """Names that it accepts besides its addresses and loopback."""
     watch: Callable[[Session], Frames] | None = None
-    """Makes the pictures for results; None for results without pictures."""
+    """Makes the frames for results; None for results without frames."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _opening: int = 0
     """Episodes that are being opened; they count towards the limit."""

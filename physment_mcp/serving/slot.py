@@ -38,7 +38,7 @@ class EpisodeSlot:
             reopen: For an idle start, opens an episode by scene id.
             scene_ids: Which scenes can be opened; by default the open one.
             list_scenes: Lists the scenes that can be opened; by default the open one.
-            watch: Makes the pictures for results; None for results without pictures.
+            watch: Makes the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None if one is or can be open.
         """
         self.session = session

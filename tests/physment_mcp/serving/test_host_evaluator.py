@@ -58,7 +58,7 @@ async def test_the_evaluator_sends_its_token_to_a_host_that_requires_it(
     ],
 )  # fmt: skip
 def test_the_token_is_sent_to_no_other_host(url: str, told: bool) -> None:
-    assert bool(HostLaboratory("http://lab.example", "ours")._bearing(url)) == told
+    assert bool(HostLaboratory("http://lab.example", "ours")._authorization(url)) == told
 
 
 @pytest.mark.parametrize("token", ["", "theirs"])
