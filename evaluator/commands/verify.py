@@ -157,25 +157,29 @@ def _percent(share: object) -> str:
 def _lint(args: argparse.Namespace) -> int:
     from evaluator.certify.lint import lint  # noqa: PLC0415 - only this command needs the engine
 
-    console, packs, faulty, messy = Console(), parse_scenes(args.scenes, args.scenes_dir), 0, 0
+    console, packs = Console(), parse_scenes(args.scenes, args.scenes_dir)
+    faulty = to_lay_out = 0
     for files in packs:
-        refused, layout = _layout(files, fix=args.fix)
-        faults = [*refused, *lint(files)]
-        for sentence in (*layout, *faults):
+        layout_faults, layout_notes = _layout(files, fix=args.fix)
+        faults = [*layout_faults, *lint(files)]
+        for sentence in (*layout_notes, *faults):
             console.print(Text(f"scene {files.scene_id}: {sentence}"), soft_wrap=True)
         faulty += bool(faults)
-        messy += bool(layout) and not args.fix
+        to_lay_out += bool(layout_notes) and not args.fix
     console.print(f"{len(packs) - faulty} of {len(packs)} scenes without fault", highlight=False)
-    if messy:
-        again = "" if args.scenes_dir is None else f" --scenes-dir {args.scenes_dir}"
-        console.print(
-            f"{messy} not laid out; run: physment-eval lint --fix{again}", markup=False, highlight=False, soft_wrap=True
-        )
+    if to_lay_out:
+        folder = "" if args.scenes_dir is None else f" --scenes-dir {args.scenes_dir}"
+        sentence = f"{to_lay_out} not laid out; run: physment-eval lint --fix{folder}"
+        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
     return 1 if faulty else 0
 
 
 def _layout(files: PackFiles, *, fix: bool) -> tuple[list[str], list[str]]:
-    """Why a pack cannot be laid out, where that was asked for; and what is, or now was, not laid out."""
+    """Look at the layout of a pack, or lay it out.
+
+    Returns:
+        The fault, if it was to be laid out and cannot be; and a note for each file that was not laid out before.
+    """
     try:
         found = lay_out(files) if fix else not_laid_out(files)
     except PackError as error:

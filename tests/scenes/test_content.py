@@ -212,7 +212,7 @@ def test_every_change_of_a_value_changes_the_hash(
         edited.json.write_text(json.dumps(pack), encoding="utf-8")
     elif kind == "attribute":
         root = ET.fromstring(files.mjcf.read_text(encoding="utf-8"))
-        element = data.draw(st.sampled_from([one for one in root.iter() if one.attrib]))
+        element = data.draw(st.sampled_from([element for element in root.iter() if element.attrib]))
         name = data.draw(st.sampled_from(list(element.attrib)))
         element.set(name, element.attrib[name] + data.draw(st.sampled_from(["1", " 1", "e0"])))
         edited.mjcf.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")

@@ -112,7 +112,7 @@ def test_a_new_scene_never_overwrites_an_existing_scene(tmp_path: Path) -> None:
 def test_lint_says_what_is_not_laid_out_and_fix_lays_it_out(packs: Path) -> None:
     file = packs / "Scene7" / "scene7.json"
     laid_out = file.read_bytes()
-    file.write_text(json.dumps(json.loads(laid_out)), encoding="utf-8")
+    file.write_text(json.dumps(json.loads(laid_out), ensure_ascii=False), encoding="utf-8")
     said = run("lint", "--scenes-dir", packs)
     assert said.returncode == 0, "a layout is no fault"
     assert "scene 7: scene7.json is not laid out" in said.stdout

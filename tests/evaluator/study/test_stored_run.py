@@ -1,4 +1,4 @@
-"""A run folder from before packs were hashed by content and laid out: it loads, grades, replays, resumes as ever.
+"""A run folder from before packs were hashed by content and laid out: it loads, grades, replays and resumes as before.
 
 `stored_run` was played, graded and summarised by that code, and is never written anew. It names packs by hashes
 of their bytes.
@@ -48,7 +48,7 @@ def part_of(known: Any, value: Any) -> bool:
 def test_the_stored_run_names_its_packs_by_bytes_and_they_are_those_of_today(stored: RunFolder) -> None:
     packs = stored.read_run().packs
     assert list(packs.values()) == ["125dc8c43267", "ae6134d1790e", "266a932bba03", "63c3793d85ce"]
-    assert {one.versions.pack for one in stored.episodes().values()} == set(packs.values())
+    assert {episode.versions.pack for episode in stored.episodes().values()} == set(packs.values())
     assert same_packs(packs, [find_pack(scene) for scene in SCENES])
 
 
@@ -61,7 +61,7 @@ def test_grading_it_gives_the_same_grades_and_the_same_numbers(
     assert "→" not in said
     assert stored.grades() == RunFolder(STORED).grades()
     assert not list(stored.path.glob("grades.*.jsonl"))
-    before, now = (json.loads(one.summary_file.read_text(encoding="utf-8")) for one in (RunFolder(STORED), stored))
+    before, now = (json.loads(run.summary_file.read_text(encoding="utf-8")) for run in (RunFolder(STORED), stored))
     assert part_of(before, now)
 
 
@@ -85,7 +85,7 @@ def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: 
     *older, last = stored.episodes().values()
     assert last.versions.pack == pack_hash(find_pack(last.key.scene))
     assert len(older) == 7
-    assert not [one for one in older if one.versions.pack.startswith("c1:")]
+    assert not [episode for episode in older if episode.versions.pack.startswith("c1:")]
     assert stored.read_run().packs == RunFolder(STORED).read_run().packs
     assert main(["grade", str(stored.path)]) == 0
 
@@ -102,7 +102,7 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
 ) -> None:
     today = RunFolder(tmp_path / "today")
     assert play(today.path) == 0
-    assert all(one.startswith("c1:") for one in today.read_run().packs.values())
+    assert all(name.startswith("c1:") for name in today.read_run().packs.values())
     capsys.readouterr()
     chosen = ["--a", "agent=reference", "--b", "agent=reference"]
     assert main(["compare", str(stored.path), str(today.path), *chosen, "--json"]) == 0
@@ -178,13 +178,13 @@ async def test_only_under_another_tool_contract_may_a_return_have_more_fields_th
     contracts: tuple[str, ...], change: Callable[[dict[str, Any]], dict[str, Any]], different: str, present: str
 ) -> None:
     (episode,) = [
-        one for key, one in RunFolder(STORED).episodes().items() if (key.scene, key.agent) == (7, "reference")
+        episode for key, episode in RunFolder(STORED).episodes().items() if (key.scene, key.agent) == (7, "reference")
     ]
     agent = RecordedAgent("replay:stored", (first_velocity(episode, change),))
-    known = frozenset(present if one == "present" else one for one in contracts)
+    known = frozenset(present if contract == "present" else contract for contract in contracts)
     (found,) = await replay(agent, MemoryLaboratory(), contracts=known)
     added = OTHER in contracts and change is with_less
-    assert [one.what for one in found.differences] == ([] if added else [different])
+    assert [difference.what for difference in found.differences] == ([] if added else [different])
     assert found.added == ({different: 1} if added else {})
 
 
@@ -193,12 +193,12 @@ def test_the_command_reads_the_contract_from_the_run_and_names_what_was_added_si
 ) -> None:
     recorded_under(stored, present)
     episodes = [
-        first_velocity(one, with_less) if (key.scene, key.agent) == (7, "reference") else one
-        for key, one in stored.episodes().items()
+        first_velocity(episode, with_less) if (key.scene, key.agent) == (7, "reference") else episode
+        for key, episode in stored.episodes().items()
     ]
     stored.episodes_file.unlink()
-    for one in episodes:
-        stored.append_episode(one)
+    for episode in episodes:
+        stored.append_episode(episode)
     assert main(["replay", str(stored.path)]) == 1
     assert "7 episodes the same, 1 differences" in capsys.readouterr().out
     recorded_under(stored, OTHER)
@@ -220,7 +220,7 @@ def test_added_fields_are_found_inside_objects_and_lists() -> None:
     after = episode({"a": {"b": 1, "new": 2}, "c": [{"d": 1, "new": 3}, {"d": 2, "new": 4}], "e": [1, 2]})
     now, added = without_added(before, after)
     assert added == {"look: a.new": 2, "look: c.new": 4}
-    assert [one.what for one in differences(before, now)] == ["look: e", "look: e"]
+    assert [difference.what for difference in differences(before, now)] == ["look: e", "look: e"]
 
 
 def test_a_run_was_recorded_with_the_contracts_of_its_server_its_resumptions_and_its_parts() -> None:
