@@ -24,7 +24,7 @@ def tools_page() -> str:
         "Made from the published schemas by `pytest tests/test_docs.py --update-goldens`; do not edit.",
         "",
         "SI units, world frame, z up; vectors are [x, y, z], quaternions [w, x, y, z]. Every result carries `sim_time`."
-        " A refused call returns one sentence and changes nothing.",
+        " A refused call returns one sentence that says why, and changes nothing.",
     ]
     for number, tool in enumerate(published_tools(), start=1):
         hints = tool.annotations

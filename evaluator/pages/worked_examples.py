@@ -26,7 +26,7 @@ _HEAD = f"""\
 Made from the packs by `make pages`; do not edit.
 
 > **This page discloses the method of these {len(EXAMPLES)} scenes.** A model that has read it has an advantage in them,
-> also at other seeds. Keep it out of training data and prompts, or leave these scenes out of the result.
+> also at other seeds. Keep the page out of training data and prompts, or leave these scenes out of the result.
 
 One scene of each category, played by its reference protocol at seed {SEED}. The task is the same for every seed; the
 hidden values depend on the seed and are not shown. The answer is the submitted one, not the key.

@@ -18,7 +18,7 @@ episode, or a command that starts a laboratory:
 
 ```sh
 python agent.py http://127.0.0.1:8000/episodes/…/mcp "$PROMPT"    # an episode on a host: physment-mcp serve
-python agent.py "physment-mcp --scene 7" "$PROMPT"                # a laboratory of its own, on stdio
+python agent.py "physment-mcp --scene 7" "$PROMPT"                # its own laboratory, on stdio
 ```
 
 To have the episode graded, let the evaluator open it and fill in both arguments ([more](external-agents.md)). Use
@@ -28,8 +28,8 @@ absolute paths, because the program runs in an empty folder:
 physment-eval run --agent external --server host --scenes 20,23 -- python "$PWD/agent.py" {mcp_url} {prompt}
 ```
 
-The models and keys are the vendors' own: `OPENAI_API_KEY`, and `OPENAI_BASE_URL` for a server that speaks the same
-protocol; `GOOGLE_API_KEY` for ADK.
+Models and keys are those of the vendors: set `OPENAI_API_KEY`, and `OPENAI_BASE_URL` for another server with the same
+protocol; for ADK, `GOOGLE_API_KEY`.
 
 ## For all clients
 
