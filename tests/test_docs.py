@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from physment_mcp.serving.server import published_tools
 from scenes import Pack, list_packs
-from tests.builders.paths import DOCS
+from tests.builders.paths import DOCS, ROOT
 
 
 def tools_page() -> str:
@@ -124,11 +125,50 @@ def test_every_pack_fits_the_published_schema() -> None:
         validator.validate(json.loads(files.json.read_text(encoding="utf-8")))  # pyright: ignore[reportUnknownMemberType] - partly typed
 
 
-def test_links_between_documents_have_a_target() -> None:
+def links(page: Path) -> list[tuple[Path, str]]:
+    """The files that a page links to or shows, each with the anchor in it; addresses on the web are left out."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    found = [link or source for link, source in re.findall(r"\]\(([^)\s]+)\)|(?:src|srcset)=\"([^\"]+)\"", text)]
+    parts = [link.partition("#") for link in found if not re.match(r"\w+:", link)]
+    return [((page.parent / target).resolve() if target else page, anchor) for target, _, anchor in parts]
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link can name in a page: its headings, as GitHub writes them, and its marked places."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    return slugs | set(re.findall(r'<a id="([^"]+)">', text))
+
+
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_links_of_a_page_lead_to_a_file_and_a_place_in_it(page: Path) -> None:
     broken = [
-        f"{page.name} → {target}"
-        for page in [DOCS.parent / "README.md", *DOCS.rglob("*.md")]
-        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-        if not target.startswith(("http:", "https:")) and not (page.parent / target).exists()
+        f"{target}#{anchor}"
+        for target, anchor in links(page)
+        if not target.exists() or (anchor and anchor not in anchors(target))
     ]
     assert broken == []
+
+
+def test_a_reader_reaches_every_page_from_the_index() -> None:
+    reached, ahead = set[Path](), [DOCS / "index.md"]
+    while ahead:
+        page = ahead.pop()
+        if page not in reached:
+            reached.add(page)
+            ahead += [target for target, _ in links(page) if target.suffix == ".md" and target.is_relative_to(DOCS)]
+    assert sorted(set(DOCS.rglob("*.md")) - reached) == []
+
+
+def test_the_readme_and_the_index_lead_to_every_page_but_the_decisions() -> None:
+    """Nobody has to search: a page is in the index itself, and so is each published schema."""
+    listed = {target for target, _ in links(DOCS / "index.md")}
+    pages = {page for kind in ("*.md", "*.schema.json") for page in DOCS.rglob(kind)}
+    unlisted = pages - listed - {DOCS / "index.md"}
+    assert {page for page in unlisted if page.parent != DOCS / "decisions"} == set()
+    assert DOCS / "index.md" in {target for target, _ in links(ROOT / "README.md")}
+    assert {target for target, _ in links(DOCS / "decisions" / "README.md")} >= set(DOCS.glob("decisions/0*.md"))
