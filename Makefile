@@ -82,10 +82,10 @@ pictures: $(STAMP) ## play an episode and a study, and draw the README's picture
 ##@ Other programs (each installs what it tests)
 
 clients: $(STAMP) ## play scenes through eight third-party MCP clients (1.6 GB, into ~/.cache) and write their table
-	@$(BIN)/python tests/clients/run.py --out docs/reference/clients.md
+	@$(BIN)/python -m tests.clients.run --out docs/reference/clients.md
 
 conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only listed scenarios may fail
-	@$(BIN)/python tests/conformance/run.py --out docs/explanation/conformance.md
+	@$(BIN)/python -m tests.conformance.run --out docs/explanation/conformance.md
 
 # An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does

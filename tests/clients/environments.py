@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from catalogue import PROGRAMS, Client
+from tests.clients.catalogue import PROGRAMS, Client
 
 _READY = "ready"
 """File that is written last; an environment without it is incomplete."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from catalogue import Client, read_clients
+from tests.clients.catalogue import Client, read_clients
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "clients.md"
 

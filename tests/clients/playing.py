@@ -17,8 +17,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scripted_model import KEY, Conversation, next_call
-
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import ProcessLaboratory
@@ -26,6 +24,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.records import Episode, EpisodeKey, Exchange, Grade, ToolCall, Versions
 from evaluator.store import RunFolder
+from tests.clients.scripted_model import KEY, Conversation, next_call
 
 HERE = Path(__file__).parent
 LABORATORY = (sys.executable, "-m", "physment_mcp")

@@ -1,6 +1,6 @@
 """Runs every third-party client against the laboratory and prints the results.
 
-python tests/clients/run.py [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
+python -m tests.clients.run [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
 """
 
 import argparse
@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import anyio
-from catalogue import Client, read_clients
-from environments import CannotInstall, Environment, environment_of
-from playing import Played, difference, on_stdio, over_http, rehearse
 from rich.console import Console
 from rich.table import Table
-from scripted_model import app, serving
 
 from evaluator.commands.base import wide_console
 from evaluator.markdown import markdown_table
+from tests.clients.catalogue import Client, read_clients
+from tests.clients.environments import CannotInstall, Environment, environment_of
+from tests.clients.playing import Played, difference, on_stdio, over_http, rehearse
+from tests.clients.scripted_model import app, serving
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,15 +7,25 @@ from typing import Any
 
 import anyio
 import pytest
-from catalogue import PROGRAMS, Client, read_clients
-from environments import CannotInstall
-from how_to import PAGE, current
-from playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
-from run import Row, cells, main, rows_of
-from run import page as table_page
-from scripted_model import WRONG, WRONG_CALLS, Conversation, app, next_call, read_gemini, read_openai, reading, serving
 
 from evaluator.records import Verdict
+from tests.clients.catalogue import PROGRAMS, Client, read_clients
+from tests.clients.environments import CannotInstall
+from tests.clients.how_to import PAGE, current
+from tests.clients.playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
+from tests.clients.run import Row, cells, main, rows_of
+from tests.clients.run import page as table_page
+from tests.clients.scripted_model import (
+    WRONG,
+    WRONG_CALLS,
+    Conversation,
+    app,
+    next_call,
+    read_gemini,
+    read_openai,
+    reading,
+    serving,
+)
 
 RESULT: dict[str, Any] = {"sim_time": 1.5, "displacement": 0.08}
 TEXT = json.dumps(RESULT, separators=(",", ":"))
@@ -205,7 +215,7 @@ def test_a_client_that_cannot_be_installed_has_a_row_with_the_reason(monkeypatch
     def fail(_client: Client) -> None:
         raise CannotInstall("pip: no such version")
 
-    monkeypatch.setattr("run.environment_of", fail)
+    monkeypatch.setattr("tests.clients.run.environment_of", fail)
     client = Client(name="None", package="none", program="mcp_1_client.py", requirements=(), know="Nothing.")
     (row,) = rows_of(client, {}, "http://127.0.0.1:1")
     assert cells(row) == ("None", "–", "–", "–", "NO", "cannot be installed: pip: no such version")
@@ -219,10 +229,10 @@ def test_a_client_that_fails_makes_the_command_fail_and_writes_no_page(
 
     def run_as(good: bool) -> int:
         row = Row("X", "1", "HTTP", "2026-07-28", good, works[good], "Nothing.")
-        monkeypatch.setattr("run.rows_of", lambda *_: [row])
+        monkeypatch.setattr("tests.clients.run.rows_of", lambda *_: [row])
         return main(["--out", str(tmp_path / "page.md")])
 
-    monkeypatch.setattr("run.read_clients", lambda: (client,))
+    monkeypatch.setattr("tests.clients.run.read_clients", lambda: (client,))
     assert run_as(good=False) == 1
     assert "call 1 is missing" in capsys.readouterr().out
     assert not (tmp_path / "page.md").exists()

@@ -19,8 +19,6 @@ inspect_ai = pytest.importorskip(
 )
 
 from inspect_ai.model import ModelOutput, ModelUsage, get_model
-from playing import Rehearsed, canonical, exchanges_of
-from scripted_model import KEY, Conversation, app, next_call, serving
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
@@ -30,6 +28,8 @@ from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.inspect_task import EPISODE, physment
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from tests.builders.records import VERSIONS, call, episode_key
+from tests.clients.playing import Rehearsed, canonical, exchanges_of
+from tests.clients.scripted_model import KEY, Conversation, app, next_call, serving
 
 ROOT = Path(__file__).parents[2]
 USAGE = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)

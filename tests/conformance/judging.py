@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
-from suite import Result
 
 from evaluator.markdown import markdown_table
+from tests.conformance.suite import Result
 
 Found = Mapping[str, Mapping[str, Result]]
 """Protocol → scenario → its result."""

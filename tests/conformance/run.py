@@ -1,6 +1,6 @@
 """Runs the official MCP conformance suite against a host and compares the results with the list of expected failures.
 
-python tests/conformance/run.py [--out FILE]
+python -m tests.conformance.run [--out FILE]
 """
 
 import argparse
@@ -12,9 +12,10 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import httpx
-from judging import differences, page, read_expected
 from rich.console import Console
-from suite import REVISIONS, SUITE, CannotRun, run_suite
+
+from tests.conformance.judging import differences, page, read_expected
+from tests.conformance.suite import REVISIONS, SUITE, CannotRun, run_suite
 
 EXPECTED = Path(__file__).parent / "expected.toml"
 _SCENE = {"scene": 20, "seed": 0}

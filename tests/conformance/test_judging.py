@@ -5,8 +5,9 @@ import os
 from pathlib import Path
 
 import pytest
-from judging import Expected, differences, page, read_expected
-from suite import CannotRun, Result, read_results, run_suite
+
+from tests.conformance.judging import Expected, differences, page, read_expected
+from tests.conformance.suite import CannotRun, Result, read_results, run_suite
 
 HERE = Path(__file__).parent
 LISTED = {
