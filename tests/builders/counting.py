@@ -31,3 +31,20 @@ def calls_counted(*functions: Callable[..., Any]) -> Generator[Counter[str]]:
         yield calls
     finally:
         sys.setprofile(before)
+
+
+def calls_made(work: Callable[[], object]) -> int:
+    """How many functions a piece of work calls, those written in C included: the same on every machine."""
+    calls = 0
+
+    def note(_frame: FrameType, event: str, _argument: object) -> None:
+        nonlocal calls
+        calls += event in {"call", "c_call"}
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        work()
+    finally:
+        sys.setprofile(before)
+    return calls

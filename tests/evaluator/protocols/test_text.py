@@ -1,7 +1,6 @@
 """The text protocol: which parts of a reply are calls or prose, and the text that the agent gets back."""
 
 import json
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -73,35 +72,6 @@ def test_a_list_with_a_missing_or_extra_bracket_never_runs_only_a_part(
     run = parse_reply(f"I look.\n{changed}\nAnd see.").calls
     # Only the outer brackets of the list may be missing or doubled.
     assert run == () or len(run) == len(calls)
-
-
-@pytest.mark.parametrize(
-    "unit",
-    [
-        '[{"tool":"a"},',
-        '{"a": /* }',
-        '{"tool": \\"',
-        "[{",
-        "{'",
-        "1",
-        '{"tool":"x"} ',
-        "```json {'tool':x} ```",
-        '[{"tool":"a","parameters":{}}',
-        '\\"',
-        '{"a":[',
-        '[{"tool": 1/3}]\n',
-        "[{'a",
-        "<|tool_call_begin|>",
-        '{"a":"\n',
-        "[ ",
-    ],
-)
-def test_time_grows_with_the_length_and_no_faster(unit: str) -> None:
-    """Processor time for a megabyte of the worst; anything quadratic takes many minutes."""
-    text = unit * (1_000_000 // len(unit)) + "x"
-    before = time.process_time()
-    parse_reply(text)
-    assert time.process_time() - before < 20
 
 
 @pytest.mark.parametrize(
