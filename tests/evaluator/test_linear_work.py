@@ -18,7 +18,7 @@ from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
 from evaluator.failures import answering, calling, findings, reasoning
 from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import form_of
+from evaluator.failures.findings import expected_form
 from evaluator.protocols import lenient_json, text
 from evaluator.protocols.text import parse_reply
 from evaluator.quantities import spoken
@@ -118,7 +118,7 @@ def test_the_work_of_grading_grows_no_faster_than_the_answer(piece: str) -> None
 @pytest.mark.parametrize("piece", PROSE)
 def test_the_work_of_scoring_grows_no_faster_than_the_reasoning(piece: str) -> None:
     many = returned("get_velocity", {"velocity": [float(number) + 0.37 for number in range(20)]})
-    form = form_of(KEYS[0])
+    form = expected_form(KEYS[0])
 
     def work(said: str) -> int:
         played = episode(turn("", many), turn(said, returned("answer", answer=1)))
