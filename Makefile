@@ -54,7 +54,7 @@ check: $(STAMP) ## check layout (ruff format), rules (ruff check) and types (pyr
 
 # The second command is quiet and only decides; if it fails, the third prints the lines that are missing.
 test: $(STAMP) ## run the whole test suite, and require full coverage of the core modules
-	@$(BIN)/python -m pytest --cov --cov-report=term
+	@$(BIN)/python -m pytest -n auto --dist worksteal --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
