@@ -22,6 +22,8 @@ from mcp import Client, StdioServerParameters
 from rich.console import Console
 from rich.table import Table
 
+from evaluator.protocols.text import parse_reply
+from evaluator.quantities.spoken import spoken_numbers
 from physment_mcp import open_episode
 from physment_mcp.scene import Scene, load_scene
 from physment_mcp.session import Session
@@ -30,10 +32,22 @@ from physment_mcp.tools.calls import call_async
 HERE = Path(__file__).parent
 SCENE = 7
 Timed = Callable[[], Awaitable[float]]
+Reader = Callable[[str], object]
 
 _BOX = '<body name="object_{0}" pos="{1} 0 {2}"><joint type="free"/><geom type="box" size=".1 .1 .1"/></body>'
 _BOXES = "".join(_BOX.format(i, 0.01 * i, 0.3 + 0.3 * i) for i in range(1, 9))
 STACK = f'<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="5 5 .1"/>{_BOXES}</worldbody></mujoco>'
+
+
+def numbers_stated(text: str) -> int:
+    """How many numbers a text states."""
+    return sum(1 for _ in spoken_numbers(text))
+
+
+READERS: dict[Reader, tuple[str, ...]] = {
+    parse_reply: ('[{"tool":"a"},', '{"a": /* }', "[{'a", "```json {'tool':x} ```"),
+    numbers_stated: ("1 ", "(1,", "1 m/s/s*"),
+}
 
 
 async def compare(ours: Timed, theirs: Timed, rounds: int) -> tuple[float, float, float]:
@@ -154,6 +168,27 @@ async def starting() -> tuple[str, float, float, float, float]:
     return "start of the stdio process, against its imports", *await compare(ours, theirs, 11), 1.15
 
 
+async def long_texts() -> AsyncGenerator[tuple[str, float, float, float, float]]:
+    """Texts made to hold up whoever reads what an agent wrote: one of twice the length, against one of the length.
+
+    That the counted work grows in proportion to the length is a test; it does not see what one call into C costs.
+    """
+    for read, pieces in READERS.items():
+        for piece in pieces:
+
+            def reading(length: int, read: Reader = read, piece: str = piece) -> Timed:
+                text = piece * (length // len(piece))
+
+                async def timed() -> float:
+                    start = time.process_time()
+                    read(text)
+                    return time.process_time() - start
+
+                return timed
+
+            yield f"{read.__name__}, twice {piece!r}", *await compare(reading(20_000), reading(10_000), 9), 2.3
+
+
 def _until_line(command: list[str], first: str) -> float:
     start = time.perf_counter()
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
@@ -178,6 +213,7 @@ async def main() -> None:
         table.add_column(title, justify="left" if title == "what" else "right")
     rows = [row async for row in tool_calls()]
     rows += [await stepping(), await starting()]
+    rows += [row async for row in long_texts()]
     for what, mine, other, ratio, aim in rows:
         mark = "" if ratio <= aim else "  above"
         table.add_row(what, f"{1000 * mine:.3f}", f"{1000 * other:.3f}", f"{ratio:.3f}", f"≤ {aim:g}{mark}")
