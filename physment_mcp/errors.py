@@ -33,12 +33,14 @@ class SceneError(PhysMentError):
 
     Args:
         sentence: Why, for the operator.
-        told: The sentence for a client, which must not learn where the packs are or what they contain.
+        for_client: The sentence for a client, which must not learn where the packs are or what they contain.
     """
 
-    def __init__(self, sentence: str, told: str = "this scene cannot be opened; its operator can see why") -> None:
+    def __init__(
+        self, sentence: str, for_client: str = "this scene cannot be opened; its operator can see why"
+    ) -> None:
         super().__init__(sentence)
-        self.told = told
+        self.for_client = for_client
 
 
 class RefusedCall(PhysMentError):

@@ -36,7 +36,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
     try:
         files = find_pack(scene_id, folder)
     except PackError as error:
-        raise SceneError(str(error), told=error.problem) from error
+        raise SceneError(str(error), for_client=error.problem) from error
     try:
         public, mjcf = read_hosted(files, seed)
     except PackError as error:

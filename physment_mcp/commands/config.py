@@ -30,7 +30,7 @@ _CLIENTS = {
         "mcpServers",
         typed=False,
         where="Claude Desktop: Settings > Developer > Edit Config opens claude_desktop_config.json. Put this in (if it"
-        " lists servers already, put this one beside them), save it, and start Claude Desktop anew.",
+        " lists servers already, put this one beside them), save it, and restart Claude Desktop.",
     ),
     "claude-code": _Client(
         "mcpServers",

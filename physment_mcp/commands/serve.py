@@ -22,7 +22,7 @@ def add(commands: Commands) -> None:
         parents=[common_options(again=True)],
         help="host many episodes over HTTP",
         description='Host many episodes over HTTP. POST /episodes {"scene": 7, "seed": 0} opens one and returns its'
-        " mcp_url; DELETE /episodes/ID closes it; GET /healthz tells how many are open.",
+        " mcp_url; DELETE /episodes/ID closes it; GET /healthz reports how many are open.",
     )
     serve.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
     serve.add_argument(
         "--token-env",
         metavar="NAME",
-        help="environment variable with a token; only requests that bear it open episodes (default: all do)",
+        help="environment variable with a token; only requests with this token open episodes (default: all do)",
     )
     serve.add_argument(
         "--allow-host",

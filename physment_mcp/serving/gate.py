@@ -75,7 +75,7 @@ def is_loopback(address: str) -> bool:
         return False
 
 
-def bears(request: Request, *tokens: str | None) -> bool:
+def has_token(request: Request, *tokens: str | None) -> bool:
     """Whether a request has one of these bearer tokens; None never matches."""
     scheme, _, shown = request.headers.get("authorization", "").partition(" ")
     given = shown.strip().encode()

@@ -34,7 +34,7 @@ from starlette.types import Receive, Scope, Send
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.gate import AddressGate, bears, refuse
+from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
@@ -51,7 +51,7 @@ _GONE = (
     "there is no such episode: it has expired, was closed, or never was; open one with"
     ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
 )
-_WANTED = "send the token of this host as a bearer token (Authorization: Bearer ...)"
+_AUTHORIZE = "send the token of this host as a bearer token (Authorization: Bearer ...)"
 
 
 class EpisodeRequest(BaseModel):
@@ -170,7 +170,7 @@ class Host:
         request = Request(scope)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
-            await refuse(401, _WANTED)(scope, receive, send)
+            await refuse(401, _AUTHORIZE)(scope, receive, send)
         elif episode is None:
             assert self._nowhere is not None
             await self._nowhere.handle_request(scope, receive, send)
@@ -188,7 +188,7 @@ class Host:
     def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
         """Whether a request may reach an episode whose URL it knows. With a wrong token it never may."""
         owner_token = None if episode is None else episode.owner_token
-        if self.token is None or bears(request, self.token, owner_token):
+        if self.token is None or has_token(request, self.token, owner_token):
             return True
         return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
 
@@ -196,14 +196,14 @@ class Host:
         """Whether a request comes from the program that opened the episode."""
         if episode.owner_token is None and not self.exposed:
             return self._may_play(request, episode)  # only the program that opened it knows its URL
-        return bears(request, self.token, episode.owner_token)
+        return has_token(request, self.token, episode.owner_token)
 
     async def _health(self, _request: Request) -> Response:
         return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
 
     async def _create(self, request: Request) -> Response:
-        if self.token is not None and not bears(request, self.token):
-            return refuse(401, f"episodes are opened with a token; {_WANTED}")
+        if self.token is not None and not has_token(request, self.token):
+            return refuse(401, f"episodes are opened with a token; {_AUTHORIZE}")
         try:
             wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
         except ValidationError as error:
@@ -218,7 +218,7 @@ class Host:
         except SceneError as error:
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
             # A request with the token comes from the operator, who may read the details.
-            return refuse(404, str(error) if self.token else error.told)
+            return refuse(404, str(error) if self.token else error.for_client)
         finally:
             self._opening -= 1
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
@@ -251,7 +251,7 @@ class Host:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
         if not (start.isdecimal() and len(start) < 10):
-            return refuse(400, "start must be a whole number: the first call to tell, counted from 0")
+            return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
         # Wait for the end of a running call, which belongs to the log.
         async with slot.lock:

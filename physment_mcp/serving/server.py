@@ -214,7 +214,7 @@ class _Service:
             slot.enter(session)
         except SceneError as error:
             logger.warning("scene %s was asked for: %s", scene_id, error)
-            raise _bad_request(error.told) from error
+            raise _bad_request(error.for_client) from error
         return session
 
     async def list_resources(

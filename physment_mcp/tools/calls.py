@@ -21,7 +21,7 @@ _BY_NAME = {tool.name: tool for tool in TOOLS}
 
 
 async def no_progress(_done: float, _total: float) -> None:
-    """Report progress to nobody."""
+    """Ignore progress."""
 
 
 def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:

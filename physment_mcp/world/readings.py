@@ -144,7 +144,7 @@ def contact(model: mujoco.MjModel, data: mujoco.MjData, first: int, second: int)
         return None
     normal = np.sum(normals, axis=0)
     length = float(np.linalg.norm(normal))
-    # Opposite normals cancel only if one body is wrapped around the other; then the first normal stands for all.
+    # Opposite normals cancel only if one body is wrapped around the other; then the first of them is used.
     normal = normal / length if length > 1e-9 else normals[0].copy()
     point = np.mean(points, axis=0)
     row = normal_row(model, data, point, normal, first, second)

@@ -1,4 +1,4 @@
-"""A tiny pack with an object of every kind, a client with the session behind it, and what fixtures open them."""
+"""A small pack with an object of every kind, a client together with its session, and the types of their fixtures."""
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
@@ -14,8 +14,8 @@ from physment_mcp.serving.host import Host
 from physment_mcp.session import Session
 from tests.builders.bench import PUBLIC, fingerprint
 
-# A floor, a free ball, a free box, a sealed ball, a hidden ball, a ball of which nothing is told, a pendulum of two
-# links and a post. Nothing touches anything.
+# A floor, a free ball, a free box, a sealed ball, a hidden ball, a masked ball (everything about it is withheld), a
+# pendulum of two links, and a post. Nothing touches anything else.
 XML = """
 <mujoco>
   <option timestep="0.005" integrator="RK4" cone="elliptic" impratio="10" gravity="0 0 -9.81"/>
@@ -101,7 +101,7 @@ class Lab:
 
     @property
     def instructions(self) -> str:
-        """What the server tells a client to begin with."""
+        """The instructions that the server sends at the start."""
         assert self.client.instructions is not None
         return self.client.instructions
 

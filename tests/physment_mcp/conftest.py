@@ -46,7 +46,7 @@ def write_pack(tmp_path: Path) -> WritePack:
 
 @pytest.fixture
 def open_lab(write_pack: WritePack) -> OpenLab:
-    """Open a lab on a pack, the one of all kinds unless told otherwise."""
+    """Opens a lab on a pack; by default the one with objects of all kinds."""
 
     @contextlib.asynccontextmanager
     async def opened(
