@@ -5,7 +5,10 @@ import re
 import pytest
 from PIL import Image
 
+from evaluator.certify.records import read_certificates
 from evaluator.records import Episode, GradeRecord, Verdict
+from physment_mcp.serving.server import published_tools
+from scenes import Category, default_folder, list_packs
 from tests.builders.paths import ROOT
 from tests.front_page.episode import block, caption, measurements, played, transcript
 from tests.front_page.make import DESCRIPTION, PICTURES
@@ -63,6 +66,20 @@ def test_every_picture_is_small_and_shown_by_the_readme() -> None:
     shown = re.findall(r'(?:src|srcset)="([^"]+)"', README.read_text(encoding="utf-8"))
     assert sorted(ROOT / name for name in shown) == files
     assert [file.name for file in files if file.stat().st_size > LARGEST_BYTES] == []
+
+
+def test_the_numbers_of_the_readme_are_true() -> None:
+    text = " ".join(README.read_text(encoding="utf-8").split())
+    certificates = read_certificates(default_folder())
+    assert certificates is not None
+    assert {len(scene.checks) for scene in certificates.scenes} == {6}
+    assert "Six certificates" in text
+    for claim in (
+        f"{len(published_tools())} typed tools",
+        f"{len(list_packs())} scenes in {len(Category)} categories",
+        f"each on {min(scene.seeds for scene in certificates.scenes)} seeds",
+    ):
+        assert claim in text
 
 
 def test_the_readme_is_short() -> None:
