@@ -28,7 +28,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     try:
         if args.command == "prepare":
-            prepare(ROOT, Release(args.version, datetime.now(UTC).date()), dry_run=args.dry_run)
+            release = Release(args.version, datetime.now(UTC).date())
+            prepare(ROOT, release, dry_run=args.dry_run, say=_say)
         else:
             _build(ROOT, trial=args.command == "trial")
     except ReleaseError as error:
@@ -48,6 +49,11 @@ def _build(root: Path, *, trial: bool) -> None:
         (root / "dist").mkdir(exist_ok=True)
         for file in (built.sdist, built.wheel):
             print(shutil.copy(file, root / "dist"))
+
+
+def _say(line: str) -> None:
+    # Flushed, so that it comes before what the next command prints.
+    print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def prepare(
     *,
     dry_run: bool,
     checks: Sequence[Sequence[str]] = CHECKS,
-    say: Callable[[str], object] = print,
+    say: Callable[[str], object],
 ) -> None:
     """Prepare a release; see the module's docstring.
 
