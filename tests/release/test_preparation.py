@@ -159,7 +159,7 @@ def test_a_release_is_tried_and_then_made(clone: Path) -> None:
     """One test, since each step builds the whole project."""
     major, minor, patch = map(int, written(clone).split("."))
     version = f"{major}.{minor}.{patch + 1}"
-    before = state(clone)
+    before, branch = state(clone), git("branch", "--show-current", cwd=clone)
     lines: list[str] = []
 
     prepare(clone, Release(version, DAY), dry_run=True, checks=[], say=lines.append)
@@ -171,7 +171,7 @@ def test_a_release_is_tried_and_then_made(clone: Path) -> None:
     assert git("rev-parse", "HEAD^", cwd=clone) == before[0]
     assert git("log", "-1", "--format=%s", cwd=clone) == f"Release {version}"
     assert git("rev-parse", f"v{version}^{{commit}}", cwd=clone) == git("rev-parse", "HEAD", cwd=clone)
-    assert git("branch", "--show-current", cwd=clone) == git("branch", "--show-current", cwd=ROOT)
+    assert git("branch", "--show-current", cwd=clone) == branch
     assert git("status", "--porcelain", cwd=clone) == ""
     assert len(git("worktree", "list", cwd=clone).splitlines()) == 1
     assert sorted(file.name for file in (clone / "dist").iterdir()) == [
