@@ -118,7 +118,7 @@ lock: ## resolve the dependencies of pyproject.toml into requirements.lock
 test-lowest: ## test with the oldest versions that pyproject.toml allows (into .lowest; TESTS=tests/scenes for a part)
 	@uv venv --quiet --clear $(if $(PYTHON),--python $(PYTHON)) .lowest
 	@uv pip install --quiet --python .lowest --resolution lowest-direct --only-binary :all: --group dev -e '.[models,report]'
-	@.lowest/bin/python -m pytest $(TESTS)
+	@.lowest/bin/python -m pytest -n auto --dist worksteal $(TESTS)
 
 ##@ Release (CONTRIBUTING.md says how)
 
