@@ -61,7 +61,7 @@ class RunFolder:
             StoreError: It cannot be written, or holds a run and `resume` is false.
         """
         if self.run_file.exists() and not resume:
-            raise StoreError(f"{self.path} holds a run already; add --resume to go on with it, or choose another --out")
+            raise StoreError(f"{self.path} holds a run already; add --resume to continue it, or choose another --out")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"

@@ -56,10 +56,15 @@ def test_agents_are_found_by_name(name: str) -> None:
     assert list(Team((name,)).build()) == [name]
 
 
-@pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "reference:x", "scripted", "model"])
+@pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "scripted", "model"])
 def test_an_unknown_agent_is_refused_with_a_list_of_the_known_ones(name: str) -> None:
-    with pytest.raises(UsageError, match="the agents are reference, random, blind"):
+    with pytest.raises(UsageError, match="there is no such agent; the agents are reference, random, blind"):
         Team((name,)).build()
+
+
+def test_an_argument_of_an_agent_that_takes_none_is_refused() -> None:
+    with pytest.raises(UsageError, match="reference:x: there is no such agent"):
+        Team(("reference:x",)).build()
 
 
 def test_lists_and_ranges_of_numbers_are_read_without_repetition() -> None:
