@@ -1,5 +1,6 @@
 """The laboratory as a library: its public names, and an episode in this process."""
 
+import ast
 import inspect
 import subprocess
 import sys
@@ -46,6 +47,19 @@ def test_the_public_names_are_sorted_documented_and_importable() -> None:
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'no_such_name'"):
         _ = physment_mcp.no_such_name  # pyright: ignore[reportUnknownVariableType]
+
+
+def test_nothing_inside_the_package_imports_its_public_names() -> None:
+    """Otherwise every module would depend on `library`, and imports would form a circle."""
+    root = Path(str(physment_mcp.__file__)).parent
+    importing = [
+        path.relative_to(root)
+        for path in root.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if (isinstance(node, ast.ImportFrom) and node.module == "physment_mcp")
+        or (isinstance(node, ast.Import) and any(alias.name == "physment_mcp" for alias in node.names))
+    ]
+    assert importing == []
 
 
 def test_importing_the_package_imports_no_library() -> None:
