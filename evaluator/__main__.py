@@ -25,7 +25,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
   physment-eval play 7                             solve a scene yourself
-  physment-eval replay runs/mine                   play its episodes again and compare every result
+  physment-eval replay runs/mine                   play its episodes again and compare every return
 
   physment-eval scenes list                        the scenes, with their certificates
   physment-eval scenes show 21                     what an agent learns about a scene

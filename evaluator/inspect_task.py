@@ -34,7 +34,6 @@ from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.study.provenance import server_record
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import find_pack, pack_hash, read_pack
 
@@ -106,8 +105,8 @@ def experimenter(server: str) -> Solver:
         key = EpisodeKey.model_validate(state.metadata["key"]).model_copy(update={"agent": f"inspect:{model}"})
         agent = _InspectAgent(model, state)
         async with connect(server, None) as laboratory, laboratory.open(key.scene, key.seed) as client:
-            protocol = (await server_record(client, server)).protocol
-            versions = Versions(physment=own_version(), protocol=protocol, pack=pack_hash(find_pack(key.scene)))
+            pack = pack_hash(find_pack(key.scene))
+            versions = Versions(physment=own_version(), protocol=client.protocol_version, pack=pack)
             episode = await play_episode(agent, client, key, versions)
         state.store.set(EPISODE, episode.model_dump(mode="json"))
         state.completed = True
@@ -147,7 +146,7 @@ class _Player:
         state = self.agent.state
         if feedback is not None:
             state.messages += _returns(self.last, feedback.exchanges)
-            # Each result has a message of its own. The rest has the words of the text protocol.
+            # Each return has a message of its own. The rest has the words of the text protocol.
             rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
             state.messages.append(ChatMessageUser(content=rest))
         try:
@@ -163,7 +162,7 @@ class _Player:
 
 
 def _returns(output: ModelOutput, exchanges: Sequence[Exchange]) -> list[ChatMessageTool]:
-    """The result of each call of a turn, even if it was not run."""
+    """The return of each call of a turn, even if it was not run."""
     returns: list[ChatMessageTool] = []
     for number, call in enumerate(output.message.tool_calls or ()):
         exchange = exchanges[number] if number < len(exchanges) else None

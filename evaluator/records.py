@@ -38,7 +38,7 @@ class ToolCall(Record):
 
 
 class Exchange(Record):
-    """A call and its result."""
+    """A call and its return."""
 
     call: ToolCall
     returned: bool
@@ -75,12 +75,12 @@ def total_usage(parts: Iterable[Usage]) -> Usage | None:
 
 
 class Turn(Record):
-    """One iteration: what the agent said, what it called, and the results."""
+    """One iteration: what the agent said, its calls, and their returns."""
 
     reasoning: str
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
-    """What the loop told the agent besides results: malformed reply, call that fits no schema, no call at all."""
+    """What the loop told the agent besides returns: malformed reply, call that fits no schema, no call at all."""
     usage: Usage | None = None
     agent_s: float = 0.0
     server_s: float = 0.0
@@ -202,26 +202,15 @@ class Plan(OpenRecord):
 
     def matrix(self) -> list[EpisodeKey]:
         """All episodes in playing order, so that a run that is stopped early has whole epochs and budgets."""
-        combinations = product(
-            range(1, self.epochs + 1),
-            self.budgets,
-            self.promptings,
-            self.protocols,
-            self.agents,
-            self.seeds,
-            self.scenes,
-        )
+        epochs = range(1, self.epochs + 1)
+        prompts = product(self.budgets, self.promptings, self.protocols)
         return [
             EpisodeKey(
-                scene=scene,
-                seed=seed,
-                agent=agent,
-                budget=budget,
-                prompting=prompting,
-                protocol=protocol,
-                epoch=epoch,
+                scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting, protocol=protocol, epoch=epoch
             )
-            for epoch, budget, prompting, protocol, agent, seed, scene in combinations
+            for epoch, (budget, prompting, protocol), agent, seed, scene in product(
+                epochs, prompts, self.agents, self.seeds, self.scenes
+            )
         ]
 
 

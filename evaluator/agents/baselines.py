@@ -70,7 +70,7 @@ class _RandomPlayer:
 
 @dataclass(frozen=True, slots=True)
 class OracleOnceAgent:
-    """The single-invocation baseline: the inner agent makes one batch of calls, sees the results, and must answer."""
+    """The single-invocation baseline: the inner agent makes one batch of calls, sees the returns, and must answer."""
 
     inner: Agent
 

@@ -146,7 +146,7 @@ class _HumanPlayer:
 
 
 def _returns(feedback: Feedback) -> str:
-    """The results of an iteration, for a person to read."""
+    """The returns of an iteration, for a person to read."""
     lines = [_return(exchange) for exchange in feedback.exchanges]
     return "\n".join([*lines, f"  {feedback.note}"] if feedback.note else lines)
 

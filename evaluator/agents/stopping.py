@@ -40,7 +40,7 @@ class StoppingPolicy(Protocol):
 
         Args:
             reply: Its last turn.
-            feedback: The results of that turn, and how many iterations are left.
+            feedback: The returns of that turn, and how many iterations are left.
         """
         ...
 

@@ -18,11 +18,11 @@ from evaluator.store import RunFolder
 from evaluator.study.replay import REL_TOL, Replayed, replay
 
 _DESCRIPTION = """\
-Play the episodes of a run folder again: the same calls in the same turns. Each result is compared with the record.
+Play the episodes of a run folder again: the same calls in the same turns. Each return is compared with the record.
 Numbers count as the same up to one part in 10⁹; with --exact, only if they are equal. If the tools have changed since
 the record, fields that they did not return then are counted, and not compared.
 
-Exit code: 0 all results are the same; 1 some are not, or an episode could not be played.
+Exit code: 0 all returns are the same; 1 some are not, or an episode could not be played.
 """
 _SHOWN = 100
 """Most rows of the table; --json prints all differences."""
@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
     """Declare `replay`."""
     command = commands.add_parser(
         "replay",
-        help="play recorded episodes again and compare the results",
+        help="play recorded episodes again and compare the returns",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -26,7 +26,7 @@ _MAX_NESTING = 64
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    """The results of the calls of one turn."""
+    """The calls of one turn with their returns."""
 
     exchanges: tuple[Exchange, ...]
     note: str

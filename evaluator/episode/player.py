@@ -63,7 +63,7 @@ class Player(Protocol):
         """Take a turn.
 
         Args:
-            feedback: The results of the previous turn; None at the first turn.
+            feedback: The returns of the previous turn; None at the first turn.
 
         Raises:
             AgentError: The agent cannot continue. The episode ends and counts.

@@ -137,7 +137,7 @@ class _ModelPlayer:
         return Reply(_paragraphs(thought, text), calls, problem, usage)
 
     def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
-        """What the model is shown next: the prompt, or the results of its calls."""
+        """What the model is shown next: the prompt, or the returns of its calls."""
         if feedback is None:
             return [UserPromptPart(self.prompt)]
         if self.text:
@@ -145,12 +145,12 @@ class _ModelPlayer:
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
         returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
-        # Each result has a message of its own. The rest has the words of the text protocol.
+        # Each return has a message of its own. The rest has the words of the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
         return [*returns, UserPromptPart(rest)]
 
     def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
-        """The result of one call. Every call gets a result, even if it was not run."""
+        """The return of one call. Every call gets a return, even if it was not run."""
         exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
         content, failed = _content(exchange)
         # Chat completions cannot mark errors: the client would change the text, and the record would not hold what the
@@ -160,7 +160,7 @@ class _ModelPlayer:
 
 
 def _content(exchange: Exchange | None) -> tuple[str, bool]:
-    """The text of a result, and whether it is an error."""
+    """The text of a return, and whether it is a refusal."""
     if exchange is None:
         return _NOT_RUN, True
     if exchange.returned:

@@ -11,7 +11,7 @@ PROMPT_TOKENS = 20_700 // CHARACTERS_PER_TOKEN
 """26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite). A test checks the sizes."""
 TURN_TOKENS = 2_600 // CHARACTERS_PER_TOKEN
 """Added to the conversation by each turn: measured on the reference agent, which makes many calls. In the authors'
-logs of models, visible replies and results were 760 characters a turn. Thoughts are not counted."""
+logs of models, visible replies and returns were 760 characters a turn. Thoughts are not counted."""
 
 
 def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:

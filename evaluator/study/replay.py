@@ -161,7 +161,7 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
 
 
 def _first_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
-    """The first difference between the results of two runs of a call; None if there is none."""
+    """The first difference between the returns of two runs of a call; None if there is none."""
     kinds = [_kind(exchange) for exchange in (before, after)]
     if kinds[0] != kinds[1]:
         return "", f"{kinds[0]}: {before.text}", f"{kinds[1]}: {after.text}"

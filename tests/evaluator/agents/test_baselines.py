@@ -101,7 +101,7 @@ def _untimed(episode: Episode) -> list[object]:
     return [(exchange.call, exchange.text) for turn in episode.turns for exchange in turn.exchanges]
 
 
-async def test_oracle_once_sees_the_results_of_one_batch_and_can_then_only_answer() -> None:
+async def test_oracle_once_sees_the_returns_of_one_batch_and_can_then_only_answer() -> None:
     class Eager:
         name = "eager"
         turns = 0

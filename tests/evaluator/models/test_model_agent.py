@@ -83,7 +83,7 @@ def untitled(value: Any) -> Any:
     return [untitled(part) for part in value] if isinstance(value, list) else value
 
 
-async def test_each_call_gets_its_own_result_even_if_it_was_not_run(service: Service) -> None:
+async def test_each_call_gets_its_own_return_even_if_it_was_not_run(service: Service) -> None:
     service.say("", [STEP, ("get_velocity", {"object_id": "nobody"}), ("step", {"duration": "long"}), LOOK])
     service.say("", [("answer", {"answer": 1})])
     episode = await play(service)
@@ -98,7 +98,7 @@ async def test_each_call_gets_its_own_result_even_if_it_was_not_run(service: Ser
 
 
 def errors_marked(body: dict[str, Any]) -> list[bool]:
-    """Which results are marked as errors, in formats that can mark them."""
+    """Which returns are marked as errors, in formats that can mark them."""
     if "contents" in body:
         parts = [part for content in body["contents"] for part in content["parts"]]
         return ["error" in part["functionResponse"]["response"] for part in parts if "functionResponse" in part]

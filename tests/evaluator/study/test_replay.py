@@ -1,4 +1,4 @@
-"""Replay: the same calls give the same results, and a changed laboratory is noticed."""
+"""Replay: the same calls bring the same returns, and a changed laboratory is noticed."""
 
 import json
 import shutil
@@ -56,7 +56,7 @@ async def replayed(agent: Agent, scenes_dir: Path | None = None) -> Episode:
         return await play_episode(agent, client, key(), VERSIONS)
 
 
-async def test_a_replay_makes_the_same_calls_and_gets_the_same_results(folder: RunFolder, stored: Episode) -> None:
+async def test_a_replay_makes_the_same_calls_and_gets_the_same_returns(folder: RunFolder, stored: Episode) -> None:
     now = await replayed(load_recorded(folder.path))
     assert [[exchange.call for exchange in turn.exchanges] for turn in now.turns] == [list(turn) for turn in TURNS]
     assert (now.outcome, now.answer) == (Outcome.ANSWERED, 1.5)
