@@ -19,7 +19,7 @@ from evaluator.certify.visible import visible_parts
 from evaluator.pages.listing import Listing, Steps
 from evaluator.pages.scene_table import KINDS, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
-from physment_mcp.world.pictures.framing import Subject, view_of
+from physment_mcp.world.pictures.framing import FramedParts, view_of
 from physment_mcp.world.pictures.png import png_of
 from scenes import Category, Pack, PackFiles, default_folder, find_pack, list_packs, read_pack
 from tests.builders.paths import DOCS
@@ -303,7 +303,10 @@ def test_a_scene_whose_parts_all_depend_on_the_seed_has_no_picture() -> None:
 
 def test_the_camera_keeps_all_objects_in_the_picture() -> None:
     cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    near, far = view_of(Subject(cube, [], 1), 4 / 3), view_of(Subject(np.vstack([cube, cube + 9]), [], 1), 4 / 3)
+    near, far = (
+        view_of(FramedParts(cube, [], 1), 4 / 3),
+        view_of(FramedParts(np.vstack([cube, cube + 9]), [], 1), 4 / 3),
+    )
     assert near.distance > 1
     assert far.distance > 3 * near.distance
     assert np.linalg.norm(near.centre - 0.5) < 0.2
