@@ -2,6 +2,9 @@
 
 import contextlib
 import http.server
+import json
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Generator
 
@@ -27,6 +30,16 @@ def update_goldens(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"
+
+
+@pytest.fixture(scope="session")
+def host_url() -> Generator[str]:
+    """The address of a host that all tests of a worker process share: to start one takes more than a second."""
+    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())["listening"]
+        process.terminate()
 
 
 @pytest.fixture

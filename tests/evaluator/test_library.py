@@ -47,8 +47,9 @@ async def test_a_scene_that_does_not_exist_is_refused() -> None:
         await play(BlindAgent(), 6)
 
 
-def test_a_run_folder_is_loaded_with_its_grades(tmp_path: Path) -> None:
-    assert main(["--scenes", "7,8", "--server", "host", "--agent", "blind", "--out", str(tmp_path / "run")]) == 0
+def test_a_run_folder_is_loaded_with_its_grades(tmp_path: Path, host_url: str) -> None:
+    words = ["--scenes", "7,8", "--server", host_url, "--agent", "blind", "--concurrency", "1"]
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
     run = load_run(tmp_path / "run")
     assert [episode.key.scene for episode in run.episodes] == [7, 8]
     assert list(run.grades) == [episode.key for episode in run.episodes]

@@ -72,13 +72,13 @@ def folder(tmp_path: Path) -> Generator[Path]:
         sys.modules.pop(name, None)
 
 
-def run(folder: Path, agent: str) -> RunFolder:
-    main(["--agent", agent, "--scenes", "7", "--server", "host", "--out", str(folder / "out")])
+def run(folder: Path, server: str, agent: str) -> RunFolder:
+    main(["--agent", agent, "--scenes", "7", "--server", server, "--out", str(folder / "out")])
     return RunFolder(folder / "out")
 
 
-def test_a_class_of_a_module_in_the_working_folder_plays(folder: Path) -> None:
-    stored = run(folder, "my_agents:Guesser")
+def test_a_class_of_a_module_in_the_working_folder_plays(folder: Path, host_url: str) -> None:
+    stored = run(folder, host_url, "my_agents:Guesser")
     (episode,) = stored.episodes().values()
     assert episode.outcome is Outcome.ANSWERED
     assert episode.key.agent == "guesser"
@@ -92,8 +92,8 @@ def test_the_class_and_the_hash_of_its_source_are_in_the_run_record(folder: Path
     assert load_agent("my_agents:Guesser").facts()["source"] != facts["source"]
 
 
-def test_an_agent_adds_facts_of_its_own_and_is_closed_after_the_run(folder: Path) -> None:
-    run(folder, "my_agents:Owner")
+def test_an_agent_adds_facts_of_its_own_and_is_closed_after_the_run(folder: Path, host_url: str) -> None:
+    run(folder, host_url, "my_agents:Owner")
     agents = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))["agents"]
     assert agents["owner"]["temperature"] == 0.5
     assert sys.modules["my_agents"].Owner.events == ["opened", "closed"]
@@ -107,8 +107,10 @@ def test_an_agent_adds_facts_of_its_own_and_is_closed_after_the_run(folder: Path
         ("Unplayable", "unplayable: player() failed: RuntimeError: no weights (my_agents.py, line 34)"),
     ],
 )
-def test_an_exception_of_the_agent_ends_its_episode_and_is_recorded(folder: Path, agent: str, sentence: str) -> None:
-    (episode,) = run(folder, f"my_agents:{agent}").episodes().values()
+def test_an_exception_of_the_agent_ends_its_episode_and_is_recorded(
+    folder: Path, host_url: str, agent: str, sentence: str
+) -> None:
+    (episode,) = run(folder, host_url, f"my_agents:{agent}").episodes().values()
     assert episode.outcome is Outcome.AGENT_ERROR
     assert episode.error == sentence
 

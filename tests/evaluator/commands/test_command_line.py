@@ -71,8 +71,21 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("prompting", PROMPTINGS)
-def test_every_prompting_and_protocol_can_be_played(prompting: str, protocol: str, tmp_path: Path) -> None:
-    words = ["--agent", "blind", "--scenes", "7", "--prompting", prompting, "--protocol", protocol]
+def test_every_prompting_and_protocol_can_be_played(
+    prompting: str, protocol: str, tmp_path: Path, host_url: str
+) -> None:
+    words = [
+        "--server",
+        host_url,
+        "--agent",
+        "blind",
+        "--scenes",
+        "7",
+        "--prompting",
+        prompting,
+        "--protocol",
+        protocol,
+    ]
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
     (episode,) = RunFolder(tmp_path / "run").episodes().values()
     assert (episode.outcome, episode.key.prompting) == (Outcome.ANSWERED, prompting)
@@ -99,8 +112,8 @@ def test_run_is_the_default_command_and_writes_all_files_of_a_run_folder(tmp_pat
     assert facts["versions"]["mujoco"] == "3.3.3"
 
 
-def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path) -> None:
-    done = run("--server", "host", "--scenes", "7,21", "--out", "run", "--json", cwd=tmp_path)
+def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path, host_url: str) -> None:
+    done = run("--server", host_url, "--scenes", "7,21", "--out", "run", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["overall"]["n_correct"] == 2
     assert "strict accuracy" in done.stderr
 
@@ -157,9 +170,9 @@ def test_a_scene_that_does_not_compile_is_reported_with_the_engines_reason(
 
 
 def test_a_run_folder_in_use_and_one_that_cannot_be_written_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "--server", "host", "--scenes", "7", "--out", str(tmp_path / "run")]) == 0
+    assert main(["run", "--server", host_url, "--scenes", "7", "--out", str(tmp_path / "run")]) == 0
     capsys.readouterr()
     assert "add --resume" in refused(capsys, "run", "--scenes", "7", "--out", tmp_path / "run")
     said = refused(capsys, "run", "--scenes", "7,21", "--out", tmp_path / "run", "--resume")
@@ -191,9 +204,9 @@ def _keys(folder: Path) -> list[tuple[int, int]]:
     return [(key["scene"], key["seed"]) for key in (json.loads(line)["key"] for line in lines)]
 
 
-def _start_and_stop(tmp_path: Path, how: signal.Signals, after: int, *more: str) -> int:
+def _start_and_stop(tmp_path: Path, server: str, how: signal.Signals, after: int, *more: str) -> int:
     """Start a run of 40 episodes, stop it when some of them are on disk, and return its exit code."""
-    command = [*COMMAND, "--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run"]
+    command = [*COMMAND, "--server", server, "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run"]
     command += more
     with subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -207,15 +220,17 @@ def _start_and_stop(tmp_path: Path, how: signal.Signals, after: int, *more: str)
 
 
 @pytest.mark.parametrize("after", [1, 23])
-def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(tmp_path: Path, after: int) -> None:
-    assert _start_and_stop(tmp_path, signal.SIGKILL, after) == -signal.SIGKILL
+def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(
+    tmp_path: Path, host_url: str, after: int
+) -> None:
+    assert _start_and_stop(tmp_path, host_url, signal.SIGKILL, after) == -signal.SIGKILL
     torn = tmp_path / "run" / "episodes.jsonl"
     with torn.open("a", encoding="utf-8") as stream:
         stream.write('{"format": 1, "key": {"sce')
     on_disk = len(torn.read_text(encoding="utf-8").splitlines()) - 1
     assert after <= on_disk < 40
     done = run(
-        *("--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run", "--resume"),
+        *("--server", host_url, "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run", "--resume"),
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
@@ -224,11 +239,11 @@ def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(tmp_
     assert len(keys) == len(set(keys)) == 40
 
 
-def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_path: Path) -> None:
-    words = ("--server", "host", "--agent", "random", "--scenes", "7,21", "--seeds", "0-7", "--out", "run")
+def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_path: Path, host_url: str) -> None:
+    words = ("--server", host_url, "--agent", "random", "--scenes", "7,21", "--seeds", "0-7", "--out", "run")
     random, on_disk = Random(20), 0
     for _ in range(2):
-        _start_and_stop(tmp_path, signal.SIGKILL, random.randint(1, 5), "--seeds", "0-7", "--resume")
+        _start_and_stop(tmp_path, host_url, signal.SIGKILL, random.randint(1, 5), "--seeds", "0-7", "--resume")
         grown = len(_whole_lines(tmp_path / "run"))
         assert on_disk < grown < 16
         on_disk = grown
@@ -244,7 +259,7 @@ def _whole_lines(folder: Path) -> list[bytes]:
 
 
 def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(tmp_path: Path) -> None:
-    assert _start_and_stop(tmp_path, signal.SIGINT, 3) == 130
+    assert _start_and_stop(tmp_path, "host", signal.SIGINT, 3) == 130
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 40
     done = run("grade", "run", cwd=tmp_path)
@@ -253,10 +268,10 @@ def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(tmp_
 
 
 def test_a_report_is_written_again_from_a_graded_folder_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    assert main(["--server", "host", "--scenes", "7", "--out", str(folder)]) == 0
+    assert main(["--server", host_url, "--scenes", "7", "--out", str(folder)]) == 0
     before = (folder / "report.html").read_bytes()
     (folder / "report.html").unlink()
     capsys.readouterr()
@@ -268,10 +283,10 @@ def test_a_report_is_written_again_from_a_graded_folder_alone(
 
 
 def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    assert main(["--server", "host", "--scenes", "7", "--out", str(folder)]) == 0
+    assert main(["--server", host_url, "--scenes", "7", "--out", str(folder)]) == 0
     capsys.readouterr()
     file = folder / "episodes.jsonl"
     file.write_bytes(b'{"format": 1}\n' + file.read_bytes())
@@ -281,7 +296,7 @@ def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
     assert "run.json cannot be read" in refused(capsys, "report", folder)
 
 
-def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path) -> None:
+def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path, host_url: str) -> None:
     """Unusual line ends, half surrogate pairs and markup, in the store, the grades, the table and the report."""
     evil = "[/x][red]7\u2028\x85\x1b[31m</script><script>alert(1)</script>\u202e"
     turns = [
@@ -290,7 +305,7 @@ def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path) -> N
         [{"tool": "answer", "arguments": {"answer": evil}}],
     ]
     (tmp_path / "turns.json").write_text(json.dumps(turns), encoding="utf-8")
-    words = ("--server", "host", "--agent", "scripted:turns.json", "--scenes", "7,21", "--out", "run")
+    words = ("--server", host_url, "--agent", "scripted:turns.json", "--scenes", "7,21", "--out", "run")
     done = run(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "\x1b" not in done.stdout

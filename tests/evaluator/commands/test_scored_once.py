@@ -17,14 +17,14 @@ from tests.builders.counting import calls_counted
 
 EPISODES = 4
 """Two scenes, two budgets."""
-MATRIX = ("--agent", "blind", "--scenes", "7,12", "--budgets", "5,20", "--server", "host")
+MATRIX = ("--agent", "blind", "--scenes", "7,12", "--budgets", "5,20")
 
 
 @pytest.fixture(scope="module")
-def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def stored(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> Path:
     """A graded run that no test changes."""
     folder = tmp_path_factory.mktemp("stored") / "run"
-    assert main(["run", *MATRIX, "--out", str(folder)]) == 0
+    assert main(["run", *MATRIX, "--server", host_url, "--out", str(folder)]) == 0
     return folder
 
 
@@ -48,8 +48,8 @@ def test_the_counter_sees_every_call(stored: Path) -> None:
     assert calls == {"RunFolder.episodes": 2}
 
 
-def test_a_run_scores_each_episode_once(tmp_path: Path) -> None:
-    assert work_of("run", *MATRIX, "--out", tmp_path / "run") == {
+def test_a_run_scores_each_episode_once(tmp_path: Path, host_url: str) -> None:
+    assert work_of("run", *MATRIX, "--server", host_url, "--out", tmp_path / "run") == {
         "grounding_of": EPISODES,
         "failures_of": EPISODES,
         "grade_record": EPISODES,
@@ -88,9 +88,11 @@ def test_a_comparison_scores_each_episode_of_both_runs_once_and_grades_none(run:
     }
 
 
-def test_an_episode_that_a_person_plays_is_scored_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_episode_that_a_person_plays_is_scored_once(
+    tmp_path: Path, host_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("step 0.8; get_velocity 1\nanswer 7.848\n"))
-    assert work_of("play", "7", "--server", "host", "--out", tmp_path / "run") == {
+    assert work_of("play", "7", "--server", host_url, "--out", tmp_path / "run") == {
         "grounding_of": 1,
         "failures_of": 1,
         "grade_record": 1,

@@ -363,17 +363,36 @@ def test_a_failure_has_at_most_20_pieces_of_evidence_of_a_kind() -> None:
 
 
 # A whole run.
-def test_the_reference_agent_shows_no_failure_and_the_summary_lists_every_mode(tmp_path: Path) -> None:
+def test_the_reference_agent_shows_no_failure_and_the_summary_lists_every_mode(tmp_path: Path, host_url: str) -> None:
     run = tmp_path / "run"
-    assert main(["run", "--agent", "reference", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) == 0
+    assert (
+        main(
+            [
+                "run",
+                "--agent",
+                "reference",
+                "--scenes",
+                "7,60",
+                "--budgets",
+                "20",
+                "--server",
+                host_url,
+                "--out",
+                str(run),
+            ]
+        )
+        == 0
+    )
     overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
     assert overall["n_scored"] == 2
     assert overall["failures"] == {mode.value: {"n": 0, "n_incorrect": 0} for mode in FailureMode}
 
 
-def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: Path) -> None:
+def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: Path, host_url: str) -> None:
     run = tmp_path / "run"
-    assert main(["run", "--agent", "blind", "--scenes", "7,60", "--budgets", "20", "--out", str(run)]) in {0, 1}
+    assert main(
+        ["run", "--agent", "blind", "--scenes", "7,60", "--budgets", "20", "--server", host_url, "--out", str(run)]
+    ) in {0, 1}
     overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
     wrong = overall["n_scored"] - overall["n_correct"]
     assert overall["failures"]["premature_answer"] == {"n": 2, "n_incorrect": wrong}

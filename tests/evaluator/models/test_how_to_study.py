@@ -34,7 +34,9 @@ def commands_of_page() -> list[str]:
     return [*plain, *(line.replace(",", "") for line in listed)]
 
 
-def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(openai: Service, tmp_path: Path) -> None:
+def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
+    openai: Service, tmp_path: Path, host_url: str
+) -> None:
     assert f"```sh\n{COMMAND}\n```" in PAGE
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
 
@@ -46,7 +48,7 @@ def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(o
         openai.compute(reply)
     _, *words = shlex.split(COMMAND)
     done = subprocess.run(
-        [sys.executable, "-m", "evaluator", *words, "--scenes", "7-20"],
+        [sys.executable, "-m", "evaluator", *words, "--scenes", "7-20", "--server", host_url],
         cwd=tmp_path,
         env=os.environ | {"VLLM_BASE_URL": openai.url},
         capture_output=True,
@@ -81,7 +83,7 @@ def test_every_command_on_the_page_is_valid(
 
 
 def test_the_shards_on_the_page_are_merged_into_the_study(
-    openai: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    openai: Service, tmp_path: Path, host_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -93,7 +95,7 @@ def test_the_shards_on_the_page_are_merged_into_the_study(
     for index in (1, 2):
         for name, value in {"ID": index, "MIN": 1, "STEP": 1, "COUNT": 2}.items():
             monkeypatch.setenv(f"SLURM_ARRAY_TASK_{name}", str(value))
-        assert main([*shlex.split(job), "--scenes", "7,21"]) == 0
+        assert main([*shlex.split(job), "--scenes", "7,21", "--server", host_url]) == 0
     assert main(shlex.split(merge)[1:]) == 0
     shards = [RunFolder(tmp_path / "runs" / "qwen3-32b" / f"shard-{index}-of-2").episodes() for index in (1, 2)]
     merged = RunFolder(tmp_path / "runs" / "qwen3-32b-whole").episodes()

@@ -17,7 +17,7 @@ from tests.builders.providers import Say, Service
 
 SCENES, BUDGETS = (7, 12, 21, 45, 60, 99), (2, 5)
 EPISODES = len(SCENES) * len(BUDGETS)
-WORDS = ("--server", "host", "--scenes", ",".join(map(str, SCENES)), "--budgets", "2,5", "--concurrency", "3", "--json")
+WORDS = ("--scenes", ",".join(map(str, SCENES)), "--budgets", "2,5", "--concurrency", "3", "--json")
 
 
 class Physicist:
@@ -46,9 +46,9 @@ class Physicist:
         return Say("I wait.", [("step", {"duration": 0.8}), *look])
 
 
-def start(service: Service, folder: Path, *words: str) -> subprocess.Popen[str]:
+def start(service: Service, server: str, folder: Path, *words: str) -> subprocess.Popen[str]:
     agent = f"model:{service.dialect.name}:{service.dialect.model}"
-    command = [sys.executable, "-m", "evaluator", "--agent", agent, *WORDS, *words]
+    command = [sys.executable, "-m", "evaluator", "--agent", agent, "--server", server, *WORDS, *words]
     pipe = subprocess.PIPE
     return subprocess.Popen(
         command,
@@ -81,7 +81,7 @@ def recorded(folder: Path) -> list[Any]:
 
 
 def test_a_study_killed_while_a_model_is_asked_is_completed_with_the_same_results(
-    openai: Service, tmp_path: Path
+    openai: Service, tmp_path: Path, host_url: str
 ) -> None:
     service, model, random, kept = openai, Physicist(), Random(4), 0
     service.latency_s = 0.02
@@ -89,7 +89,7 @@ def test_a_study_killed_while_a_model_is_asked_is_completed_with_the_same_result
         service.compute(model)
     for _ in range(2):
         model.call_out(after=random.randint(1, 12))
-        with start(service, tmp_path, "--out", "run", "--resume") as process:
+        with start(service, host_url, tmp_path, "--out", "run", "--resume") as process:
             # Kill during a request, so that an episode is in progress.
             called = model.called.wait(timeout=60)
             os.killpg(process.pid, signal.SIGKILL)
@@ -98,12 +98,12 @@ def test_a_study_killed_while_a_model_is_asked_is_completed_with_the_same_result
         assert process.returncode == -signal.SIGKILL
         assert kept <= len(recorded(tmp_path / "run")) < EPISODES
         kept = len(recorded(tmp_path / "run"))
-    resumed = finish(start(service, tmp_path, "--out", "run", "--resume"))
+    resumed = finish(start(service, host_url, tmp_path, "--out", "run", "--resume"))
     keys = recorded(tmp_path / "run")
     agent = f"model:{service.dialect.name}:{service.dialect.model}"
     matrix = Plan(scenes=SCENES, agents=(agent,), budgets=BUDGETS).matrix()
     assert sorted(keys) == sorted(json.dumps(json.loads(key.model_dump_json())) for key in matrix)
-    whole = finish(start(service, tmp_path, "--out", "whole"))
+    whole = finish(start(service, host_url, tmp_path, "--out", "whole"))
     assert resumed == whole
     assert 0 < whole["overall"]["n_correct"] < EPISODES
     assert verdicts(RunFolder(tmp_path / "run")) == verdicts(RunFolder(tmp_path / "whole"))

@@ -11,7 +11,7 @@ from mcp import Client
 
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
-from evaluator.episode.connect import Laboratory, LocalHost
+from evaluator.episode.connect import HostLaboratory, Laboratory
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
@@ -160,7 +160,7 @@ async def test_an_infrastructure_error_costs_an_attempt_and_not_the_episode(fold
     ]
 
 
-async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(folder: RunFolder) -> None:
+async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(folder: RunFolder, host_url: str) -> None:
     class Keyless:
         """Its provider refuses the key."""
 
@@ -177,9 +177,8 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(fo
     agent = Keyless()
     plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
     with anyio.fail_after(60):
-        async with LocalHost() as laboratory:
-            runner = Runner(play=playing(laboratory, agent, SCRIPT), folder=folder)
-            assert await runner.run(plan.matrix()) == "the provider refused the key"
+        runner = Runner(play=playing(HostLaboratory(host_url), agent, SCRIPT), folder=folder)
+        assert await runner.run(plan.matrix()) == "the provider refused the key"
     assert agent.asked == 1
     assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]
 

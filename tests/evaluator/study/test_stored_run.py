@@ -34,8 +34,8 @@ def stored(tmp_path: Path) -> RunFolder:
     return RunFolder(shutil.copytree(STORED, tmp_path / "stored"))
 
 
-def play(out: Path, *words: str) -> int:
-    return main(["run", *OPTIONS, "--server", "host", "--out", str(out), *words])
+def play(out: Path, server: str, *words: str) -> int:
+    return main(["run", *OPTIONS, "--server", server, "--out", str(out), *words])
 
 
 def part_of(known: Any, value: Any) -> bool:
@@ -72,16 +72,16 @@ def test_its_report_finds_the_pictures_of_its_packs(stored: RunFolder, capsys: p
     assert tuple(pictures(stored.read_run().packs)) == SCENES
 
 
-def test_replaying_it_finds_no_difference(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["replay", str(stored.path), "--json"]) == 0
+def test_replaying_it_finds_no_difference(stored: RunFolder, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(stored.path), "--server", host_url, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["episodes"], said["calls"], said["differences"], said["not_played"]) == (8, 81, [], [])
 
 
-def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: RunFolder) -> None:
+def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: RunFolder, host_url: str) -> None:
     lines = stored.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
     stored.episodes_file.write_text("".join(lines[:-1]), encoding="utf-8")
-    assert play(stored.path, "--resume") == 0
+    assert play(stored.path, host_url, "--resume") == 0
     *older, last = stored.episodes().values()
     assert last.versions.pack == pack_hash(find_pack(last.key.scene))
     assert len(older) == 7
@@ -90,18 +90,20 @@ def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: 
     assert main(["grade", str(stored.path)]) == 0
 
 
-def test_a_run_of_another_pack_is_not_resumed(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_of_another_pack_is_not_resumed(
+    stored: RunFolder, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     record = stored.read_run()
     stored.write_run(record.model_copy(update={"packs": record.packs | {"7": "ffffffffffff"}}))
-    assert play(stored.path, "--resume") == 2
+    assert play(stored.path, host_url, "--resume") == 2
     assert "holds a run with other packs; --resume needs the same" in capsys.readouterr().err
 
 
 def test_it_is_compared_reported_and_merged_with_a_run_of_today(
-    stored: RunFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    stored: RunFolder, tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     today = RunFolder(tmp_path / "today")
-    assert play(today.path) == 0
+    assert play(today.path, host_url) == 0
     assert all(name.startswith("c1:") for name in today.read_run().packs.values())
     capsys.readouterr()
     chosen = ["--a", "agent=reference", "--b", "agent=reference"]
@@ -189,7 +191,7 @@ async def test_only_under_another_tool_contract_may_a_return_have_more_fields_th
 
 
 def test_the_command_reads_the_contract_from_the_run_and_names_what_was_added_since(
-    stored: RunFolder, present: str, capsys: pytest.CaptureFixture[str]
+    stored: RunFolder, present: str, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recorded_under(stored, present)
     episodes = [
@@ -199,14 +201,14 @@ def test_the_command_reads_the_contract_from_the_run_and_names_what_was_added_si
     stored.episodes_file.unlink()
     for episode in episodes:
         stored.append_episode(episode)
-    assert main(["replay", str(stored.path)]) == 1
+    assert main(["replay", str(stored.path), "--server", host_url]) == 1
     assert "7 episodes the same, 1 differences" in capsys.readouterr().out
     recorded_under(stored, OTHER)
-    assert main(["replay", str(stored.path)]) == 0
+    assert main(["replay", str(stored.path), "--server", host_url]) == 0
     said = capsys.readouterr().out
     assert "added since the record, and not compared: get_velocity: velocity (× 1)" in said
     assert "8 episodes the same, 0 differences" in said
-    assert main(["replay", str(stored.path), "--json"]) == 0
+    assert main(["replay", str(stored.path), "--server", host_url, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["added_since"] == {"get_velocity: velocity": 1}
 
 

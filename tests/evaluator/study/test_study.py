@@ -157,18 +157,20 @@ def test_the_estimate_agrees_with_what_a_model_is_sent() -> None:
     assert input_tokens(3) == 3 * PROMPT_TOKENS + 3 * TURN_TOKENS
 
 
-def shards(tmp_path: Path, *more: str) -> Path:
+def shards(tmp_path: Path, host_url: str) -> Path:
     """A run of two shards, each played by its own command."""
-    words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2", *more]
+    words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2", "--server", host_url]
     for index in (1, 2):
         assert main([*words, "--shard", f"{index}/2", "--out", str(tmp_path / "study")]) == 0
     return tmp_path / "study"
 
 
-def test_merged_shards_equal_a_run_that_was_not_divided(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    study = shards(tmp_path)
+def test_merged_shards_equal_a_run_that_was_not_divided(
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = shards(tmp_path, host_url)
     assert main(["merge", str(study), "--out", str(tmp_path / "merged")]) == 0
-    words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2"]
+    words = ["run", "--agent", "random", "--agent", "blind", "--scenes", "7,21", "--seeds", "0-2", "--server", host_url]
     assert main([*words, "--out", str(tmp_path / "whole")]) == 0
     merged, whole = RunFolder(tmp_path / "merged"), RunFolder(tmp_path / "whole")
     assert {key: episode.answer for key, episode in merged.episodes().items()} == {
@@ -183,8 +185,10 @@ def test_merged_shards_equal_a_run_that_was_not_divided(tmp_path: Path, capsys: 
     assert "holds a run already" in capsys.readouterr().err
 
 
-def test_runs_that_do_not_belong_together_are_not_merged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    study = shards(tmp_path)
+def test_runs_that_do_not_belong_together_are_not_merged(
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = shards(tmp_path, host_url)
     part = study / "shard-1-of-2"
     twin = tmp_path / "twin"
     twin.mkdir()
@@ -205,8 +209,11 @@ def test_runs_that_do_not_belong_together_are_not_merged(tmp_path: Path, capsys:
     assert "holds neither a run nor shards" in capsys.readouterr().err
 
 
-def test_a_run_stops_at_a_limit_and_can_be_continued(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_stops_at_a_limit_and_can_be_continued(
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["run", "--agent", "random", "--scenes", "7,21", "--seeds", "0-2", "--out", str(tmp_path / "run")]
+    words += ["--server", host_url]
     assert main([*words, "--max-time", "0.000001"]) == 1
     said = capsys.readouterr().err
     assert "--max-time is reached" in said
@@ -216,10 +223,10 @@ def test_a_run_stops_at_a_limit_and_can_be_continued(tmp_path: Path, capsys: pyt
 
 
 def test_a_changed_verdict_is_reported_and_the_old_grades_are_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
-    assert main(["run", "--agent", "reference", "--scenes", "7", "--out", str(folder)]) == 0
+    assert main(["run", "--agent", "reference", "--scenes", "7", "--server", host_url, "--out", str(folder)]) == 0
     grades = (folder / "grades.jsonl").read_text(encoding="utf-8")
     assert '"strict":"correct"' in grades
     before = grades.replace('"correct"', '"incorrect"').replace('"grader_version":"', '"grader_version":"0.')
