@@ -76,7 +76,7 @@ pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (
 pages-check: pages ## the same, and fail if the text of a page changed: somebody forgot to run it
 	@git diff --exit-code -- 'docs/*.md'
 
-pictures: $(STAMP) ## play an episode and a study, and draw the README's pictures (chromium and libosmesa6; 5 minutes)
+pictures: $(STAMP) ## play an episode and a study, and draw the README's pictures (chromium, libosmesa6; 5 processor minutes)
 	@$(BIN)/python -m tests.front_page.make
 
 ##@ Other programs (each installs what it tests)

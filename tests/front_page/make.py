@@ -48,10 +48,10 @@ def main() -> None:
         sys.exit("Chromium is not installed, so there are no pictures: apt-get install chromium")
     with tempfile.TemporaryDirectory() as made, chromium(program, Path(made, "profile")) as page:
         folder = Path(made)
-        report = args.run or _played_study(folder / "study")
         episode, grade = played(folder / "episode")
         PICTURES.mkdir(exist_ok=True)
         _scene(page, episode, grade, folder / "scene.html")
+        report = args.run or _played_study(folder / "study")
         _report(page, report / "report.html")
 
 

@@ -1,6 +1,6 @@
 """The picture of the scene: all four measurements in one exposure, and below each ramp what was read on it.
 
-Import this after MUJOCO_GL is set. What is drawn is what the server may show of the scene, at the moments of the calls.
+Import this after MUJOCO_GL is set.
 """
 
 # MuJoCo ships no type stubs.
@@ -9,27 +9,17 @@ Import this after MUJOCO_GL is set. What is drawn is what the server may show of
 
 import base64
 import io
-import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 
-import anyio
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from evaluator.answers.engine import run
 from evaluator.records import Episode, GradeRecord
-from physment_mcp.scene import load_scene, load_variants
-from physment_mcp.session import Session
 from physment_mcp.world.pictures.drawing import Visible, staged
-from physment_mcp.world.pictures.looks import same_parts
-from scenes.protocol import Call
 from tests.front_page.episode import RAMPS, Measurement, measurements, reading
+from tests.front_page.exposure import exposure
 
-SLIDER = "object_1"
-GHOST = "0.80 0.30 0.20 0.30"
-"""Colour of the slider where it was set down."""
 WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW = 800, 40, 84, 160, 34
 """Parts of the picture [px]; the strip is the row of ramps."""
 STRIP_LEFT, STRIP_WIDTH = 106, 694
@@ -65,7 +55,7 @@ line { stroke: var(--line); }
 def page_of(episode: Episode, grade: GradeRecord) -> str:
     """The picture as a page of HTML that follows the reader's colours; its SVG is as large as the picture."""
     tried = measurements(episode)
-    strip = base64.b64encode(_png(_matted(_exposed(_moments(episode))))).decode("ascii")
+    strip = base64.b64encode(_png(_matted(exposure(episode)))).decode("ascii")
     height = ROWS_TOP + ROW * (len(tried) + 1) + 12 + NOTE_LINE * len(NOTE)
     parts = [
         '<text class="title" x="0" y="18">Which is the shallowest ramp on which the slider begins to slide?</text>',
@@ -126,47 +116,6 @@ def _answer(row: int, ramp: int, verdict: str) -> list[str]:
         f'<text class="strong middle on" x="{_x(ramp):.1f}" y="{middle + 5}">{ramp}</text>',
         f'<text class="strong right" x="{_x(ramp) + 22:.1f}" y="{middle + 5}">{verdict}</text>',
     ]
-
-
-def _moments(episode: Episode) -> list[tuple[str, str]]:
-    """What may be seen when the slider was set down and at the end of the wait, for each iteration, as MJCF."""
-    scene = load_scene(episode.key.scene, episode.key.seed)
-    session = Session(scene)
-    parts = same_parts((*load_variants(scene.scene_id, None), scene.mjcf), ())
-    seen = {listed.body for listed in session.known()}
-
-    async def replay() -> list[tuple[str, str]]:
-        found: list[tuple[str, str]] = []
-        for turn in episode.turns[:-1]:
-            models: list[str] = []
-            for exchange in turn.exchanges:
-                await run(session, Call(exchange.call.tool, exchange.call.arguments))
-                models.append(session.world.shown_model(seen, parts, {}))
-            found.append((models[0], models[-1]))
-        return found
-
-    return anyio.run(replay)
-
-
-def _exposed(moments: Sequence[tuple[str, str]]) -> str:
-    """One model with the ramps and the slider of all moments."""
-    root = ET.fromstring(moments[0][0])
-    world = root.find("worldbody")
-    assert world is not None
-    world.remove(_slider(world))
-    for number, (before, after) in enumerate(moments):
-        for name, model, colour in (("before", before, GHOST), ("after", after, "")):
-            body = _slider(ET.fromstring(model))
-            body.set("name", f"{name}_{number}")
-            geom = body.find("geom")
-            assert geom is not None
-            geom.set("rgba", colour or str(geom.get("rgba")))
-            world.append(body)
-    return ET.tostring(root, encoding="unicode")
-
-
-def _slider(tree: ET.Element) -> ET.Element:
-    return next(body for body in tree.iter("body") if body.get("name") == SLIDER)
 
 
 def _matted(mjcf: str) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
 """The README shows a real episode: its transcript and the words of its picture are remade and compared."""
 
 import re
+import xml.etree.ElementTree as ET
 
 import pytest
 from PIL import Image
@@ -10,7 +11,8 @@ from evaluator.records import Episode, GradeRecord, Verdict
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs
 from tests.builders.paths import ROOT
-from tests.front_page.episode import block, caption, measurements, played, transcript
+from tests.front_page.episode import RAMPS, block, caption, measurements, played, transcript
+from tests.front_page.exposure import exposure
 from tests.front_page.make import DESCRIPTION, PICTURES
 
 README = ROOT / "README.md"
@@ -52,6 +54,25 @@ def test_the_trials_of_the_episode_halve_the_range_until_its_answer_is_left(epis
     last = tried[-1]
     left = (last.low, last.ramp) if last.slides else (last.ramp + 1, last.high)
     assert left == (int(str(played.answer)),) * 2
+
+
+def test_the_exposure_shows_the_ramps_and_where_the_slider_was_set_down_and_where_it_was_read(episode: Played) -> None:
+    bodies = {body.get("name"): body for body in ET.fromstring(exposure(episode[0])).iter("body")}
+    measured = measurements(episode[0])
+    assert bodies.keys() == {f"object_{1 + ramp}" for ramp in range(1, RAMPS + 1)} | {
+        f"{moment}_{number}" for number in range(1, len(measured) + 1) for moment in ("before", "after")
+    }
+    for number, done in enumerate(measured, start=1):
+        (x, y, z), (later_x, later_y, later_z) = (place(bodies[f"{moment}_{number}"]) for moment in ("before", "after"))
+        assert y == later_y == done.ramp
+        assert (later_x > x + 0.05) is done.slides
+        assert later_z < z
+
+
+def place(body: ET.Element) -> list[float]:
+    geom = body.find("geom")
+    assert geom is not None
+    return [float(value) for value in str(geom.get("pos")).split()]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
