@@ -2,10 +2,9 @@
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
+from tests.builders.commands import physment_eval
 from tests.builders.paths import DOCS
 
 PAGE = DOCS / "how-to" / "contribute-a-scene.md"
@@ -24,12 +23,6 @@ def test_following_the_how_to_gives_a_certified_scene(tmp_path: Path) -> None:
         for command in text.splitlines():
             program, *arguments = shlex.split(command)
             assert program == "physment-eval"
-            done = subprocess.run(
-                [sys.executable, "-m", "evaluator", *arguments],
-                cwd=tmp_path,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
+            done = physment_eval(*arguments, cwd=tmp_path)
             assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     assert "A cart in thick air" in (tmp_path / "my-run" / "report.html").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`verify`, `lint` and `scenes` as an author uses them, each in its own process."""
+"""`verify`, `lint` and `scenes` as an author uses them."""
 
 import json
 import shutil
@@ -10,13 +10,11 @@ from typing import Any
 
 import pytest
 
+from evaluator.certify.records import CERTIFICATES_FILE
 from scenes import default_folder
+from tests.builders.commands import physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator"]
-
-
-def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *map(str, words)], capture_output=True, text=True, check=False, timeout=120)
 
 
 @pytest.fixture
@@ -39,13 +37,13 @@ def stored(packs: Path) -> dict[int, dict[str, Any]]:
 
 
 def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Path) -> None:
-    done = run("verify", "--scenes-dir", packs, "--seeds", "3", "--jobs", "2")
+    done = physment_eval("verify", "--scenes-dir", packs, "--seeds", "3", "--jobs", "2")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 of 2 scenes are sound" in done.stdout
     assert {scene: len(one["checks"]) for scene, one in stored(packs).items()} == {7: 6, 21: 6}
     before = stored(packs)[21]
     edit(packs / "Scene7" / "solution.py", '["velocity"][2]', '["velocity"][2] * 1.2')
-    done = run("verify", "--scenes-dir", packs, "--scene", "7", "--seeds", "3", "--jobs", "1")
+    done = physment_eval("verify", "--scenes-dir", packs, "--scene", "7", "--seeds", "3", "--jobs", "1")
     assert done.returncode == 1
     assert "scene 7, key: seed 0: the reference" in done.stdout
     assert "0 of 1 scenes are sound" in done.stdout
@@ -55,7 +53,7 @@ def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Pat
 
 def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
     words = ("verify", "--scenes-dir", str(packs), "--seeds", "400", "--jobs", "2")
-    edit(packs / "Scene7" / "solution.py", "yield [answer", "raise ValueError\n    yield [answer")
+    edit(packs / "Scene7" / "solution.py", "yield [answer", "yield [answer[")  # certified at once: it cannot be read
     with subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
@@ -70,42 +68,42 @@ def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
 
 
 def test_lint_names_each_fault_and_verify_refuses_what_is_not_there(packs: Path) -> None:
-    assert run("lint", "--scenes-dir", packs).returncode == 0
+    assert physment_eval("lint", "--scenes-dir", packs).returncode == 0
     edit(packs / "Scene21" / "scene21.json", '"reasoning"', '"reasonning"')
-    done = run("lint", "--scenes-dir", packs)
+    done = physment_eval("lint", "--scenes-dir", packs)
     assert done.returncode == 1
     assert "scene 21: unknown field reasonning; did you mean reasoning?" in done.stdout
     assert "1 of 2 scenes without fault" in done.stdout
-    done = run("verify", "--scenes-dir", packs, "--scene", "8")
+    done = physment_eval("verify", "--scenes-dir", packs, "--scene", "8")
     assert (done.returncode, "there is no such scene" in done.stderr) == (2, True)
 
 
 def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> None:
-    assert "none" in run("scenes", "list", "--scenes-dir", packs).stdout
-    run("verify", "--scenes-dir", packs, "--seeds", "2", "--jobs", "1")
-    assert run("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 2 seeds") == 2
+    assert "none" in physment_eval("scenes", "list", "--scenes-dir", packs).stdout
+    shutil.copy(default_folder() / CERTIFICATES_FILE, packs)
+    assert physment_eval("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 20 seeds") == 2
     edit(packs / "Scene7" / "solution.py", "FALL_S = 0.8\n", "FALL_S = 0.8  # as the task says\n")
-    assert run("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 2 seeds") == 2
+    assert physment_eval("scenes", "list", "--scenes-dir", packs).stdout.count("sound on 20 seeds") == 2
     edit(packs / "Scene7" / "solution.py", "FALL_S = 0.8", "FALL_S = 0.7")
-    lines = run("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
+    lines = physment_eval("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
     assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
 
 
 def test_scenes_show_prints_the_private_half_only_when_asked() -> None:
-    public = run("scenes", "show", "9", "--seed", "3").stdout
-    private = run("scenes", "show", "9", "--seed", "3", "--private").stdout
+    public = physment_eval("scenes", "show", "9", "--seed", "3").stdout
+    private = physment_eval("scenes", "show", "9", "--seed", "3", "--private").stdout
     assert "# Scene:" in public
     assert "key at seed" not in public
     assert private.startswith(public)
     assert "key at seed 3:" in private
-    assert "no scene 6; the scenes here are 7, 8" in run("scenes", "show", "6").stderr
+    assert "no scene 6; the scenes here are 7, 8" in physment_eval("scenes", "show", "6").stderr
 
 
 def test_a_new_scene_never_overwrites_an_existing_scene(tmp_path: Path) -> None:
-    made = run("scenes", "new", "112", "--category", "hard-single-hidden", "--scenes-dir", tmp_path)
+    made = physment_eval("scenes", "new", "112", "--category", "hard-single-hidden", "--scenes-dir", tmp_path)
     assert made.returncode == 0
     assert "physment-eval verify --scenes-dir" in made.stdout
-    again = run("scenes", "new", "112", "--category", "easy-single", "--scenes-dir", tmp_path)
+    again = physment_eval("scenes", "new", "112", "--category", "easy-single", "--scenes-dir", tmp_path)
     assert (again.returncode, "exists already; choose another id" in again.stderr) == (2, True)
 
 
@@ -113,21 +111,21 @@ def test_lint_says_what_is_not_laid_out_and_fix_lays_it_out(packs: Path) -> None
     file = packs / "Scene7" / "scene7.json"
     laid_out = file.read_bytes()
     file.write_text(json.dumps(json.loads(laid_out), ensure_ascii=False), encoding="utf-8")
-    said = run("lint", "--scenes-dir", packs)
+    said = physment_eval("lint", "--scenes-dir", packs)
     assert said.returncode == 0, "a layout is no fault"
     assert "scene 7: scene7.json is not laid out" in said.stdout
     assert f"1 not laid out; run: physment-eval lint --fix --scenes-dir {packs}" in said.stdout
-    fixed = run("lint", "--fix", "--scenes-dir", packs)
+    fixed = physment_eval("lint", "--fix", "--scenes-dir", packs)
     assert fixed.returncode == 0
     assert "scene 7: scene7.json is laid out now" in fixed.stdout
     assert file.read_bytes() == laid_out
-    assert "laid out" not in run("lint", "--fix", "--scenes-dir", packs).stdout
+    assert "laid out" not in physment_eval("lint", "--fix", "--scenes-dir", packs).stdout
 
 
 def test_fix_refuses_what_it_cannot_parse(packs: Path) -> None:
     edit(packs / "Scene7" / "scene7.xml", "<worldbody>", "<worldbody>words")
-    assert run("lint", "--scenes-dir", packs).returncode == 0
-    done = run("lint", "--fix", "--scenes-dir", packs)
+    assert physment_eval("lint", "--scenes-dir", packs).returncode == 0
+    done = physment_eval("lint", "--fix", "--scenes-dir", packs)
     assert done.returncode == 1
     assert "cannot be laid out: only elements and comments can be laid out, not 'words'" in done.stdout
     assert "1 of 2 scenes without fault" in done.stdout
