@@ -16,6 +16,7 @@ from evaluator.commands.run_options import PROMPTINGS, PROTOCOLS
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
 from scenes import default_folder
+from tests.builders.commands import physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator"]
 
@@ -52,11 +53,6 @@ async def run():
 
 anyio.run(run)
 """
-
-
-def run(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, *map(str, words)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
@@ -102,7 +98,8 @@ def test_help_is_printed_and_succeeds(words: list[str], capsys: pytest.CaptureFi
 
 
 def test_run_is_the_default_command_and_writes_all_files_of_a_run_folder(tmp_path: Path) -> None:
-    done = run("--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)
+    command = [*COMMAND, "--server", "stdio", "--scenes", "7", "--out", "run"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "strict accuracy 100.0 % (1/1)" in done.stdout
     names = {path.name for path in (tmp_path / "run").iterdir()}
@@ -113,7 +110,7 @@ def test_run_is_the_default_command_and_writes_all_files_of_a_run_folder(tmp_pat
 
 
 def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path, host_url: str) -> None:
-    done = run("--server", host_url, "--scenes", "7,21", "--out", "run", "--json", cwd=tmp_path)
+    done = physment_eval("--server", host_url, "--scenes", "7,21", "--out", "run", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["overall"]["n_correct"] == 2
     assert "strict accuracy" in done.stderr
 
@@ -187,7 +184,7 @@ def test_a_server_that_dies_is_retried_recorded_and_never_scored_wrong(tmp_path:
     turns = [[{"tool": "step", "arguments": {}}], [{"tool": "answer", "arguments": {"answer": 1}}]]
     (tmp_path / "turns.json").write_text(json.dumps(turns), encoding="utf-8")
     server = f"{sys.executable} dying.py"
-    done = run(
+    done = physment_eval(
         "--server", server, "--agent", "scripted:turns.json", "--scenes", "7", "--out", "run", "--json", cwd=tmp_path
     )
     assert done.returncode == 1
@@ -229,7 +226,7 @@ def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(
         stream.write('{"format": 1, "key": {"sce')
     on_disk = len(torn.read_text(encoding="utf-8").splitlines()) - 1
     assert after <= on_disk < 40
-    done = run(
+    done = physment_eval(
         *("--server", host_url, "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run", "--resume"),
         cwd=tmp_path,
     )
@@ -247,10 +244,10 @@ def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_p
         grown = len(_whole_lines(tmp_path / "run"))
         assert on_disk < grown < 16
         on_disk = grown
-    done = run(*words, "--resume", "--json", cwd=tmp_path)
+    done = physment_eval(*words, "--resume", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(_keys(tmp_path / "run")) == len(set(_keys(tmp_path / "run"))) == 16
-    whole = run(*words[:-1], "whole", "--json", cwd=tmp_path)
+    whole = physment_eval(*words[:-1], "whole", "--json", cwd=tmp_path)
     assert json.loads(done.stdout) == json.loads(whole.stdout)
 
 
@@ -262,7 +259,7 @@ def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(tmp_
     assert _start_and_stop(tmp_path, "host", signal.SIGINT, 3) == 130
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 40
-    done = run("grade", "run", cwd=tmp_path)
+    done = physment_eval("grade", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run" / "report.html").exists()
 
@@ -306,11 +303,11 @@ def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path, host
     ]
     (tmp_path / "turns.json").write_text(json.dumps(turns), encoding="utf-8")
     words = ("--server", host_url, "--agent", "scripted:turns.json", "--scenes", "7,21", "--out", "run")
-    done = run(*words, cwd=tmp_path)
+    done = physment_eval(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "\x1b" not in done.stdout
     assert "[/x][red]7\\u2028" in "".join(done.stdout.split())
-    assert run("grade", "run", cwd=tmp_path).returncode == 0
-    again = run(*words, "--resume", cwd=tmp_path)
+    assert physment_eval("grade", "run", cwd=tmp_path).returncode == 0
+    again = physment_eval(*words, "--resume", cwd=tmp_path)
     assert (again.returncode, again.stderr) == (0, "")
     assert (tmp_path / "run" / "report.html").read_text(encoding="utf-8").count("<script") == 1

@@ -1,4 +1,4 @@
-"""A person at a terminal: the real command, with input from a pipe or a pseudo-terminal."""
+"""A person at a terminal: the command, with input from a pipe or, in its own process, from a pseudo-terminal."""
 
 import os
 import pty
@@ -17,13 +17,13 @@ import pytest
 from evaluator.__main__ import main
 from evaluator.records import Episode, Outcome
 from evaluator.store import RunFolder
+from tests.builders.commands import Done, physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator", "play"]
 
 
-def play(cwd: Path, typed: str, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, *(words or ("7",)), "--out", "run"]
-    return subprocess.run(command, cwd=cwd, input=typed, capture_output=True, text=True, check=False, timeout=60)
+def play(cwd: Path, server: str, typed: str, *words: str) -> Done:
+    return physment_eval("play", *(words or ("7",)), "--server", server, "--out", "run", typed=typed, cwd=cwd)
 
 
 def episode_in(cwd: Path) -> Episode:
@@ -31,8 +31,8 @@ def episode_in(cwd: Path) -> Episode:
     return episode
 
 
-def test_a_person_solves_a_scene_and_is_graded_like_any_agent(tmp_path: Path) -> None:
-    done = play(tmp_path, "note it falls\nstep 0.8; get_velocity 1\n\nanswer 7.848\n")
+def test_a_person_solves_a_scene_and_is_graded_like_any_agent(tmp_path: Path, host_url: str) -> None:
+    done = play(tmp_path, host_url, "note it falls\nstep 0.8; get_velocity 1\n\nanswer 7.848\n")
     assert done.returncode == 0, done.stderr
     assert "# Scene: Speed of a dropped ball" in done.stdout
     assert "20 iterations left > " in done.stdout
@@ -46,17 +46,17 @@ def test_a_person_solves_a_scene_and_is_graded_like_any_agent(tmp_path: Path) ->
     assert RunFolder(tmp_path / "run").read_run().plan.scenes == (7,)
 
 
-def test_a_person_has_a_budget_and_a_wrong_answer_is_wrong(tmp_path: Path) -> None:
-    done = play(tmp_path, "step 0.1\nstep 0.1\nstep 0.1\nanswer 1\n", "7", "--budget", "2", "--seed", "3")
+def test_a_person_has_a_budget_and_a_wrong_answer_is_wrong(tmp_path: Path, host_url: str) -> None:
+    done = play(tmp_path, host_url, "step 0.1\nstep 0.1\nstep 0.1\nanswer 1\n", "7", "--budget", "2", "--seed", "3")
     assert done.returncode == 0, done.stderr
     assert "1 iteration left > " in done.stdout
     assert "Not correct, in 2 of 2 iterations: no answer: budget_exhausted" in done.stdout
     assert episode_in(tmp_path).key.seed == 3
 
 
-def test_commands_and_mistyped_lines_cost_no_iteration(tmp_path: Path) -> None:
+def test_commands_and_mistyped_lines_cost_no_iteration(tmp_path: Path, host_url: str) -> None:
     typed = "help\nhelp step\nhelp fly\ntask\nlog\nstp\nstep 0.1\nlog\nget_position 9\nanswer x\n"
-    done = play(tmp_path, typed)
+    done = play(tmp_path, host_url, typed)
     assert "  apply_force object_id force_vector\n" in done.stdout
     assert "duration  How long to simulate [s]" in done.stdout
     assert "there is no tool 'fly'" in done.stdout
@@ -68,15 +68,15 @@ def test_commands_and_mistyped_lines_cost_no_iteration(tmp_path: Path) -> None:
     assert "Not correct, in 3 of 20 iterations: " in done.stdout
 
 
-def test_leaving_before_the_first_iteration_leaves_nothing_behind(tmp_path: Path) -> None:
-    done = play(tmp_path, "help\nquit\n")
+def test_leaving_before_the_first_iteration_leaves_nothing_behind(tmp_path: Path, host_url: str) -> None:
+    done = play(tmp_path, host_url, "help\nquit\n")
     assert (done.returncode, done.stderr) == (0, "")
     assert "nothing is saved" in done.stdout
     assert list(tmp_path.iterdir()) == []
 
 
-def test_leaving_later_is_recorded_as_an_episode_without_an_answer(tmp_path: Path) -> None:
-    done = play(tmp_path, "step 0.1\n")
+def test_leaving_later_is_recorded_as_an_episode_without_an_answer(tmp_path: Path, host_url: str) -> None:
+    done = play(tmp_path, host_url, "step 0.1\n")
     assert (done.returncode, done.stderr) == (0, "")
     episode = episode_in(tmp_path)
     assert (episode.outcome, episode.error) == (Outcome.AGENT_ERROR, "the person left without an answer")
@@ -104,9 +104,9 @@ def test_wrong_usage_gives_a_sentence_and_leaves_no_files(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_in_use_is_not_written_to(tmp_path: Path) -> None:
-    play(tmp_path, "answer 1\n")
-    again = play(tmp_path, "answer 2\n")
+def test_a_folder_in_use_is_not_written_to(tmp_path: Path, host_url: str) -> None:
+    play(tmp_path, host_url, "answer 1\n")
+    again = play(tmp_path, host_url, "answer 2\n")
     assert again.returncode == 2
     assert "holds a run already" in again.stderr
     assert episode_in(tmp_path).answer == 1
