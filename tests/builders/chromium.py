@@ -42,7 +42,7 @@ class Page:
         number = next(self._ids)
         self._socket.send(json.dumps({"id": number, "method": method, "params": params}))
         while True:
-            message = json.loads(self._socket.recv(timeout=20))
+            message = json.loads(self._socket.recv(timeout=300))
             if message.get("id") == number:
                 assert "error" not in message, message
                 return message["result"]
@@ -64,7 +64,7 @@ class Page:
             self._loaded = False
             self.send("Page.navigate", url=url)
             while not self._loaded:
-                self._note(json.loads(self._socket.recv(timeout=20)))
+                self._note(json.loads(self._socket.recv(timeout=300)))
 
     def run(self, script: str) -> Any:
         """The value of an expression in the page."""
@@ -122,6 +122,6 @@ def chromium(program: str, profile: Path) -> Generator[Page]:
                         page.send(f"{domain}.enable")
                     yield page
                 Page(browser).send("Browser.close")
-            process.wait(timeout=10)
+            process.wait(timeout=300)
         finally:
             process.kill()

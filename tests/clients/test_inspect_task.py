@@ -143,7 +143,7 @@ def test_inspect_eval_plays_the_task_file(tmp_path: Path) -> None:
         environment = os.environ | {"OPENAI_BASE_URL": f"{provider}/v1", "OPENAI_API_KEY": KEY}
         done = subprocess.run(
             [str(Path(sys.executable).parent / "inspect"), *words, "--display", "plain"],
-            cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=120,
+            cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=300,
         )  # fmt: skip
     (log,) = tmp_path.glob("*.json")
     result = json.loads(log.read_text(encoding="utf-8"))

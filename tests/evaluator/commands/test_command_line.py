@@ -212,7 +212,7 @@ def _start_and_stop(tmp_path: Path, server: str, how: signal.Signals, after: int
         for _ in range(after):
             assert process.stdout.readline()
         os.killpg(process.pid, how) if how is signal.SIGKILL else process.send_signal(how)
-        process.communicate(timeout=60)
+        process.communicate(timeout=300)
         return process.returncode
 
 

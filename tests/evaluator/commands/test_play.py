@@ -126,7 +126,7 @@ class Screen:
 
     def wait_for(self, text: str) -> None:
         """Read until a text has been shown since the last wait."""
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 120
         while text not in self.seen[self.shown :]:
             assert time.monotonic() < deadline, self.seen
             if select.select([self.terminal], [], [], 0.1)[0]:
@@ -140,7 +140,7 @@ class Screen:
         """Wait until the command asks, and sleeps: a key that comes while it still draws the prompt may be lost."""
         self.wait_for(f"{left} iterations left > ")
         stat = Path(f"/proc/{self.process.pid}/stat")
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 120
         while stat.read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "S":
             assert time.monotonic() < deadline
             time.sleep(0.001)
@@ -185,7 +185,7 @@ def test_a_terminal_completes_names_and_ctrl_d_leaves(tmp_path: Path) -> None:
         terminal.wait_for_prompt(19)
         terminal.type("\x04")
         terminal.wait_for("run folder")
-        assert terminal.process.wait(timeout=30) == 0
+        assert terminal.process.wait(timeout=300) == 0
     assert episode_in(tmp_path).outcome is Outcome.AGENT_ERROR
 
 
@@ -195,7 +195,7 @@ def test_ctrl_c_leaves_without_a_traceback(tmp_path: Path) -> None:
         terminal.wait_for_prompt(20)
         terminal.type("\x03")
         terminal.wait_for("nothing is saved")
-        assert terminal.process.wait(timeout=30) == 0
+        assert terminal.process.wait(timeout=300) == 0
         assert "Traceback" not in terminal.seen
     assert list(tmp_path.iterdir()) == []
 
@@ -208,5 +208,5 @@ def test_an_interrupt_signal_while_waiting_for_a_line_leaves_too(tmp_path: Path)
         terminal.wait_for_prompt(19)
         terminal.process.send_signal(signal.SIGINT)
         terminal.wait_for("run folder")
-        assert terminal.process.wait(timeout=30) == 0
+        assert terminal.process.wait(timeout=300) == 0
     assert len(episode_in(tmp_path).turns) == 1

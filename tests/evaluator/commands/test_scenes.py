@@ -60,7 +60,7 @@ def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("[1/2] scene 7: NOT SOUND")
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     assert process.returncode == 130
     assert "interrupted; the certificates of 1 scenes are in" in said
     assert "Traceback" not in said

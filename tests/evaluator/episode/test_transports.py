@@ -60,10 +60,10 @@ async def in_memory(mode: Any, agent: ScriptedAgent | ReferenceAgent, scene: int
     ("agent", "scene"), [(TOUR, 7), (TOUR, 71), (ReferenceAgent(), 96)], ids=["created", "hidden", "reference"]
 )
 async def test_a_transcript_is_the_same_over_stdio_http_and_in_memory(
-    agent: ScriptedAgent | ReferenceAgent, scene: int
+    agent: ScriptedAgent | ReferenceAgent, scene: int, host_url: str
 ) -> None:
     expected = await in_memory("auto", agent, scene)
     assert expected["turns"]
     assert await in_memory("legacy", agent, scene) == expected
     assert await through("stdio", agent, scene) == expected
-    assert await through("host", agent, scene) == expected
+    assert await through(host_url, agent, scene) == expected

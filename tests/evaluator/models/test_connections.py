@@ -38,7 +38,7 @@ def test_a_run_closes_the_connections_of_plain_and_wrapped_models(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=300,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert len(openai.seen) == 4

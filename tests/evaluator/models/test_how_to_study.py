@@ -54,7 +54,7 @@ def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     assert openai.most_under_way == 50

@@ -64,7 +64,7 @@ def start(service: Service, server: str, folder: Path, *words: str) -> subproces
 def finish(process: subprocess.Popen[str]) -> Any:
     """Wait for the end of a run, and return its summary."""
     with process:
-        out, said = process.communicate(timeout=60)
+        out, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
     return json.loads(out)
 
@@ -91,9 +91,9 @@ def test_a_study_killed_while_a_model_is_asked_is_completed_with_the_same_result
         model.call_out(after=random.randint(1, 12))
         with start(service, host_url, tmp_path, "--out", "run", "--resume") as process:
             # Kill during a request, so that an episode is in progress.
-            called = model.called.wait(timeout=60)
+            called = model.called.wait(timeout=300)
             os.killpg(process.pid, signal.SIGKILL)
-            process.communicate(timeout=60)
+            process.communicate(timeout=300)
         assert called
         assert process.returncode == -signal.SIGKILL
         assert kept <= len(recorded(tmp_path / "run")) < EPISODES

@@ -211,7 +211,7 @@ def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=300,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert [line for line in done.stdout.splitlines() if "nothing draws off-screen" in line and "libosmesa6" in line]

@@ -75,7 +75,7 @@ def playing(laboratory: Laboratory, *agents: Agent) -> LocalPlay:
 
 async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:
     todo = missing(keys(seeds), folder.episodes())
-    with anyio.fail_after(30):
+    with anyio.fail_after(120):
         await Runner(play=playing(laboratory, agent), folder=folder, concurrency=concurrency).run(todo)
 
 
@@ -140,7 +140,7 @@ async def test_the_usage_of_failed_attempts_is_counted(folder: RunFolder, failin
             return Reply(calls=(ANSWER,), usage=used)
 
     meter = Meter(Limits(tokens=1_000_000))
-    with anyio.fail_after(30):
+    with anyio.fail_after(120):
         await Runner(play=playing(InMemory(), Failing()), folder=folder, meter=meter).run(keys(1))
     (episode,) = folder.episodes().values()
     expected = Outcome.INFRASTRUCTURE_ERROR if failing == MAX_ATTEMPTS else Outcome.ANSWERED
@@ -176,7 +176,7 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(fo
 
     agent = Keyless()
     plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
-    with anyio.fail_after(60):
+    with anyio.fail_after(120):
         runner = Runner(play=playing(HostLaboratory(host_url), agent, SCRIPT), folder=folder)
         assert await runner.run(plan.matrix()) == "the provider refused the key"
     assert agent.asked == 1

@@ -189,7 +189,7 @@ def test_a_painter_that_dies_is_replaced(painter: Painter) -> None:
     _, frames = frames_of(7, 0, painter)
     before = frames.draw()
     painter._process.kill()
-    painter._process.wait(10)
+    painter._process.wait(300)
     assert frames.draw() == before
 
 
@@ -202,7 +202,7 @@ def test_without_a_renderer_it_does_not_start_and_says_what_to_install(command: 
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=300,
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1

@@ -19,6 +19,17 @@ from physment_mcp.serving.host import MAX_BODY
 from tests.builders.laboratory import Command, OpenHost, WritePack
 
 BASE = "http://127.0.0.1"
+ACCEPT = {"Accept": "application/json, text/event-stream"}
+HELLO = {
+    "jsonrpc": "2.0",
+    "id": 1,
+    "method": "initialize",
+    "params": {
+        "protocolVersion": "2025-06-18",
+        "capabilities": {},
+        "clientInfo": {"name": "test", "version": "1"},
+    },
+}
 
 
 @contextlib.contextmanager
@@ -29,7 +40,7 @@ def serving(command: list[str], cwd: Path) -> Generator[str]:
             yield json.loads(process.stdout.readline())["listening"]
         finally:
             process.terminate()
-            rest, errors = process.communicate(timeout=20)
+            rest, errors = process.communicate(timeout=300)
     assert rest == ""
     assert "Traceback" not in errors
 
@@ -45,7 +56,7 @@ def started(
 
 
 async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episode(started: Callable[..., Any]) -> None:
-    with started() as base, anyio.fail_after(60):
+    with started() as base, anyio.fail_after(120):
         async with httpx.AsyncClient(base_url=base) as http:
             reply = await http.post("/episodes", json={"scene": 7, "seed": 12345})
             assert reply.status_code == 201
@@ -84,7 +95,7 @@ async def test_both_protocol_eras_and_reconnecting_clients_reach_the_same_episod
 
 
 async def test_an_unused_episode_expires_and_makes_room(started: Callable[..., Any]) -> None:
-    with started("--idle-timeout", "0.2", "--max-episodes", "1") as base, anyio.fail_after(30):
+    with started("--idle-timeout", "0.2", "--max-episodes", "1") as base, anyio.fail_after(120):
         async with httpx.AsyncClient(base_url=base) as http:
             url = (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
             while (await http.get("/healthz")).json()["episodes"]:
@@ -187,10 +198,15 @@ async def test_other_paths_and_methods_are_refused(inside: OpenHost, method: str
 
 
 async def test_closing_the_host_closes_its_episodes(inside: OpenHost) -> None:
-    with anyio.fail_after(10):
-        async with inside() as (_, http):
-            for _ in range(3):
-                await http.post("/episodes", json={"scene": 7})
+    with anyio.fail_after(120):
+        async with inside() as (host, http):
+            urls = [(await http.post("/episodes", json={"scene": 7})).json()["mcp_url"] for _ in range(3)]
+            assert [(await http.post(url, json=HELLO, headers=ACCEPT)).status_code for url in urls] == [200] * 3
+    # The application is still there, its episodes are not: none of them serves another request.
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(host.app()), base_url=BASE) as late:
+        for url in urls:
+            with pytest.raises(RuntimeError, match="not initialized"):
+                await late.post(url, json=HELLO, headers=ACCEPT)
 
 
 async def test_an_episode_in_use_does_not_expire(inside: OpenHost) -> None:
@@ -198,7 +214,7 @@ async def test_an_episode_in_use_does_not_expire(inside: OpenHost) -> None:
         busy = await host.open_episode(7, 0)
         await host.open_episode(7, 0)
         host._episodes[busy].in_flight += 1
-        with anyio.fail_after(10):
+        with anyio.fail_after(120):
             while len(host._episodes) > 1:
                 await anyio.lowlevel.checkpoint()
         assert list(host._episodes) == [busy]
@@ -207,7 +223,7 @@ async def test_an_episode_in_use_does_not_expire(inside: OpenHost) -> None:
 @pytest.mark.parametrize("port", ["99999", "-1", "http"])
 def test_a_bad_port_is_refused_with_the_usage(port: str) -> None:
     command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
     assert "is not a port; ports are 0 to 65535" in done.stderr
 
@@ -216,7 +232,7 @@ def test_a_port_in_use_is_refused_in_one_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         command = [sys.executable, "-m", "physment_mcp", "serve", f"--port={port}"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith(f"physment-mcp: cannot listen on 127.0.0.1 port {port}: ")
@@ -226,7 +242,7 @@ def test_a_port_in_use_is_refused_in_one_sentence() -> None:
 def test_white_space_after_a_header_value_is_ignored(started: Callable[..., Any]) -> None:
     with started() as base:
         address = httpx.URL(base)
-        with socket.create_connection((address.host, address.port or 80), timeout=30) as line:
+        with socket.create_connection((address.host, address.port or 80), timeout=300) as line:
             line.sendall(
                 f"GET /healthz HTTP/1.1\r\nHost: {address.netloc.decode()} \t\r\nConnection: close\r\n\r\n".encode()
             )

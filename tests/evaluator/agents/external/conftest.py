@@ -1,12 +1,12 @@
-"""A host for the tests of this folder, and programs that play on it from outside."""
+"""The host that all tests share, and programs that play on it as external agents."""
 
 import sys
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from evaluator.episode.connect import HostLaboratory, LocalHost
+from evaluator.episode.connect import HostLaboratory
 
 PRELUDE = """
 import json
@@ -25,10 +25,9 @@ anyio.run(play)
 """
 
 
-@pytest.fixture(scope="module")
-async def host(anyio_backend: str) -> AsyncGenerator[HostLaboratory]:
-    async with LocalHost() as laboratory:
-        yield laboratory
+@pytest.fixture
+def host(host_url: str) -> HostLaboratory:
+    return HostLaboratory(host_url)
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def agent_of(words: list[str], **options: float) -> ExternalAgent:
 async def play(host: HostLaboratory, words: list[str], budget: int = 20, **options: float) -> Episode:
     agent = agent_of(words, **options)
     key = episode_key(agent=agent.name, budget=budget)
-    with anyio.fail_after(60):
+    with anyio.fail_after(120):
         episode = await agent.play(host, key, VERSIONS, [])
     assert Episode.model_validate_json(episode.model_dump_json()) == episode
     return episode
@@ -114,7 +114,7 @@ async def test_a_program_that_runs_on_after_its_answer_is_stopped_and_the_answer
     body = 'print("done", flush=True)\nawait client.call_tool("answer", {"answer": 1})\nawait anyio.sleep(600)'
     agent = replace(agent_of(client(body)), grace_s=0.1)
     key = episode_key(agent=agent.name, budget=5)
-    with anyio.fail_after(30):
+    with anyio.fail_after(120):
         episode = await agent.play(host, key, VERSIONS, [])
     assert (episode.outcome, episode.answer, episode.turns[-1].reasoning) == (Outcome.ANSWERED, 1, "done")
 
@@ -151,16 +151,24 @@ open({str(note)!r}, "w").write(str(child.pid))
     await gone(int(note.read_text(encoding="utf-8")))
 
 
-async def test_an_interruption_ends_the_program(program: Words, tmp_path: Path, host: HostLaboratory) -> None:
-    note = tmp_path / "pid"
+def open_episodes(host: HostLaboratory) -> int:
+    return httpx2.get(f"{host.base_url}/healthz").json()["episodes"]
+
+
+async def test_an_interruption_ends_the_program_and_closes_the_episode(
+    program: Words, tmp_path: Path, host: HostLaboratory
+) -> None:
+    before, note = open_episodes(host), tmp_path / "pid"
     words = program(f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
     agent = agent_of(words)
     key = episode_key(agent=agent.name, budget=5)
-    with anyio.fail_after(30):
+    with anyio.fail_after(120):
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(agent.play, host, key, VERSIONS, [])
             await until(lambda: note.exists() and bool(note.read_text(encoding="utf-8")))
+            assert open_episodes(host) == before + 1
             tasks.cancel_scope.cancel()
+    assert open_episodes(host) == before
     await gone(int(note.read_text(encoding="utf-8")))
 
 
@@ -170,7 +178,7 @@ async def gone(*pids: int) -> None:
 
 
 async def until(true: Callable[[], bool]) -> None:
-    with anyio.fail_after(10):
+    with anyio.fail_after(120):
         while True:
             if true():
                 return

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from evaluator.episode.player import ToolDescription
 from evaluator.protocols.typed import parse_line
 from evaluator.records import Outcome
 from physment_mcp.serving.server import published_tools
+from tests.builders.commands import physment_eval
 from tests.builders.paths import DOCS
 from tests.builders.records import VERSIONS, episode_key
 
@@ -43,12 +43,11 @@ def test_the_commands_on_the_page_are_valid() -> None:
         assert parse_external([sys.executable, *words], "host", None).command[1:] == tuple(words)
 
 
-def test_what_the_page_on_playing_shows_is_what_a_person_sees(tmp_path: Path) -> None:
+def test_what_the_page_on_playing_shows_is_what_a_person_sees(tmp_path: Path, host_url: str) -> None:
     page = (DOCS / "how-to" / "human-baseline.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
     typed = "".join(f"{line}\n" for line in re.findall(r"left > (.*)", shown))
-    command = [sys.executable, "-m", "evaluator", "play", "7", "--out", "run"]
-    done = subprocess.run(command, cwd=tmp_path, input=typed, capture_output=True, text=True, check=True, timeout=60)
+    done = physment_eval("play", "7", "--server", host_url, "--out", "run", typed=typed, cwd=tmp_path)
     seen = done.stdout[done.stdout.index("20 iterations left") :]
     # A pipe does not echo what is typed into it.
     assert seen.startswith(re.sub(r"(left > ).*\n", r"\1", shown))
