@@ -288,7 +288,6 @@ class Service:
     latency_s: float = 0.0
     crowd: int = 0
     """Nothing is answered before so many requests have been under way at once."""
-    closed: bool = False
     under_way: int = 0
     most_under_way: int = 0
     _crowded: anyio.Event = field(default_factory=anyio.Event)
@@ -326,16 +325,23 @@ class Service:
         self.steps.append(Bare(silent))
 
     def drip(self) -> None:
-        """Send a byte now and then, for ever."""
+        """Send a byte now and then until the client gives up."""
 
         async def dripping(scope: Scope, receive: Receive, send: Send) -> None:
             await send(
                 {"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"application/json")]}
             )
-            with anyio.move_on_after(10):
-                while not self.closed:
+
+            async def drop() -> None:
+                while True:
                     await send({"type": "http.response.body", "body": b" ", "more_body": True})
                     await anyio.sleep(0.05)
+
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(drop)
+                while (await receive())["type"] != "http.disconnect":
+                    pass
+                tasks.cancel_scope.cancel()
 
         self.steps.append(Bare(dripping))
 

@@ -177,7 +177,7 @@ async def test_a_server_that_sends_bytes_forever_is_given_up_after_the_time_out(
     async with agent_of(service, timeout_s=0.5) as agent:
         with anyio.fail_after(120):
             assert await open_desk(agent).ask() == "at last"
-    service.closed = True
+    assert len(service.seen) == 2
 
 
 async def test_after_a_reply_that_breaks_off_the_request_is_made_again(service: Service, desk: Desk) -> None:
