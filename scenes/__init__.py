@@ -4,16 +4,19 @@ Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and 
 """
 
 from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
-from scenes.draw import KnobValue, draw_knobs, drawn_mjcf, write_values
+from scenes.draw import KnobValue, draw_knobs
 from scenes.errors import PackError
 from scenes.export import export_packs
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
+from scenes.laboratory import Instruments, Limits, Noise
+from scenes.model import changed_mjcf, drawn_mjcf
 from scenes.new import write_new_scene
 from scenes.pack import (
     CANARY,
     AnswerKind,
     AnswerSpec,
     Category,
+    Law,
     Pack,
     Permissions,
     Scalar,
@@ -26,7 +29,11 @@ __all__ = [
     "AnswerKind",
     "AnswerSpec",
     "Category",
+    "Instruments",
     "KnobValue",
+    "Law",
+    "Limits",
+    "Noise",
     "Pack",
     "PackError",
     "PackFiles",
@@ -34,6 +41,7 @@ __all__ = [
     "PublicObject",
     "PublicPack",
     "Scalar",
+    "changed_mjcf",
     "content_hash_of",
     "default_folder",
     "draw_knobs",
@@ -48,5 +56,4 @@ __all__ = [
     "same_pack",
     "same_packs",
     "write_new_scene",
-    "write_values",
 ]

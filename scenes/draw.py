@@ -1,4 +1,4 @@
-"""The seeded draw: values of the knobs for a seed, and the MJCF with these values.
+"""The seeded draw: values of the knobs for a seed.
 
 The same seed gives the same values on every machine. Each knob has a random stream of its own (Mersenne Twister seeded
 by SHA-512 of scene, seed and knob name, as `random.Random` documents for text seeds), and values are rounded to six
@@ -8,8 +8,6 @@ significant digits, because the last bits of `exp` and `log` differ between mach
 import ast
 import math
 import random
-import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -23,7 +21,6 @@ KnobValue = Scalar | tuple[Scalar, ...]
 """A value of a knob; a permutation has several."""
 
 _ATTEMPTS = 1000
-_TARGET = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?\.(?P<attribute>\w+)")
 _FUNCTIONS = {
     name: getattr(math, name)
     for name in (
@@ -105,45 +102,6 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
     raise PackError(files.json, f"field {field}: {expression!r} gives {value!r}, not a finite number or a text")
 
 
-def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
-    """The model's XML text with the drawn values.
-
-    Args:
-        files: Where the pack is.
-        pack: The pack.
-        values: As returned by `draw_knobs`.
-        canonical: True for the values of seed 0: the text is returned as written.
-
-    Raises:
-        PackError: The XML is missing or not XML, or a target of `apply` does not name exactly one element.
-    """
-    try:
-        text = files.mjcf.read_text(encoding="utf-8")
-    except (FileNotFoundError, UnicodeDecodeError) as error:
-        raise PackError(files.mjcf, "no such file, or not UTF-8") from error
-    if canonical:
-        return text
-    return write_values(files, pack, values, text)
-
-
-def write_values(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], text: str) -> str:
-    """`text` with every target of `apply` set to its value.
-
-    Raises:
-        PackError: As for `drawn_mjcf`.
-    """
-    try:
-        root = ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
-    except ET.ParseError as error:
-        raise PackError(files.mjcf, f"not XML: {error}") from error
-    for target, expressions in pack.apply.items():
-        field = f"apply.{target}"
-        element, attribute = _find_target(files, root, target)
-        parts = expressions if isinstance(expressions, tuple) else (expressions,)
-        element.set(attribute, " ".join(_as_text(evaluate(files, field, part, values)) for part in parts))
-    return ET.tostring(root, encoding="unicode")
-
-
 def _draw(knob: Knob, stream: str) -> KnobValue:
     source = random.Random(stream)  # noqa: S311 - a reproducible draw, not a secret
     if knob.uniform is not None:
@@ -161,18 +119,3 @@ def _draw(knob: Knob, stream: str) -> KnobValue:
 
 def _six_digits(value: float) -> float:
     return float(f"{value:.6g}")
-
-
-def _as_text(value: Scalar) -> str:
-    return value if isinstance(value, str) else repr(value)
-
-
-def _find_target(files: PackFiles, root: ET.Element, target: str) -> tuple[ET.Element, str]:
-    match = _TARGET.fullmatch(target)
-    if match is None:
-        raise PackError(files.json, f"field apply.{target}: write targets as tag[name].attribute")
-    tag, name = match["tag"], match["name"]
-    found = [element for element in root.iter(tag) if name is None or element.get("name") == name]
-    if len(found) != 1:
-        raise PackError(files.json, f"field apply.{target}: names {len(found)} elements of {files.mjcf.name}, not one")
-    return found[0], match["attribute"]

@@ -5,9 +5,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection
 from pathlib import Path
 
-from scenes.draw import draw_knobs, drawn_mjcf
+from scenes.draw import draw_knobs
 from scenes.errors import PackError
 from scenes.folder import PackFiles, find_pack, list_packs, read_pack
+from scenes.model import drawn_mjcf
 from scenes.public import PublicPack, exported_json, exported_mjcf
 
 

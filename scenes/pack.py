@@ -9,6 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from scenes.laboratory import Instruments, Limits
+
 CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 """Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
 
@@ -17,7 +19,7 @@ Scalar = float | int | str
 
 
 class Category(StrEnum):
-    """The 13 categories of the suite: difficulty, breadth, modality."""
+    """The 13 categories of the suite (difficulty, breadth, modality), and the open worlds, a track of their own."""
 
     EASY_SINGLE = "easy-single"
     EASY_SINGLE_CREATION = "easy-single-creation"
@@ -32,6 +34,12 @@ class Category(StrEnum):
     HARD_MULTI_CREATION = "hard-multi-creation"
     HARD_MULTI_HIDDEN = "hard-multi-hidden"
     CREATE_DELETE_ATTACH = "create-delete-attach"
+    OPEN = "open"
+
+    @property
+    def infers(self) -> bool:
+        """Whether its scenes ask for a prediction from a law that has to be inferred, and not for a measurement."""
+        return self.value.startswith("hard") or self in {Category.CREATE_DELETE_ATTACH, Category.OPEN}
 
 
 class AnswerKind(StrEnum):
@@ -93,6 +101,11 @@ class Permissions(_PackModel):
     """False seals the object: nothing may push, move, attach or delete it."""
     hidden: bool = False
     """Unknown to the agent until `find_objects`."""
+    angle: bool = False
+    """Whether the position of an object on a hinge tells its joint angle."""
+    spin: bool | None = None
+    """Whether the velocity of an object on a hinge tells its joint speed. False also gates the rotational energy and
+    the angular momentum, which are otherwise gated by the velocity alone."""
 
 
 class AnswerSpec(_PackModel):
@@ -154,6 +167,32 @@ Expression = str | int | float
 """Arithmetic over knob values, such as `9.81 * m` or `order[0]`; a plain number is itself."""
 
 
+class Law(_PackModel):
+    """A force on a body, by expressions that the engine evaluates at every stage of every time step.
+
+    Expressions may use the time `t` [s]; of the body itself the centre of mass `x`, `y`, `z` [m], its velocity `vx`,
+    `vy`, `vz` [m/s] and the spin `wx`, `wy`, `wz` [rad/s], all in world axes, and on a single hinge `angle` [rad] and
+    `spin` [rad/s]; of another body the same with its prefix, such as `other_x`; numeric knobs and derived quantities.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    on: str
+    """Name of the body on which it acts, at its centre of mass."""
+    others: dict[str, str] = Field(default={}, alias="with")
+    """Prefix → name of another body that the expressions use."""
+    let: dict[str, str] = {}
+    """Quantities computed first, in order."""
+    force: tuple[Expression, Expression, Expression] = (0, 0, 0)
+    """Components of the force, world frame [N]."""
+    torque: tuple[Expression, Expression, Expression] = (0, 0, 0)
+    """Components of the torque, world frame [N·m]."""
+    reaction: str | None = None
+    """Prefix of the body on which the opposite force acts, at its centre of mass; None for no reaction."""
+    present: Expression = 1
+    """Condition on the knobs: the law is left out where it is false."""
+
+
 class Pack(_PackModel):
     """A whole `scene{N}.json`, public and private halves."""
 
@@ -193,7 +232,14 @@ class Pack(_PackModel):
     accept_draw: tuple[str, ...] = ()
     """Conditions a draw must meet, such as `abs(mu - tan(0.5)) > 0.02`; a draw that fails one is redrawn."""
     apply: dict[str, Expression | tuple[Expression, ...]] = {}
-    """Where values go in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute."""
+    """Where values go in the MJCF: `tag[name].attribute` → expression, or a list for a vector attribute. A path such as
+    `body[object_1]/inertial.mass` or `fixed[cord]/joint[wheel].coef` names an element by the one that holds it."""
+    laws: tuple[Law, ...] = ()
+    """Forces that MuJoCo has no element for. Private."""
+    limits: Limits | None = None
+    """How far an agent may go; told in the prompt. Published packs have none."""
+    instruments: Instruments | None = None
+    """How finely the state is read; told in the prompt. Published packs have none."""
     version: str = "1"
     """Version of the pack; raised when its meaning changes."""
     canary: str | None = None

@@ -10,7 +10,8 @@ A `yield` returns a list with a dict for each call: the structured result, `{"er
 `{}` for a call that was not run.
 """
 
-from collections.abc import Callable, Generator, Mapping
+import re
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
@@ -21,6 +22,8 @@ from scenes.folder import PackFiles
 from scenes.pack import Scalar
 
 ANSWER = "answer"
+_FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch")
+_STAGE = re.compile(r"stage(_\w+)?")
 
 Reading = dict[str, Any]
 AnswerValue = Scalar | list[Scalar]
@@ -35,6 +38,8 @@ class Call:
 
 
 Protocol = Generator[list[Call], list[Reading], None]
+Exchanges = Sequence[tuple[Call, Reading]]
+"""Calls with what they returned, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,16 @@ class Solution:
     """The answer from the drawn values, by a formula."""
     measure: Callable[[Any, Mapping[str, KnobValue]], AnswerValue] | None
     """The answer from a run of the engine without permissions: takes the drawn world and the drawn values."""
+    structure: Callable[[Mapping[str, KnobValue]], str] | None = None
+    """Which of the possible structures was drawn: a label."""
+    fit: Callable[[Exchanges, str], AnswerValue] | None = None
+    """The answer by the model of a structure, fitted to the calls and readings of the reference protocol."""
+    naive: Callable[[Mapping[str, KnobValue]], Mapping[str, AnswerValue]] | None = None
+    """The wrong answers of natural shortcuts, by name, from the drawn values."""
+    batch: Callable[[str], Protocol] | None = None
+    """The best attempt with one fixed list of at most 60 calls: yields them once, then the answer."""
+    stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
+    """The most direct attempts to bring about what is asked, by name: `stage` and `stage_…`."""
 
 
 def call(tool: str, **arguments: Any) -> Call:
@@ -74,4 +89,6 @@ def load_solution(files: PackFiles) -> Solution:
         spec.loader.exec_module(module)
     except Exception as error:
         raise PackError(path, f"cannot be imported: {error!r}") from error
-    return Solution(*(getattr(module, name, None) for name in ("solve", "theory", "measure")))
+    defined = vars(module)
+    stages = {name: made for name, made in defined.items() if _STAGE.fullmatch(name)}
+    return Solution(**{name: getattr(module, name, None) for name in _FUNCTIONS}, stages=stages)

@@ -10,9 +10,11 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from scenes.draw import draw_knobs, drawn_mjcf
+from scenes.draw import draw_knobs
 from scenes.errors import PackError
 from scenes.folder import PackFiles, read_pack
+from scenes.laboratory import Instruments, Limits
+from scenes.model import drawn_mjcf
 from scenes.pack import AnswerKind, Pack, Permissions
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
@@ -44,6 +46,9 @@ class AnswerForm(_Public):
     unit: str | tuple[str, ...] | None = None
     labels: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
+    rel_tol: float = 0.05
+    """A number is right within abs_tol + rel_tol |key|."""
+    abs_tol: float = 0.0
 
 
 class PublicPack(_Public):
@@ -58,6 +63,8 @@ class PublicPack(_Public):
     disabled_tools: tuple[str, ...]
     soft_objects: tuple[Annotated[str, AfterValidator(_with_prefix)], ...]
     """Canonical ids; packs may also write the number alone."""
+    limits: Limits | None = None
+    instruments: Instruments | None = None
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
@@ -74,9 +81,11 @@ class PublicPack(_Public):
                 )
                 for key, listed in pack.objects.items()
             ),
-            answer_form=spec and AnswerForm(kind=spec.kind, unit=spec.unit, labels=spec.labels, options=spec.options),
+            answer_form=spec and AnswerForm(**spec.model_dump(include=set(AnswerForm.model_fields))),
             disabled_tools=tuple(pack.disabled_tools),
             soft_objects=pack.soft_objects,
+            limits=pack.limits,
+            instruments=pack.instruments,
         )
 
 

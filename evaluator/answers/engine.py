@@ -4,7 +4,7 @@ Only three may import it: `answers/keys`, to compute a key that has no closed fo
 `commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which an episode and the grading of a scene
 with `theory` never need.
 
-`drawn_world` bypasses permissions, budgets and hiding. The other functions use a session and its tools, so they read
+`Engine` bypasses permissions, budgets and hiding. The other functions use a session and its tools, so they read
 what an agent would read.
 """
 
@@ -20,7 +20,7 @@ from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.calls import call_async
 from physment_mcp.world import World
-from scenes import PackFiles
+from scenes import PackFiles, Scalar, changed_mjcf
 from scenes.protocol import Call, Reading
 
 READING_TOOLS = tuple(tool for tool in TOOLS if tool.reads_only)
@@ -29,14 +29,34 @@ _LOOK_ONLY = {"elastic_response": False}
 """Arguments with which `detect_collision` reads and changes nothing."""
 
 
-def drawn_world(mjcf: str, timestep: float | None = None) -> World:
-    """The world of a drawn scene at its start, without permissions.
+class Engine(World):
+    """The world of a drawn scene at its start, without permissions, limits and the resolution of instruments."""
 
-    Args:
-        mjcf: The model with the drawn values in it.
-        timestep: Replaces the scene's time step [s], to measure the discretisation error.
-    """
-    return World(mjcf, timestep)
+    def __init__(self, mjcf: str, timestep: float | None = None) -> None:
+        """Set up.
+
+        Args:
+            mjcf: The model with the drawn values in it.
+            timestep: Replaces the scene's time step [s], to measure the discretisation error.
+        """
+        super().__init__(mjcf, timestep)
+        self._mjcf, self._halved = mjcf, timestep
+
+    def changed(
+        self, changes: Mapping[str, Scalar | tuple[Scalar, ...]] | None = None, without: Collection[str] = ()
+    ) -> "Engine":
+        """The same scene at its start with a changed apparatus, such as one that an agent cannot build.
+
+        Args:
+            changes: Target as in the `apply` of a pack, such as `joint[rail].frictionloss` → its new value. Whoever
+                adds a mass names the element that has it, such as `body[object_1]/inertial.mass`.
+            without: Elements to leave out, such as `joint[stop]`.
+
+        Raises:
+            ValueError: A target does not name exactly one element.
+            SceneError: The changed model does not compile.
+        """
+        return Engine(changed_mjcf(self._mjcf, changes or {}, without), self._halved)
 
 
 def session_of(files: PackFiles, mjcf: str) -> Session:

@@ -69,9 +69,9 @@ def _drawn_value(files: PackFiles, pack: Pack, seed: int) -> AnswerValue:
         if solution.theory is not None:
             return solution.theory(knobs)
         if solution.measure is not None:
-            from evaluator.answers.engine import drawn_world  # noqa: PLC0415 - only keys without theory need the engine
+            from evaluator.answers.engine import Engine  # noqa: PLC0415 - only keys without theory need the engine
 
-            return solution.measure(drawn_world(drawn_mjcf(files, pack, knobs, canonical=False)), knobs)
+            return solution.measure(Engine(drawn_mjcf(files, pack, knobs, canonical=False)), knobs)
     except PackError as error:
         raise UsageError(str(error)) from error
     raise UsageError(f"{files.solution}: defines neither theory nor measure, so there is no key for seed {seed}")

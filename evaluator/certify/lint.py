@@ -13,7 +13,7 @@ from evaluator.certify import compiled_model
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
-from scenes import CANARY, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack, write_values
+from scenes import CANARY, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack
 from scenes.protocol import load_solution
 
 REVEALING_WORDS = frozenset(
@@ -179,11 +179,11 @@ def _knobs(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
     if abs(compiled_model.timestep(mjcf) - compiled_model.TIMESTEP_S) > 1e-12:
         yield f'the time step is {compiled_model.timestep(mjcf)} s; scenes use timestep="{compiled_model.TIMESTEP_S}"'
-    if "<!--" in mjcf:
+    if "<!--" in files.mjcf.read_text(encoding="utf-8"):
         yield "the XML has comments: they could hold hints, so put what readers should know into reasoning"
     yield from compiled_model.jointless_parts(mjcf)
     yield from compiled_model.overridden(mjcf, balls_may_come="create_objects" in pack.requires)
-    rewritten = write_values(files, pack, draw_knobs(files, pack, 0), mjcf)
+    rewritten = drawn_mjcf(files, pack, draw_knobs(files, pack, 0), canonical=False)
     yield from (
         f"the XML as written differs from the canonical knobs in {name}"
         for name in compiled_model.differences(mjcf, rewritten)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Self, cast
 
-from evaluator.answers.engine import drawn_world, session_of
+from evaluator.answers.engine import Engine, session_of
 from physment_mcp.session import Session
 from scenes import (
     AnswerSpec,
@@ -18,7 +18,6 @@ from scenes import (
     draw_knobs,
     drawn_mjcf,
     read_pack,
-    write_values,
 )
 from scenes.protocol import AnswerValue, Solution, load_solution
 
@@ -74,11 +73,6 @@ class Subject:
             self._drawn[wanted] = Draw(knobs, drawn_mjcf(self.files, self.pack, knobs, canonical=not (seed or knob)))
         return self._drawn[wanted]
 
-    def rewritten(self) -> str:
-        """The XML with the canonical values written into it; equivalent to the original if the pack is consistent."""
-        draw = self.draw(0)
-        return write_values(self.files, self.pack, draw.knobs, draw.mjcf)
-
     def session(self, draw: Draw) -> Session:
         """A new session of a draw."""
         return session_of(self.files, draw.mjcf)
@@ -87,7 +81,7 @@ class Subject:
         """The answer that the engine gives for a draw; None if the pack has no `measure`."""
         if self.solution.measure is None:
             return None
-        return self.solution.measure(drawn_world(draw.mjcf, timestep), draw.knobs)
+        return self.solution.measure(Engine(draw.mjcf, timestep), draw.knobs)
 
     @functools.cached_property
     def _truths(self) -> dict[str, AnswerValue]:

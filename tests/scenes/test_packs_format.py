@@ -12,7 +12,7 @@ import pytest
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
-from scenes.draw import evaluate, write_values
+from scenes.draw import evaluate
 from scenes.protocol import Call, answer, call, load_solution
 from tests.builders.paths import ORIGINAL
 
@@ -201,8 +201,8 @@ def test_a_missing_pack_is_refused_with_the_ids_of_all_packs(folder: Callable[..
     ("target", "xml", "word"),
     [
         ("geom", "<mujoco/>", "write targets as tag"),
-        ("geom[g].mass", "<mujoco/>", "names 0 elements of scene7.xml"),
-        ("geom.mass", "<mujoco><a><geom/><geom/></a></mujoco>", "names 2 elements of scene7.xml"),
+        ("geom[g].mass", "<mujoco/>", "names 0 elements of the model"),
+        ("geom.mass", "<mujoco><a><geom/><geom/></a></mujoco>", "names 2 elements of the model"),
         ("geom[g].mass", "<mujoco>", "not XML"),
         ("geom[g].mass", None, "no such file"),
     ],
@@ -275,10 +275,10 @@ def test_seed_0_is_the_scene_as_written(files: PackFiles) -> None:
 @pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))
 def test_canonical_values_written_in_give_the_scene_as_written(files: PackFiles) -> None:
     read = read_pack(files)
-    text = drawn_mjcf(files, read, {}, canonical=True)
+    values = draw_knobs(files, read, 0)
     models = [
-        mujoco.MjModel.from_xml_string(model)
-        for model in (text, write_values(files, read, draw_knobs(files, read, 0), text))
+        mujoco.MjModel.from_xml_string(drawn_mjcf(files, read, values, canonical=canonical))
+        for canonical in (True, False)
     ]
     for name in dir(models[0]):
         written, drawn = (getattr(model, name) for model in models)

@@ -1,0 +1,50 @@
+"""What a scene says about its laboratory, public in every pack: the limits on an agent, and its instruments."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _LaboratoryModel(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class Limits(_LaboratoryModel):
+    """How far an agent may go in one episode. What is left out has only the limits of every laboratory."""
+
+    force: float | None = Field(default=None, ge=0)
+    """Largest magnitude of the force that can be applied to an object [N]; 0 if none can."""
+    torque: float | None = Field(default=None, ge=0)
+    """Largest magnitude of the torque that can be applied to an object [N·m]; 0 if none can."""
+    created_mass: float | None = Field(default=None, gt=0)
+    """Total mass of all objects created in the episode, deleted ones too [kg]."""
+    lab_time: float | None = Field(default=None, gt=0)
+    """Simulated time [s]."""
+    calls: int | None = Field(default=None, gt=0)
+    """Tool calls, refused ones too. `answer` is neither counted nor refused."""
+
+
+class Noise(_LaboratoryModel):
+    """Standard deviations of the Gaussian noise of the instruments."""
+
+    position: float = Field(default=0.0, ge=0)
+    """Of each coordinate of a position [m]."""
+    velocity: float = Field(default=0.0, ge=0)
+    """Of each component of a velocity [m/s]."""
+    angle: float = Field(default=0.0, ge=0)
+    """Of an angle [rad]."""
+    spin: float = Field(default=0.0, ge=0)
+    """Of each component of a spin [rad/s]."""
+
+
+class Instruments(_LaboratoryModel):
+    """How finely the state of the laboratory is read; 0 for full precision."""
+
+    position: float = Field(default=0.0, ge=0)
+    """Resolution of each coordinate of a position [m]."""
+    velocity: float = Field(default=0.0, ge=0)
+    """Resolution of each component of a velocity [m/s]."""
+    angle: float = Field(default=0.0, ge=0)
+    """Resolution of an angle [rad]."""
+    spin: float = Field(default=0.0, ge=0)
+    """Resolution of each component of a spin [rad/s]."""
+    noise: Noise | None = None
+    """Noise that is added before the reading is rounded; the same quantity read twice at one moment has the same."""

@@ -1,0 +1,165 @@
+"""The model of a scene: its XML with the drawn values written into it, and without the parts that the draw leaves out.
+
+Knows XML text. What the elements mean is known to MuJoCo alone.
+"""
+
+import ast
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from scenes.draw import KnobValue, evaluate
+from scenes.errors import PackError
+from scenes.folder import PackFiles
+from scenes.pack import Expression, Law, Pack, Scalar
+
+_PRESENT = "present"
+"""Attribute of an element: a condition on the knobs, without which the element is left out of the model."""
+_LAWS = "laws"
+"""Name of the custom text of the model that holds the laws, as JSON with the drawn constants."""
+_STEP = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?")
+_NAMING = ("name", "joint", "site", "geom", "tendon", "body")
+"""Attributes that may name an element: its own name, or what an entry of a tendon refers to."""
+
+
+class _TargetError(ValueError):
+    """A target does not name exactly one attribute of the model; the message says why."""
+
+
+def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *, canonical: bool) -> str:
+    """The model's XML text for a draw.
+
+    Args:
+        files: Where the pack is.
+        pack: The pack.
+        values: As returned by `draw_knobs`.
+        canonical: True for the values of seed 0, which the XML contains as written.
+
+    Raises:
+        PackError: The XML is missing or not XML, a target of `apply` does not name exactly one element, or an
+            expression is wrong.
+    """
+    try:
+        text = files.mjcf.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError) as error:
+        raise PackError(files.mjcf, "no such file, or not UTF-8") from error
+    if canonical and not pack.laws and f"{_PRESENT}=" not in text:
+        return text
+    try:
+        root = ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
+    except ET.ParseError as error:
+        raise PackError(files.mjcf, f"not XML: {error}") from error
+    if not canonical:
+        _apply(files, pack, values, root)
+    _leave_out_absent(files, values, root)
+    _add_laws(files, pack, values, root)
+    return ET.tostring(root, encoding="unicode")
+
+
+def changed_mjcf(mjcf: str, changes: Mapping[str, Scalar | tuple[Scalar, ...]], without: Collection[str] = ()) -> str:
+    """A model with other values, or without some of its elements: a change of the apparatus.
+
+    Args:
+        mjcf: The model's XML text.
+        changes: Target as in `apply`, such as `joint[rail].frictionloss` → its new value, or several.
+        without: Elements to leave out, such as `joint[stop]`.
+
+    Raises:
+        ValueError: A target does not name exactly one element.
+    """
+    root = ET.fromstring(mjcf)  # noqa: S314 - the pack that the operator named
+    for target, value in changes.items():
+        element, attribute = _find_attribute(root, target)
+        element.set(attribute, " ".join(map(_as_text, value if isinstance(value, tuple) else (value,))))
+    for path in without:
+        _remove(root, _find_element(root, path))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _apply(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
+    for target, expressions in pack.apply.items():
+        field = f"apply.{target}"
+        try:
+            element, attribute = _find_attribute(root, target)
+        except _TargetError as error:
+            raise PackError(files.json, f"field {field}: {error}") from error
+        parts = expressions if isinstance(expressions, tuple) else (expressions,)
+        element.set(attribute, " ".join(_as_text(evaluate(files, field, part, values)) for part in parts))
+
+
+def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: ET.Element) -> None:
+    """Remove the elements whose condition is false, and the conditions."""
+    for element in list(root.iter()):
+        condition = element.attrib.pop(_PRESENT, None)
+        field = f"{_PRESENT} of <{element.tag}> in {files.mjcf.name}"
+        if condition is not None and not evaluate(files, field, condition, values):
+            _remove(root, element)
+
+
+def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
+    drawn = [
+        _drawn_law(law, values)
+        for number, law in enumerate(pack.laws)
+        if evaluate(files, f"laws.{number}.present", law.present, values)
+    ]
+    if drawn:
+        custom = ET.SubElement(root, "custom")
+        ET.SubElement(custom, "text", {"name": _LAWS, "data": json.dumps(drawn)})
+
+
+def _drawn_law(law: Law, values: Mapping[str, KnobValue]) -> dict[str, Any]:
+    """A law with the values of the knobs that it names."""
+    drawn: dict[str, Any] = law.model_dump(by_alias=True, exclude={"present"}, exclude_none=True)
+    for field in ("force", "torque"):
+        drawn[field] = [str(part) for part in drawn[field]]
+    named = set[str]().union(*(_names(text) for text in (*law.let.values(), *drawn["force"], *drawn["torque"])))
+    drawn["constants"] = {
+        name: value for name, value in values.items() if name in named and isinstance(value, int | float)
+    }
+    return drawn
+
+
+def _names(expression: str) -> set[str]:
+    # The engine reports an expression that is not one, with its place.
+    try:
+        return {node.id for node in ast.walk(ast.parse(expression, mode="eval")) if isinstance(node, ast.Name)}
+    except (SyntaxError, ValueError):
+        return set()
+
+
+def _as_text(value: Expression) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def _find_attribute(root: ET.Element, target: str) -> tuple[ET.Element, str]:
+    path, dot, attribute = target.rpartition(".")
+    if not dot or not attribute.isidentifier():
+        raise _TargetError("write targets as tag[name].attribute, or tag[name]/tag[name].attribute")
+    return _find_element(root, path), attribute
+
+
+def _find_element(root: ET.Element, path: str) -> ET.Element:
+    found = [root]
+    for number, step in enumerate(path.split("/")):
+        match = _STEP.fullmatch(step)
+        if match is None:
+            raise _TargetError("write targets as tag[name].attribute, or tag[name]/tag[name].attribute")
+        tag, name = match["tag"], match["name"]
+        # The first step is looked for everywhere, and the others directly in what was found before.
+        inside = [child for element in found for child in (element.iter(tag) if number == 0 else element.findall(tag))]
+        # An entry of a tendon has no name of its own, and elsewhere a reference is not a name.
+        naming = _NAMING[:1] if number == 0 else _NAMING
+        found = [element for element in inside if name is None or name in map(element.get, naming)]
+    if len(found) != 1:
+        raise _TargetError(f"names {len(found)} elements of the model, not one")
+    return found[0]
+
+
+def _remove(root: ET.Element, element: ET.Element) -> None:
+    # ElementTree elements do not know their parents. An element inside a removed one is already out of the tree.
+    for parent in root.iter():
+        if element in list(parent):
+            parent.remove(element)
+            return
