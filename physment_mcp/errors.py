@@ -7,6 +7,7 @@ PhysMentError
    ├─ UnknownObject      no such object, as far as the agent may know
    ├─ NotPermitted       the attribute is withheld, or the object is sealed
    ├─ NotAvailable       the tool is disabled in this scene
+   ├─ BeyondLimit        the call would go beyond a limit of this scene
    ├─ NotPossible        the laboratory cannot do that to this object
    ├─ NoDifference       no velocity difference exists yet
    ├─ BadArgument        a value is out of bounds or of the wrong form
@@ -62,6 +63,10 @@ class NotPermitted(RefusedCall):
 
 class NotAvailable(RefusedCall):
     """The tool is disabled in this scene."""
+
+
+class BeyondLimit(RefusedCall):
+    """The call would go beyond a limit of the scene: force, torque, created mass, laboratory time or calls."""
 
 
 class NotPossible(RefusedCall):

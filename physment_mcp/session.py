@@ -10,16 +10,17 @@ from typing import Literal
 
 import numpy as np
 
-from physment_mcp.errors import EpisodeOver, NotPermitted, NotPossible, SceneError, UnknownObject
+from physment_mcp.errors import BeyondLimit, EpisodeOver, NotPermitted, NotPossible, SceneError, UnknownObject
+from physment_mcp.limits import readout_of
 from physment_mcp.scene import Scene
 from physment_mcp.world import World
 from physment_mcp.world.readings import Array
-from scenes import Permissions, PublicObject
+from scenes import LabLimits, Permissions, PublicObject
 
-Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "velocity"]
+Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "angle", "velocity", "spin"]
 
 MAX_SIMULATED_S = 3600.0
-"""Simulated time an episode may use [s]."""
+"""Simulated time an episode may use [s], unless its scene says less."""
 MAX_CREATED = 64
 """Objects an episode may create."""
 
@@ -58,6 +59,8 @@ class SessionState:
     """Pairs of ids joined by `attach_objects`."""
     simulated_s: float = 0.0
     created_count: int = 0
+    created_mass: float = 0.0
+    """Total mass of the objects created so far, deleted ones too [kg]."""
     answer: object = None
     answered: bool = False
 
@@ -73,11 +76,13 @@ class Session:
     """The objects known at the start, each with its description then: the table of the opening prompt."""
     calls: int = 0
     """Tool calls so far, refused ones included; a roll-back does not lower it."""
+    counted_calls: int = 0
+    """The same without calls of `answer`, for the limit of the scene."""
     max_calls: int | None = None
     """Calls the episode may use, refused ones included; None for no limit."""
 
     def __post_init__(self) -> None:
-        self.world = World(self.scene.mjcf)
+        self.world = World(self.scene.mjcf, readout=readout_of(self.scene.public))
         public, bodies = self.scene.public, set(self.world.bodies)
         missing = [listed.object_id for listed in public.objects if listed.object_id not in bodies]
         if missing:
@@ -112,6 +117,40 @@ class Session:
             raise EpisodeOver("the episode is over: the answer has been given and no further call is possible")
         if self.ended:
             raise EpisodeOver(f"the episode is over: its {self.max_calls} calls are used up and no further is possible")
+
+    def count_call(self, *, answers: bool) -> None:
+        """Count a call before it runs.
+
+        Args:
+            answers: Whether it gives the answer, which no scene limits.
+
+        Raises:
+            BeyondLimit: The scene allows no further call but the answer.
+        """
+        self.calls += 1
+        if answers:
+            return
+        if self.calls_left == 0:
+            raise BeyondLimit(f"the {self.limits.calls} calls of this laboratory are used up; you can only answer now")
+        self.counted_calls += 1
+
+    # Limits
+
+    @property
+    def limits(self) -> LabLimits:
+        """The limits of the scene."""
+        return self.scene.public.limits or LabLimits()
+
+    @property
+    def calls_left(self) -> int | None:
+        """Calls that the scene still allows, besides the answer; None for no limit."""
+        return None if self.limits.calls is None else max(0, self.limits.calls - self.counted_calls)
+
+    @property
+    def lab_time_left(self) -> float:
+        """Simulated time that the episode may still use [s]."""
+        allowed = min(self.limits.lab_time or MAX_SIMULATED_S, MAX_SIMULATED_S)
+        return round(max(0.0, allowed - self.state.simulated_s), 9)
 
     def find(self, object_id: str) -> LabObject:
         """The object with this id; `1` means `object_1`.
@@ -157,7 +196,9 @@ class Session:
                     "density": may.geom_density,
                     "position": may.body_pos,
                     "orientation": may.body_quat,
+                    "angle": may.angle,
                     "velocity": may.velocity,
+                    "spin": may.spin is True,
                 }[attribute]
 
     def _is_ball(self, item: LabObject) -> bool:
@@ -210,13 +251,15 @@ class Session:
         """Record the answer, which ends the episode."""
         self.state = replace(self.state, answer=answer, answered=True)
 
-    def add(self, object_id: str, body: str, position: Array) -> None:
+    def add(self, object_id: str, body: str) -> None:
         """Add a created ball; the agent knows it at once."""
+        position = self.world.pose(body).position
         made = LabObject(object_id, object_id, body, _PUBLIC, position, known=True, created=True)
         self.state = replace(
             self.state,
             objects={**self.state.objects, object_id: made},
             created_count=self.state.created_count + 1,
+            created_mass=self.state.created_mass + self.world.mass(body),
         )
 
     def drop(self, object_ids: set[str]) -> None:

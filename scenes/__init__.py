@@ -8,7 +8,7 @@ from scenes.draw import KnobValue, draw_knobs
 from scenes.errors import PackError
 from scenes.export import export_packs
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
-from scenes.laboratory import Instruments, Limits, Noise
+from scenes.laboratory import Instruments, LabLimits, Noise
 from scenes.model import changed_mjcf, drawn_mjcf
 from scenes.new import write_new_scene
 from scenes.pack import (
@@ -31,8 +31,8 @@ __all__ = [
     "Category",
     "Instruments",
     "KnobValue",
+    "LabLimits",
     "Law",
-    "Limits",
     "Noise",
     "Pack",
     "PackError",

@@ -7,7 +7,7 @@ class _LaboratoryModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
-class Limits(_LaboratoryModel):
+class LabLimits(_LaboratoryModel):
     """How far an agent may go in one episode. What is left out has only the limits of every laboratory."""
 
     force: float | None = Field(default=None, ge=0)

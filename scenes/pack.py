@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from scenes.laboratory import Instruments, Limits
+from scenes.laboratory import Instruments, LabLimits
 
 CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 """Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
@@ -236,7 +236,7 @@ class Pack(_PackModel):
     `body[object_1]/inertial.mass` or `fixed[cord]/joint[wheel].coef` names an element by the one that holds it."""
     laws: tuple[Law, ...] = ()
     """Forces that MuJoCo has no element for. Private."""
-    limits: Limits | None = None
+    limits: LabLimits | None = None
     """How far an agent may go; told in the prompt. Published packs have none."""
     instruments: Instruments | None = None
     """How finely the state is read; told in the prompt. Published packs have none."""

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from scenes.draw import draw_knobs
 from scenes.errors import PackError
 from scenes.folder import PackFiles, read_pack
-from scenes.laboratory import Instruments, Limits
+from scenes.laboratory import Instruments, LabLimits
 from scenes.model import drawn_mjcf
 from scenes.pack import AnswerKind, Pack, Permissions
 
@@ -63,7 +63,7 @@ class PublicPack(_Public):
     disabled_tools: tuple[str, ...]
     soft_objects: tuple[Annotated[str, AfterValidator(_with_prefix)], ...]
     """Canonical ids; packs may also write the number alone."""
-    limits: Limits | None = None
+    limits: LabLimits | None = None
     instruments: Instruments | None = None
 
     @classmethod

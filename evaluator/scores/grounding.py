@@ -44,7 +44,11 @@ _FIELD_UNITS = {
         "orientation": "1",
         "normal": "1",
         "rotation_matrix": "1",
+        "angle": "rad",
+        "angular_velocity": "rad/s",
         "steps": "1",
+        "lab_time_left": "s",
+        "calls_left": "1",
     }.items()
 }
 """Units of result fields, from the tools' contract. A field that is not listed matches a number in any unit."""

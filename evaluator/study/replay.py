@@ -1,7 +1,7 @@
 """Replay: recorded episodes are played again, and what the laboratory returns is compared with the record.
 
 Where the tool contract is that of the record, every field must be equal. Where it is another one, every field of the
-record must be equal, and fields that were added since are only counted.
+record must be equal; fields that were added since, and opening prompts that changed with it, are only counted.
 """
 
 import math
@@ -47,7 +47,8 @@ class Replayed:
     """Calls compared."""
     differences: tuple[Difference, ...] = ()
     added: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Tool and field, such as `get_velocity: speed` → in how many places it was added since the record."""
+    """Tool and field, such as `get_velocity: speed`, or the opening prompt → in how many places it was added since the
+    record."""
     failure: str = ""
     """Why the episode could not be played; empty if it was."""
 
@@ -106,8 +107,13 @@ async def _replay_episode(
 
 
 def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]:
-    """A replay without the fields that its record does not have, and in how many places each of them was."""
+    """A replay without the fields that its record does not have, and in how many places each of them was.
+
+    The opening prompt describes the tools, so with another tool contract it may be another text: it counts as added.
+    """
     added = Counter[str]()
+    if now.prompt != stored.prompt:
+        added["opening prompt"] += 1
 
     def recorded(before: Exchange, after: Exchange) -> Exchange:
         content = _recorded_part(before.content, after.content, f"{before.call.tool}: ", added)
@@ -117,7 +123,7 @@ def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]
         after.model_copy(update={"exchanges": tuple(map(recorded, before.exchanges, after.exchanges))})
         for before, after in zip(stored.turns, now.turns, strict=False)
     ]
-    return now.model_copy(update={"turns": tuple(turns)}), added
+    return now.model_copy(update={"turns": tuple(turns), "prompt": stored.prompt}), added
 
 
 def _recorded_part(old: JsonValue, new: JsonValue, path: str, added: Counter[str]) -> JsonValue:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from physment_mcp.serving.examples import EXAMPLES
+from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Arguments
-from scenes import AnswerForm, AnswerKind
 
 
 class Prompting(StrEnum):
@@ -70,10 +70,11 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         _objects(session),
         "# Conventions\n\nSI units. World frame, z up. Vectors are [x, y, z], quaternions [w, x, y, z]. The time step"
         f" is {session.world.timestep:g} s. Sizes are full edge lengths along the object's own axes.",
+        *laboratory_blocks(scene),
         _tools(session, listing=text),
         _returns(text=text),
         *_examples(options.prompting),
-        _answer_form(scene.answer_form, scene.problem_type),
+        answer_block(scene.answer_form, scene.problem_type),
         "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
         " again. Assume nothing that you can measure. You can answer once; the answer ends the episode.",
     ]
@@ -138,7 +139,7 @@ def _signature(arguments: type[Arguments]) -> str:
 
 
 def _returns(*, text: bool) -> str:
-    shown = '{"sim_time":0.25,"velocity":[0.0,0.0,-2.4525]}'
+    shown = '{"sim_time":0.25,"velocity":[0.0,0.0,-2.4525],"angular_velocity":null}'
     how = (
         'To answer: [{"tool": "answer", "parameters": {"answer": 1.23}}].'
         if text
@@ -155,28 +156,3 @@ def _examples(prompting: Prompting) -> list[str]:
     if not count:
         return []
     return ["# Worked examples from other scenes\n\n" + "\n\n".join(EXAMPLES[:count])]
-
-
-def _answer_form(form: AnswerForm | None, problem_type: str) -> str:
-    number = "a number with at least three significant digits, without its unit"
-    if form is None:
-        by_type = {
-            "comparison": "the id or number the task asks for",
-            "observation": "the number of the case the task asks for",
-            "computation": "a list of numbers in the order of the task",
-        }
-        return f"# Answer\n\nAnswer with {by_type.get(problem_type, number)}."
-    if form.kind is AnswerKind.NUMBER:
-        return f"# Answer\n\nAnswer with {number} ({_unit(form.unit)})."
-    if form.kind is AnswerKind.NUMBERS:
-        units = (form.unit,) * len(form.labels) if isinstance(form.unit, str) or form.unit is None else form.unit
-        parts = [f"{label} ({_unit(unit)})" for label, unit in zip(form.labels, units, strict=False)]
-        order = f", in this order: {'; '.join(parts)}" if parts else ""
-        return f"# Answer\n\nAnswer with a list of numbers, each with at least three significant digits{order}."
-    if form.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS}:
-        return f"# Answer\n\nAnswer with exactly one of: {', '.join(form.options)}."
-    return "# Answer\n\nAnswer with a short text."
-
-
-def _unit(unit: str | tuple[str, ...] | None) -> str:
-    return f"in {unit}" if isinstance(unit, str) and unit != "1" else "no unit"

@@ -1,12 +1,14 @@
 """Tools that act on objects: push, twist, move, give a velocity, collide."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from physment_mcp.errors import NotPermitted, NotPossible, RefusedCall
-from physment_mcp.mechanics import Array, rotation_matrix
+from physment_mcp.limits import check_load
+from physment_mcp.mechanics import rotation_matrix
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools.base import Arguments, Number, ObjectArguments, ObjectId, Tool, Vector, array, plain
 from physment_mcp.tools.results import Collision, ForceSet, Moved, Shifted, TorqueSet, VelocitySet
@@ -62,35 +64,46 @@ class CollisionArguments(Arguments):
     ] = True
 
 
-def _relocate(session: Session, item: LabObject, target: Array) -> str | None:
-    """Place an object; returns a note for the agent if its joints did not allow the whole move."""
+_SHORT_MOVE = "its joints let it move only along its slides, and within their range; it went as near as they allow"
+"""The note for an object whose joints did not allow the whole move."""
+
+
+def _check_loose(session: Session, item: LabObject) -> None:
+    """Refuse to move what is attached to another object, and what the agent cannot read the position of."""
     moving = set(session.world.with_children(item.body))
     if any(other.attached for other in session.state.objects.values() if other.body in moving):
         raise NotPossible(f"{item.object_id} is attached to another object and cannot be moved by itself")
     session.readable(item.object_id, "position")
+
+
+@contextmanager
+def _unmoved(item: LabObject) -> Generator[None]:
+    """Name the object in a refusal to move it."""
     try:
-        restricted = session.world.place(item.body, target, session.obstacles())
+        yield
     except NotPossible as refusal:
         raise NotPossible(f"{item.object_id} was not moved: {refusal}") from refusal
-    if restricted and not np.allclose(session.world.pose(item.body).position, target, rtol=0, atol=1e-9):
-        return "its joints let it move only along its slides, and within their range; it went as near as they allow"
-    return None
 
 
 def _move_object(session: Session, args: PlaceArguments) -> Moved:
     item = session.movable(args.object_id)
-    note = _relocate(session, item, array([args.x, args.y, args.z]))
+    _check_loose(session, item)
+    with _unmoved(item):
+        arrived = session.world.place(item.body, array([args.x, args.y, args.z]), session.obstacles())
+    note = None if arrived else _SHORT_MOVE
     return Moved(sim_time=session.world.time, position=plain(session.world.pose(item.body).position), note=note)
 
 
 def _change_position(session: Session, args: ShiftArguments) -> Shifted:
     item = session.movable(args.object_id)
     shift = array([args.dx, args.dy, args.dz])
-    pose = session.world.pose(item.body)
     if not args.in_world_frame:
         session.readable(item.object_id, "orientation")
-        shift = rotation_matrix(pose.quaternion) @ shift
-    note = _relocate(session, item, pose.position + shift)
+        shift = rotation_matrix(session.world.pose(item.body).quaternion) @ shift
+    _check_loose(session, item)
+    with _unmoved(item):
+        arrived = session.world.shift(item.body, shift, session.obstacles())
+    note = None if arrived else _SHORT_MOVE
     return Shifted(sim_time=session.world.time, new_position=plain(session.world.pose(item.body).position), note=note)
 
 
@@ -107,6 +120,7 @@ def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
 
 def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
     item = session.movable(args.object_id)
+    check_load(session.limits, "force", args.force_vector)
     session.world.push(item.body, force=array(args.force_vector))
     return ForceSet(
         sim_time=session.world.time, status="force set", object_id=item.object_id, force=plain(array(args.force_vector))
@@ -115,6 +129,7 @@ def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
 
 def _apply_torque(session: Session, args: TorqueArguments) -> TorqueSet:
     item = session.movable(args.object_id)
+    check_load(session.limits, "torque", args.torque_vector)
     session.world.push(item.body, torque=array(args.torque_vector))
     return TorqueSet(
         sim_time=session.world.time,
@@ -165,7 +180,7 @@ def _respond(session: Session, first: LabObject, second: LabObject, touching: Co
     if touching is None or touching.approach_speed <= _RESTING_SPEED:
         return 0.0
     try:
-        return session.world.bounce(first.body, second.body, touching)
+        return session.world.bounce(first.body, second.body)
     except NotPossible as refusal:
         raise RefusedCall(f"no elastic response is possible: {refusal}") from refusal
 

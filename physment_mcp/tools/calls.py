@@ -12,6 +12,7 @@ from physment_mcp.errors import BadArgument, NotAvailable, Unstable
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Pieces, Progress
+from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
 ReportProgress = Callable[[float, float], Awaitable[None]]
@@ -67,7 +68,7 @@ async def call_async(
 def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[Result | Pieces]:
     """The result of a call, or its pieces still to do; the call is undone if it or the block fails."""
     session.check_open()
-    session.calls += 1
+    session.count_call(answers=name == ANSWER.name)
     tool = _BY_NAME.get(name)
     if tool is None:
         raise BadArgument(f"there is no tool {name!r}; the tools are {', '.join(_BY_NAME)}")

@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from physment_mcp.errors import BadArgument, NotPossible
+from physment_mcp.errors import BadArgument, NotPermitted, NotPossible
 from physment_mcp.mechanics import (
     Array,
     angular_momentum,
@@ -62,6 +62,8 @@ def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> P
 def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
     """Inertia scaled to the agent's mass, so that it does not reveal the true mass; and spin."""
     item = session.readable(args.object_id, "velocity")
+    if item.permissions.spin is False:
+        raise NotPermitted(f"the spin of {item.object_id} is withheld in this scene; find it by experiment")
     true_mass = session.world.mass(item.body)
     if true_mass <= 0:
         raise NotPossible(f"{item.object_id} has no mass of its own, so it has no inertia")

@@ -1,11 +1,13 @@
 """Tools that change what is in the laboratory: create, delete, reveal, attach."""
 
+import math
 import re
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from physment_mcp.errors import BadArgument, NotPermitted, NotPossible
+from physment_mcp.limits import check_created_mass
 from physment_mcp.session import MAX_CREATED, LabObject, Session
 from physment_mcp.tools.base import (
     Arguments,
@@ -61,19 +63,21 @@ def _create_objects(session: Session, args: CreateArguments) -> Created:
         raise BadArgument(f"create_objects: there is an object {args.name!r} already; choose another name")
     if session.state.created_count >= MAX_CREATED:
         raise NotPossible(f"no more than {MAX_CREATED} objects can be created in an episode")
+    mass = args.density * 4 / 3 * math.pi * args.radius**3
+    check_created_mass(session.limits, session.state.created_mass, mass)
     body = f"created:{args.name}"
     position = array(args.pos)
     try:
         session.world.add_ball(body, position, args.density, args.radius, array(args.rgba), session.obstacles())
     except NotPossible as refusal:
         raise NotPossible(f"{args.name} was not created: {refusal}") from refusal
-    session.add(args.name, body, position)
+    session.add(args.name, body)
     return Created(
         sim_time=session.world.time,
         status="created",
         name=args.name,
         object_id=args.name,
-        position=plain(position),
+        position=plain(session.world.pose(body).position),
         density=args.density,
         rgba=args.rgba,
     )
@@ -128,7 +132,8 @@ CREATE_OBJECTS = Tool(
     "create_objects",
     "Create a sphere",
     "Put a new, free sphere of known density into the laboratory; its name becomes its id. Everything else keeps its"
-    " state. Refused where it would overlap something by more than 1 mm. No time passes.",
+    " state. Refused where it would overlap something by more than 1 mm, and after"
+    f" {MAX_CREATED} objects. No time passes.",
     CreateArguments,
     Created,
     _create_objects,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from physment_mcp.errors import BadArgument
+from physment_mcp.errors import BeyondLimit
 from physment_mcp.session import MAX_SIMULATED_S, Session
 from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.results import Answered, Stepped
@@ -37,9 +37,9 @@ def _step(session: Session, args: StepArguments) -> Pieces:
     world = session.world
     steps = world.whole_steps(args.duration)
     length = steps * world.timestep
-    if session.state.simulated_s + length > MAX_SIMULATED_S * (1 + 1e-9):
-        left = MAX_SIMULATED_S - session.state.simulated_s
-        raise BadArgument(f"step: only {left:.6g} s of simulated time are left in this episode")
+    left = session.lab_time_left
+    if length > left + world.timestep / 2:
+        raise BeyondLimit(f"step: {length:g} s is too long: {left:g} s of laboratory time are left in this episode")
     done, piece = 0, min(steps, 64)
     while done < steps:
         yield Progress(done * world.timestep, length)
@@ -51,7 +51,7 @@ def _step(session: Session, args: StepArguments) -> Pieces:
         piece = min(steps - done, max(1, int(piece * min(8.0, _PIECE_S / taken))))
     yield Progress(length, length)
     session.pass_time(length)
-    return Stepped(sim_time=world.time, steps=steps)
+    return Stepped(sim_time=world.time, steps=steps, lab_time_left=session.lab_time_left, calls_left=session.calls_left)
 
 
 def _answer(session: Session, args: AnswerArguments) -> Answered:
@@ -62,7 +62,8 @@ def _answer(session: Session, args: AnswerArguments) -> Answered:
 STEP = Tool(
     "step",
     "Step",
-    "Let time pass in the laboratory. Nothing moves unless you call this.",
+    "Let time pass in the laboratory. Nothing moves unless you call this. An episode has"
+    f" {MAX_SIMULATED_S:g} s of laboratory time, unless the scene says less.",
     StepArguments,
     Stepped,
     _step,

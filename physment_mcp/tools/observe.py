@@ -22,12 +22,23 @@ def _get_position(session: Session, args: ObjectArguments) -> Position:
     item = session.readable(args.object_id, "position")
     pose = session.world.pose(item.body)
     orientation = plain(pose.quaternion) if session.may_read(item, "orientation") else None
-    return Position(sim_time=session.world.time, position=plain(pose.position), orientation=orientation)
+    turn = session.world.turn(item.body) if session.may_read(item, "angle") else None
+    return Position(
+        sim_time=session.world.time,
+        position=plain(pose.position),
+        orientation=orientation,
+        angle=None if turn is None else turn.angle,
+    )
 
 
 def _get_velocity(session: Session, args: ObjectArguments) -> Velocity:
     item = session.readable(args.object_id, "velocity")
-    return Velocity(sim_time=session.world.time, velocity=plain(session.world.twist(item.body).linear))
+    turn = session.world.turn(item.body) if session.may_read(item, "spin") else None
+    return Velocity(
+        sim_time=session.world.time,
+        velocity=plain(session.world.twist(item.body).linear),
+        angular_velocity=None if turn is None else turn.spin,
+    )
 
 
 def _get_acceleration(session: Session, args: ObjectArguments) -> Acceleration:
@@ -87,7 +98,8 @@ def _get_center_of_mass(session: Session, args: NoArguments) -> CenterOfMass:
 GET_POSITION = Tool(
     "get_position",
     "Position",
-    "Read where an object is: the origin of its frame in world coordinates, and its orientation if the scene shows it.",
+    "Read where an object is: the origin of its frame in world coordinates, and its orientation"
+    " and its joint angle if the scene shows them.",
     ObjectArguments,
     Position,
     _get_position,
@@ -96,7 +108,7 @@ GET_POSITION = Tool(
 GET_VELOCITY = Tool(
     "get_velocity",
     "Velocity",
-    "Read the velocity of an object's centre of mass, world frame.",
+    "Read the velocity of an object's centre of mass, world frame, and its joint speed if the scene shows it.",
     ObjectArguments,
     Velocity,
     _get_velocity,

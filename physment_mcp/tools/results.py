@@ -33,6 +33,10 @@ class Stepped(Result):
     """Result of `step`."""
 
     steps: Annotated[int, Field(description="Time steps run.")]
+    lab_time_left: Annotated[float, Field(description="Simulated time that the episode may still use [s].")]
+    calls_left: Annotated[
+        int | None, Field(description="Calls that this laboratory still allows besides answer; null for no limit.")
+    ]
     results: Annotated[None, Field(description="Always null: read what you need with the other tools.")] = None
 
 
@@ -42,6 +46,10 @@ class Position(Result):
     position: Annotated[Vector, Field(description="Origin of the object's frame, world [m].")]
     orientation: Annotated[
         Quaternion | None, Field(description="Unit quaternion [w, x, y, z], object to world; null if withheld.")
+    ]
+    angle: Annotated[
+        float | None,
+        Field(description="Joint angle of an object on a hinge [rad], whole turns counted; null if not shown."),
     ]
 
 
@@ -63,6 +71,9 @@ class Velocity(Result):
     """Result of `get_velocity`."""
 
     velocity: Annotated[Vector, Field(description="Velocity of the centre of mass, world [m/s].")]
+    angular_velocity: Annotated[
+        float | None, Field(description="Joint speed of an object on a hinge [rad/s]; null if not shown.")
+    ]
 
 
 class VelocitySet(Result):

@@ -28,7 +28,7 @@ def is_movable(model: mujoco.MjModel, body: int) -> bool:
     return driving_body(model, body) != 0
 
 
-def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int, target: Array) -> bool:
+def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int, target: Array) -> None:
     """Write into `qpos` the joint positions that bring the body's origin as near to `target` as its joints allow.
 
     Args:
@@ -38,9 +38,6 @@ def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int,
         body: The body to place.
         target: World position (3,) [m].
 
-    Returns:
-        True if the joints restrict the body to its slide axes, False for a free body.
-
     Raises:
         NotPossible: The body has no joint along which it could be moved.
     """
@@ -49,7 +46,7 @@ def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int,
     if len(joints) == 1 and model.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_FREE:
         positions, _ = joint_slices(model, joints[0])
         qpos[positions.start : positions.start + 3] += shift
-        return False
+        return
     slides = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE]
     if not slides:
         raise NotPossible("it has no free or sliding joint, so it cannot be moved to another place")
@@ -61,7 +58,6 @@ def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int,
         if model.jnt_limited[joint]:
             low, high = model.jnt_range[joint]
             qpos[address] = np.clip(qpos[address], low, high)
-    return True
 
 
 def velocity_rates(model: mujoco.MjModel, settled: mujoco.MjData, body: int, velocity: Array) -> Array:

@@ -35,6 +35,13 @@ class Twist(NamedTuple):
     linear: Array
 
 
+class HingeMotion(NamedTuple):
+    """Joint angle [rad], which counts whole turns, and joint speed [rad/s] of a hinge, about its axis."""
+
+    angle: float
+    spin: float
+
+
 class Shape(NamedTuple):
     """Shape of a body.
 
@@ -75,9 +82,25 @@ def twist(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Twist:
     return Twist(velocity[:3], velocity[3:])
 
 
-def inertia(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
-    """Inertia tensor about the centre of mass, world axes (3, 3) [kg·m²]."""
-    axes = data.ximat[body].reshape(3, 3)
+def turn(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> HingeMotion | None:
+    """Motion of the only hinge among the joints between a body and its parent; None if there is not exactly one.
+
+    Source: MuJoCo `qpos`, `qvel`.
+    """
+    first = int(model.body_jntadr[body])
+    joints = range(first, first + int(model.body_jntnum[body]))
+    hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
+    if len(hinges) != 1:
+        return None
+    return HingeMotion(float(data.qpos[model.jnt_qposadr[hinges[0]]]), float(data.qvel[model.jnt_dofadr[hinges[0]]]))
+
+
+def inertia(model: mujoco.MjModel, body: int, quaternion: Array) -> Array:
+    """Inertia tensor about the centre of mass, world axes (3, 3) [kg·m²], of a body with this orientation (4,)."""
+    whole, axes = np.zeros(4), np.zeros(9)
+    mujoco.mju_mulQuat(whole, quaternion, model.body_iquat[body])
+    mujoco.mju_quat2Mat(axes, whole)
+    axes = axes.reshape(3, 3)
     return axes @ np.diag(model.body_inertia[body]) @ axes.T
 
 

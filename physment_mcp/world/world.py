@@ -1,103 +1,39 @@
 """A simulated world that can be read without disturbing it, acted on, edited and rolled back.
 
-Readings come from a settled copy of the live state, for two reasons. `mj_forward` on the live data would change later
-steps through the solver's warm start. And after `mj_step` the engine's own poses and contacts are one time step older
-than its joint positions.
+Readings come from a settled copy of the live state, through the instruments of the world.
 """
 
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from physment_mcp.errors import NoDifference, NotPossible, Unstable
+from physment_mcp.errors import NoDifference, NotPossible
 from physment_mcp.world import editing, motion, readings
 from physment_mcp.world.editing import JointKind
-from physment_mcp.world.loading import carry_state, is_finite, load
 from physment_mcp.world.pictures import showing
 from physment_mcp.world.pictures.looks import Part
-from physment_mcp.world.readings import Array, Contact, Pose, Shape, Twist
+from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
+from physment_mcp.world.readout import EXACT, Readout
+from physment_mcp.world.simulation import STATE, Simulation, settle
 
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 OVERLAP_LIMIT = 1e-3
 """Depth [m] to which a body may be placed into another."""
 
 
-class _Instant(NamedTuple):
-    """A state, and the model it belongs to."""
+class World(Simulation):
+    """One MuJoCo model and its state, as bodies with names that can be read, acted on and edited."""
 
-    model: mujoco.MjModel
-    state: Array
+    def __init__(self, mjcf: str, timestep: float | None = None, readout: Readout = EXACT) -> None:
+        """Set up.
 
-
-class Snapshot(NamedTuple):
-    """Everything of a world that a roll-back restores. Opaque to callers."""
-
-    spec: mujoco.MjSpec
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    state: Array
-    before_step: _Instant | None
-    disturbed: frozenset[str]
-
-
-class World:
-    """One MuJoCo model and its state."""
-
-    def __init__(self, mjcf: str, timestep: float | None = None) -> None:
-        self._spec, self._model, self._data = load(mjcf, timestep)
-        self._scratch = mujoco.MjData(self._model)
-        self._settled = False
-        self._before_step: _Instant | None = None
-        self._disturbed: frozenset[str] = frozenset()
-
-    # The clock
-
-    @property
-    def time(self) -> float:
-        """Simulation clock [s]."""
-        return float(self._data.time)
-
-    @property
-    def timestep(self) -> float:
-        """Time step [s]."""
-        return float(self._model.opt.timestep)
-
-    def whole_steps(self, duration: float) -> int:
-        """The nearest whole number of time steps to a duration [s], at least one."""
-        return max(1, round(duration / self.timestep))
-
-    def step(self, steps: int) -> None:
-        """Advance by a number of time steps.
-
-        Raises:
-            Unstable: The state is no longer finite; the caller rolls back.
-
-        Source: MuJoCo `mj_step(nstep)`.
+        Args:
+            mjcf: MuJoCo XML.
+            timestep: Replaces the model's own time step [s]; for step-halving checks.
+            readout: How finely the world is read.
         """
-        self._settled = False
-        # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
-        self._data.warning.number[:] = 0
-        if steps > 1:
-            mujoco.mj_step(self._model, self._data, steps - 1)
-        self._before_step = _Instant(self._model, self._state())
-        self._disturbed = frozenset()
-        mujoco.mj_step(self._model, self._data)
-        if not is_finite(self._data):
-            raise Unstable("the simulation became unstable and was rolled back; use smaller forces or speeds")
-
-    def save(self) -> Snapshot:
-        """What `restore` needs to undo all later changes."""
-        return Snapshot(self._spec, self._model, self._data, self._state(), self._before_step, self._disturbed)
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Undo everything since `save`, bit for bit."""
-        if snapshot.model is not self._model:
-            self._scratch = mujoco.MjData(snapshot.model)
-        self._spec, self._model, self._data, state, self._before_step, self._disturbed = snapshot
-        mujoco.mj_setState(self._model, self._data, state, _STATE)
-        self._settled = False
+        super().__init__(mjcf, timestep)
+        self._readout = readout
 
     # Reading
 
@@ -108,15 +44,34 @@ class World:
 
     def pose(self, body: str) -> Pose:
         """Pose of the body frame, world coordinates."""
-        return readings.pose(self._model, self._now(), self._id(body))
+        true, step = readings.pose(self._model, self._now(), self._id(body)), self._step_number
+        return Pose(
+            self._readout.read("position", true.position, body, step),
+            self._readout.read_quaternion(true.quaternion, body, step),
+        )
 
     def centre(self, body: str) -> Array:
         """Centre of mass (3,) [m], world coordinates. Source: MuJoCo `xipos`."""
-        return self._now().xipos[self._id(body)].copy()
+        true = self._now().xipos[self._id(body)].copy()
+        return self._readout.read("position", true, body, self._step_number)
 
     def twist(self, body: str) -> Twist:
         """Spin, and velocity of the centre of mass, world axes."""
-        return readings.twist(self._model, self._now(), self._id(body))
+        return self._read_twist(readings.twist(self._model, self._now(), self._id(body)), body, self._step_number)
+
+    def _read_twist(self, true: Twist, body: str, step: int) -> Twist:
+        return Twist(
+            self._readout.read("spin", true.angular, body, step),
+            self._readout.read("velocity", true.linear, body, step),
+        )
+
+    def turn(self, body: str) -> HingeMotion | None:
+        """Joint angle and joint speed of a body with exactly one hinge among its own joints; None for other bodies."""
+        true, step = readings.turn(self._model, self._now(), self._id(body)), self._step_number
+        return true and HingeMotion(
+            self._readout.read_number("angle", true.angle, f"{body}:joint", step),
+            self._readout.read_number("spin", true.spin, f"{body}:joint", step),
+        )
 
     def acceleration(self, body: str) -> Array:
         """Change of the centre of mass's velocity over the last time step, divided by the time step (3,) [m/s²].
@@ -129,10 +84,11 @@ class World:
             raise NoDifference("there is no velocity difference yet; call step first")
         before, state = self._before_step
         earlier = self._scratch if before is self._model else mujoco.MjData(before)
-        _settle(before, earlier, state)
+        settle(before, earlier, state)
         self._settled = self._settled and before is not self._model
-        old = readings.twist(before, earlier, before.body(body).id).linear
-        new = readings.twist(self._model, self._now(), index).linear
+        step = self._step_number
+        old = self._read_twist(readings.twist(before, earlier, before.body(body).id), body, step - 1).linear
+        new = self._read_twist(readings.twist(self._model, self._now(), index), body, step).linear
         return (new - old) / float(before.opt.timestep)
 
     def mass(self, body: str) -> float:
@@ -141,7 +97,7 @@ class World:
 
     def inertia(self, body: str) -> Array:
         """Inertia tensor about the centre of mass, world axes (3, 3) [kg·m²]."""
-        return readings.inertia(self._model, self._now(), self._id(body))
+        return readings.inertia(self._model, self._id(body), self.pose(body).quaternion)
 
     def shape(self, body: str) -> Shape:
         """Type and bounding box."""
@@ -166,7 +122,13 @@ class World:
 
     def contact(self, first: str, second: str) -> Contact | None:
         """The contact between two bodies, or None."""
-        return readings.contact(self._model, self._now(), self._id(first), self._id(second))
+        true = readings.contact(self._model, self._now(), self._id(first), self._id(second))
+        source, step = f"{first}:{second}", self._step_number
+        return true and Contact(
+            self._readout.read("position", true.point, source, step),
+            self._readout.read_direction(true.normal, source, step),
+            self._readout.read_number("velocity", true.approach_speed, source, step),
+        )
 
     def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
         """A model that contains only what may be seen now; see `showing.shown_model`."""
@@ -203,12 +165,12 @@ class World:
 
         Args:
             body: The body.
-            target: World position (3,) [m].
+            target: World position (3,) [m]; rounded to the resolution of positions.
             obstacles: Bodies that it may not overlap by more than 1 mm, or than it already does, each with the name
                 that a refusal gives it.
 
         Returns:
-            True if its joints let it move along slide axes only.
+            True if it has arrived there, False if its joints did not let it move all the way.
 
         Raises:
             NotPossible: It has no joint to move along, or it would overlap an obstacle.
@@ -218,9 +180,10 @@ class World:
         tree = [self._id(name) for name in self.with_children(body)]
         before = readings.overlaps(self._model, now, tree)
         qpos = now.qpos.copy()
-        restricted = motion.place(self._model, now, qpos, index, target)
+        target = self._readout.on_grid(target)
+        motion.place(self._model, now, qpos, index, target)
         trial = mujoco.MjData(self._model)
-        mujoco.mj_setState(self._model, trial, self._state(), _STATE)
+        mujoco.mj_setState(self._model, trial, self._state(), STATE)
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
         for pair, depth in readings.overlaps(self._model, trial, tree).items():
@@ -230,7 +193,11 @@ class World:
                 raise _overlap(obstacles[other])
         self._data.qpos[:] = qpos
         self._disturb()
-        return restricted
+        return np.allclose(self._now().xpos[index], target, rtol=0, atol=1e-9)
+
+    def shift(self, body: str, shift: Array, obstacles: Mapping[str, str]) -> bool:
+        """As `place`, at a displacement (3,) [m] from where the body is."""
+        return self.place(body, self._now().xpos[self._id(body)] + shift, obstacles)
 
     def set_velocity(self, body: str, velocity: Array) -> None:
         """Give the centre of mass a velocity [m/s], as near as the body's joints allow.
@@ -241,25 +208,30 @@ class World:
         self._data.qvel[:] = motion.velocity_rates(self._model, self._now(), self._id(body), velocity)
         self._disturb()
 
-    def bounce(self, first: str, second: str, contact: Contact) -> float:
-        """Apply the perfectly elastic impulse along the normal of a contact, and return it [N·s].
+    def bounce(self, first: str, second: str) -> float:
+        """Apply the perfectly elastic impulse along the normal of the contact of two bodies, and return it [N·s].
+
+        It is returned as the instruments give it: in proportion to the closing speed that they read.
 
         Raises:
-            NotPossible: Neither body can move along the normal.
+            NotPossible: They do not touch, or neither body can move along the normal.
         """
-        now = self._now()
-        row = readings.normal_row(self._model, now, contact.point, contact.normal, self._id(first), self._id(second))
+        now, ids = self._now(), (self._id(first), self._id(second))
+        true, read = readings.contact(self._model, now, *ids), self.contact(first, second)
+        if true is None or read is None:
+            raise NotPossible("they do not touch")
+        row = readings.normal_row(self._model, now, true.point, true.normal, *ids)
         rates, impulse = motion.elastic_rates(self._model, now, row)
         self._data.qvel[:] = rates
         self._disturb()
-        return impulse
+        return impulse * read.approach_speed / true.approach_speed if true.approach_speed else impulse
 
     # Editing
 
     def add_ball(
         self, body: str, position: Array, density: float, radius: float, rgba: Array, obstacles: Mapping[str, str]
     ) -> None:
-        """Add a free sphere; everything else keeps its state.
+        """Add a free sphere, at a position rounded to the resolution of positions; everything else keeps its state.
 
         Raises:
             NotPossible: It would overlap an obstacle by more than 1 mm, or its inertia is too small for the engine.
@@ -267,6 +239,7 @@ class World:
         saved = self.save()
         if 0.4 * (4 / 3 * np.pi * radius**3 * density) * radius**2 < mujoco.mjMINVAL:
             raise NotPossible("so light a sphere cannot be simulated; give it a larger density or radius")
+        position = self._readout.on_grid(position)
         self._replace(editing.with_ball(self._spec, body, position, density, radius, rgba))
         depths = readings.overlaps(self._model, self._now(), [self._id(body)])
         for (_, other), depth in depths.items():
@@ -292,49 +265,7 @@ class World:
         for geom in self._spec.body(body).geoms:
             geom.rgba[3] = 1.0
 
-    def _replace(self, spec: mujoco.MjSpec) -> None:
-        model = spec.compile()
-        data = carry_state(self._model, self._data, model)
-        self._spec, self._model, self._data = spec, model, data
-        self._scratch = mujoco.MjData(model)
-        self._settled = False
-
-    def _id(self, body: str) -> int:
-        return int(self._model.body(body).id)
-
-    def _state(self) -> Array:
-        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
-        mujoco.mj_getState(self._model, self._data, state, _STATE)
-        return state
-
-    def _now(self) -> mujoco.MjData:
-        """A settled copy of the live state; the same object until the state changes."""
-        if not self._settled:
-            _settle(self._model, self._scratch, self._state())
-            self._settled = True
-        return self._scratch
-
-    def _disturb(self) -> None:
-        """Note which bodies the change just made has moved or given another velocity."""
-        model = self._model
-        old_places = self._scratch.xpos.copy()
-        old_speeds = [readings.twist(model, self._scratch, index).linear for index in range(model.nbody)]
-        self._settled = False
-        now = self._now()
-        self._disturbed |= {
-            model.body(index).name
-            for index in range(1, model.nbody)
-            if not np.array_equal(old_places[index], now.xpos[index])
-            or not np.allclose(old_speeds[index], readings.twist(model, now, index).linear, rtol=1e-12, atol=1e-12)
-        }
-
 
 def _overlap(label: str) -> NotPossible:
     # Do not report the depth: it would reveal withheld sizes and positions.
     return NotPossible(f"there it would overlap {label} by more than {1000 * OVERLAP_LIMIT:g} mm")
-
-
-def _settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
-    """Put `state` into `data` and bring everything derived up to date."""
-    mujoco.mj_setState(model, data, state, _STATE)
-    mujoco.mj_forward(model, data)

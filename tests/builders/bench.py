@@ -57,7 +57,8 @@ class Bench:
         """The vector that a tool returns for an object."""
         result = await self(tool, object_id=object_id, **arguments)
         del result["sim_time"]
-        result.pop("orientation", None)
+        for name in ("orientation", "angle", "angular_velocity"):
+            result.pop(name, None)
         (value,) = result.values() if len(result) == 1 else (result,)
         return np.array(list(value.values()) if isinstance(value, dict) else value)
 

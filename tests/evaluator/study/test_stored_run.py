@@ -151,6 +151,14 @@ OTHER = "0" * 16
 
 
 @pytest.fixture(scope="module")
+def today(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> RunFolder:
+    """The same run, played by the code of today; to be copied before it is changed."""
+    folder = RunFolder(tmp_path_factory.mktemp("today") / "run")
+    assert play(folder.path, host_url) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
 def present() -> str:
     """The tool contract of today."""
 
@@ -177,11 +185,10 @@ def recorded_under(folder: RunFolder, contract: str) -> None:
     ],
 )
 async def test_only_under_another_tool_contract_may_a_return_have_more_fields_than_its_record(
-    contracts: tuple[str, ...], change: Callable[[dict[str, Any]], dict[str, Any]], different: str, present: str
-) -> None:
-    (episode,) = [
-        episode for key, episode in RunFolder(STORED).episodes().items() if (key.scene, key.agent) == (7, "reference")
-    ]
+    contracts: tuple[str, ...], change: Callable[[dict[str, Any]], dict[str, Any]], different: str, present: str,
+    today: RunFolder,
+) -> None:  # fmt: skip
+    (episode,) = [episode for key, episode in today.episodes().items() if (key.scene, key.agent) == (7, "reference")]
     agent = RecordedAgent("replay:stored", (first_velocity(episode, change),))
     known = frozenset(present if contract == "present" else contract for contract in contracts)
     (found,) = await replay(agent, MemoryLaboratory(), contracts=known)
@@ -191,9 +198,9 @@ async def test_only_under_another_tool_contract_may_a_return_have_more_fields_th
 
 
 def test_the_command_reads_the_contract_from_the_run_and_names_what_was_added_since(
-    stored: RunFolder, present: str, host_url: str, capsys: pytest.CaptureFixture[str]
+    today: RunFolder, tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recorded_under(stored, present)
+    stored = RunFolder(shutil.copytree(today.path, tmp_path / "copy"))
     episodes = [
         first_velocity(episode, with_less) if (key.scene, key.agent) == (7, "reference") else episode
         for key, episode in stored.episodes().items()
@@ -222,6 +229,8 @@ def test_added_fields_are_found_inside_objects_and_lists() -> None:
     after = episode({"a": {"b": 1, "new": 2}, "c": [{"d": 1, "new": 3}, {"d": 2, "new": 4}], "e": [1, 2]})
     now, added = without_added(before, after)
     assert added == {"look: a.new": 2, "look: c.new": 4}
+    _, added = without_added(before, after.model_copy(update={"prompt": "another"}))
+    assert added["opening prompt"] == 1
     assert [difference.what for difference in differences(before, now)] == ["look: e", "look: e"]
 
 

@@ -70,7 +70,13 @@ async def test_an_unpacked_bundle_plays_a_scene(unpacked: Path, manifest: dict[s
             prompt = await client.get_prompt("scene", {"scene_id": "7"})
             assert "# Scene: " in prompt.messages[0].content.text
             stepped = await client.call_tool("step", {"duration": 0.1})
-            assert stepped.structured_content == {"sim_time": pytest.approx(0.1), "steps": 20, "results": None}
+            assert stepped.structured_content == {
+                "sim_time": 0.1,
+                "steps": 20,
+                "lab_time_left": 3599.9,
+                "calls_left": None,
+                "results": None,
+            }
             (contents,) = (await client.read_resource("physment://scenes")).contents
             assert len(json.loads(contents.text)["scenes"]) == len(list_packs())
 

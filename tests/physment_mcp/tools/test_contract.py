@@ -307,7 +307,7 @@ async def test_a_withheld_orientation_is_null_beside_a_permitted_position(
     pack["object_permissions"]["object_2_permissions"]["body_quat"] = False
     async with open_lab(pack) as lab:
         seen = await lab.call("get_position", object_id=2)
-    assert seen == {"sim_time": 0.0, "position": [1.0, 0.0, 1.0], "orientation": None}
+    assert seen == {"sim_time": 0.0, "position": [1.0, 0.0, 1.0], "orientation": None, "angle": None}
 
 
 @pytest.mark.parametrize(

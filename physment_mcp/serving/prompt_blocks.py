@@ -1,0 +1,106 @@
+"""Blocks of the opening prompt that a pack decides: the limits, the instruments, and the form of the answer."""
+
+from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack
+
+
+def laboratory_blocks(scene: PublicPack) -> list[str]:
+    """The blocks on limits and instruments; none for a pack that says nothing of them."""
+    blocks: list[str] = []
+    if scene.limits is not None:
+        rules = "\n".join(f"- {rule}" for rule in _limits(scene.limits))
+        blocks.append(
+            f"# Limits\n\n{rules}\n\nA call that would go beyond a limit is refused, says what is left, and changes"
+            " nothing."
+        )
+    if scene.instruments is not None:
+        rules = "\n".join(f"- {rule}" for rule in _instruments(scene.instruments))
+        blocks.append(
+            f"# Instruments\n\n{rules}\n\nWhatever is computed from readings is as fine as they are. Objects are put"
+            " to places no more finely than positions are read."
+        )
+    return blocks
+
+
+def _limits(limits: LabLimits) -> list[str]:
+    rules: list[str] = []
+    for name, limit, unit in (("Forces", limits.force, "N"), ("Torques", limits.torque, "N·m")):
+        if limit is not None:
+            rules.append(
+                f"{name}: at most {limit:g} {unit} on an object." if limit else f"{name}: none can be applied."
+            )
+    if limits.created_mass is not None:
+        rules.append(f"Created objects: at most {limits.created_mass:g} kg in all; what is deleted does not come back.")
+    if limits.lab_time is not None:
+        rules.append(f"Laboratory time: {limits.lab_time:g} s.")
+    if limits.calls is not None:
+        rules.append(f"Calls: {limits.calls}; refused calls count, `answer` does not.")
+    return rules
+
+
+def _instruments(instruments: Instruments) -> list[str]:
+    rules: list[str] = []
+    for name, unit in (("position", "m"), ("velocity", "m/s"), ("angle", "rad"), ("spin", "rad/s")):
+        resolution = getattr(instruments, name)
+        noise = getattr(instruments.noise, name) if instruments.noise else 0
+        parts = [f"a resolution of {resolution:g} {unit}"] if resolution else []
+        parts += [f"a random error with a standard deviation of {noise:g} {unit}"] if noise else []
+        if parts:
+            rules.append(f"{_PLURALS[name]}: {' and '.join(parts)}.")
+    if instruments.noise is not None:
+        rules.append("A second reading at the same moment repeats the first; errors at different moments differ.")
+    return rules
+
+
+_PLURALS = {
+    "position": "Positions, each coordinate",
+    "velocity": "Velocities, each component",
+    "angle": "Angles",
+    "spin": "Spins",
+}
+
+
+def answer_block(form: AnswerForm | None, problem_type: str) -> str:
+    """The block on the form of the answer and its tolerance.
+
+    Args:
+        form: The form that the pack states; None for a published pack.
+        problem_type: Decides where the pack states no form.
+    """
+    if form is None:
+        usual = _tolerance(AnswerForm(kind=AnswerKind.NUMBER))
+        by_type = {
+            "comparison": "the id or number the task asks for.",
+            "observation": "the number of the case the task asks for.",
+            "computation": f"a list of numbers in the order of the task. {usual}",
+        }
+        return f"# Answer\n\nAnswer with {by_type.get(problem_type, f'{_NUMBER}. {usual}')}"
+    if form.kind is AnswerKind.NUMBER:
+        return f"# Answer\n\nAnswer with {_NUMBER} ({_unit(form.unit)}). {_tolerance(form)}"
+    if form.kind is AnswerKind.NUMBERS:
+        units = (form.unit,) * len(form.labels) if isinstance(form.unit, str) or form.unit is None else form.unit
+        parts = [f"{label} ({_unit(unit)})" for label, unit in zip(form.labels, units, strict=False)]
+        order = f", in this order: {'; '.join(parts)}" if parts else ""
+        return (
+            f"# Answer\n\nAnswer with a list of numbers, each with at least three significant digits{order}."
+            f" {_tolerance(form)}"
+        )
+    if form.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS}:
+        return f"# Answer\n\nAnswer with exactly one of: {', '.join(form.options)}."
+    return "# Answer\n\nAnswer with a short text."
+
+
+_NUMBER = "a number with at least three significant digits, without its unit"
+
+
+def _tolerance(form: AnswerForm) -> str:
+    within = [f"{100 * form.rel_tol:g} %"] if form.rel_tol else []
+    unit = f" {form.unit}" if isinstance(form.unit, str) and form.unit != "1" else ""
+    within += [f"{form.abs_tol:g}{unit}"] if form.abs_tol else []
+    return (
+        f"A number counts as right within {' plus '.join(within) or 'rounding'} of what this laboratory really gives,"
+        " even where an ideal one would give something else."
+    )
+
+
+def _unit(unit: str | tuple[str, ...] | None) -> str:
+    return f"in {unit}" if isinstance(unit, str) and unit != "1" else "no unit"
