@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import SceneError
+from physment_mcp.world.laws import laws_after_edit, laws_at_start, refuse_faults
+from physment_mcp.world.passive import data_of, let_act
 
 START_KEY = "start"
 """Name of the keyframe that holds the initial state."""
@@ -40,7 +42,7 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
         timestep: Replaces the model's own time step [s]; for step-halving checks.
 
     Raises:
-        SceneError: The XML does not compile.
+        SceneError: The XML does not compile, or a law in it is wrong.
     """
     try:
         spec = mujoco.MjSpec.from_string(mjcf)
@@ -60,10 +62,20 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise SceneError(f"the scene's XML does not compile: {reason}") from error
-    data = mujoco.MjData(model)
+    laws = laws_at_start(spec, model)
+    let_act(model, laws)
+    data = data_of(model)
     for field in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         getattr(data, field)[:] = getattr(started, field)
+    refuse_faults(laws, model, data)
     return spec, model, data
+
+
+def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of an edited spec, with the laws whose bodies are still there."""
+    model = spec.compile()
+    let_act(model, laws_after_edit(spec, model))
+    return model
 
 
 def compiled_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -79,7 +91,7 @@ def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) 
     Source: the fields of MuJoCo's `mjSTATE_INTEGRATION`. `MjSpec.recompile` is not used: it loses applied forces,
     equality switches and the solver's warm start.
     """
-    data = mujoco.MjData(new)
+    data = data_of(new)
     data.time = state.time
     for index, before in _in_both(old, new, mujoco.mjtObj.mjOBJ_JOINT, new.njnt):
         positions, dofs = joint_slices(new, index)

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import Unstable
-from physment_mcp.world import readings
-from physment_mcp.world.loading import carry_state, is_finite, load
+from physment_mcp.world import passive
+from physment_mcp.world.loading import carry_state, compiled_edit, is_finite, load
 from physment_mcp.world.readings import Array
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -42,7 +42,7 @@ class Simulation:
 
     def __init__(self, mjcf: str, timestep: float | None = None) -> None:
         self._spec, self._model, self._data = load(mjcf, timestep)
-        self._scratch = mujoco.MjData(self._model)
+        self._scratch = passive.data_of(self._model)
         self._settled = False
         self._before_step: _Instant | None = None
         self._disturbed: frozenset[str] = frozenset()
@@ -93,16 +93,16 @@ class Simulation:
     def restore(self, snapshot: Snapshot) -> None:
         """Undo everything since `save`, bit for bit."""
         if snapshot.model is not self._model:
-            self._scratch = mujoco.MjData(snapshot.model)
+            self._scratch = passive.data_of(snapshot.model)
         self._spec, self._model, self._data, state, self._before_step, self._disturbed = snapshot
         mujoco.mj_setState(self._model, self._data, state, STATE)
         self._settled = False
 
     def _replace(self, spec: mujoco.MjSpec) -> None:
-        model = spec.compile()
+        model = compiled_edit(spec)
         data = carry_state(self._model, self._data, model)
         self._spec, self._model, self._data = spec, model, data
-        self._scratch = mujoco.MjData(model)
+        self._scratch = passive.data_of(model)
         self._settled = False
 
     def _id(self, body: str) -> int:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import NoDifference, NotPossible
-from physment_mcp.world import editing, motion, readings
+from physment_mcp.world import editing, motion, passive, readings
 from physment_mcp.world.editing import JointKind
 from physment_mcp.world.pictures import showing
 from physment_mcp.world.pictures.looks import Part
@@ -83,7 +83,7 @@ class World(Simulation):
         if self._before_step is None or body in self._disturbed:
             raise NoDifference("there is no velocity difference yet; call step first")
         before, state = self._before_step
-        earlier = self._scratch if before is self._model else mujoco.MjData(before)
+        earlier = self._scratch if before is self._model else passive.data_of(before)
         settle(before, earlier, state)
         self._settled = self._settled and before is not self._model
         step = self._step_number
@@ -182,7 +182,7 @@ class World(Simulation):
         qpos = now.qpos.copy()
         target = self._readout.on_grid(target)
         motion.place(self._model, now, qpos, index, target)
-        trial = mujoco.MjData(self._model)
+        trial = passive.data_of(self._model)
         mujoco.mj_setState(self._model, trial, self._state(), STATE)
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
