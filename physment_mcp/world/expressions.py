@@ -138,7 +138,7 @@ def _parse(field: str, text: str, known: Mapping[str, ast.expr]) -> ast.expr:
     if len(text) > LENGTH_LIMIT:
         raise ExpressionError(f"{field}: it has {len(text)} characters; at most {LENGTH_LIMIT} are allowed")
     try:
-        return _Checker(known).visit(ast.parse(text.strip(), mode="eval").body)
+        return _Checker(known).visit(ast.parse(text, mode="eval").body)
     except ExpressionError as error:
         raise ExpressionError(f"{field}: {error}") from error
     except (SyntaxError, ValueError) as error:

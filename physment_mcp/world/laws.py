@@ -66,7 +66,7 @@ class _Source(NamedTuple):
     """Where the angle is in qpos and the spin in qvel."""
 
 
-class Law:
+class BoundLaw:
     """A law compiled for one model. It does not keep the model alive.
 
     Raises:
@@ -145,7 +145,7 @@ def read_laws(spec: mujoco.MjSpec) -> tuple[WrittenLaw, ...]:
     return tuple(_written(f"laws[{index}]", law) for index, law in enumerate(listed))
 
 
-def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[Law, ...]:
+def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw, ...]:
     """The laws of a scene that is being loaded, compiled for its model.
 
     Raises:
@@ -154,26 +154,26 @@ def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[Law, ...]
     written = read_laws(spec)
     if written and int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_PASSIVE):
         raise SceneError("the scene has laws, which cannot act because its XML disables passive forces")
-    laws: list[Law] = []
+    laws: list[BoundLaw] = []
     for index, law in enumerate(written):
         if unknown := [name for name in law.bodies if not _has(model, name)]:
             raise SceneError(f"laws[{index}] on {law.on}: the model has no body {unknown[0]!r}")
         try:
-            laws.append(Law(law, model))
+            laws.append(BoundLaw(law, model))
         except ExpressionError as error:
             raise SceneError(f"laws[{index}] on {law.on}: {error}") from error
     return tuple(laws)
 
 
-def laws_after_edit(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[Law, ...]:
+def laws_after_edit(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw, ...]:
     """The laws that remain after an edit, compiled for the new model.
 
     A law ceases when a body that it names has been deleted.
     """
-    return tuple(Law(law, model) for law in read_laws(spec) if all(_has(model, name) for name in law.bodies))
+    return tuple(BoundLaw(law, model) for law in read_laws(spec) if all(_has(model, name) for name in law.bodies))
 
 
-def refuse_faults(laws: tuple[Law, ...], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def refuse_faults(laws: tuple[BoundLaw, ...], model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Refuse laws that have no finite value at the start.
 
     Raises:
@@ -215,7 +215,7 @@ def _written(where: str, law: Any) -> WrittenLaw:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    return isinstance(value, int | float) and abs(value) < 1e300
 
 
 def _has(model: mujoco.MjModel, body: str) -> bool:

@@ -12,9 +12,9 @@ import weakref
 import mujoco
 import numpy as np
 
-from physment_mcp.world.laws import Law
+from physment_mcp.world.laws import BoundLaw
 
-_LAWS: dict[int, tuple[Law, ...]] = {}
+_LAWS: dict[int, tuple[BoundLaw, ...]] = {}
 """Address of a model → its laws."""
 
 _DATA: weakref.WeakValueDictionary[int, mujoco.MjData] = weakref.WeakValueDictionary()
@@ -43,7 +43,7 @@ def _add_laws(model_address: int, data_address: int) -> None:
             data.qfrc_passive[:] = np.nan
 
 
-def let_act(model: mujoco.MjModel, laws: tuple[Law, ...]) -> None:
+def let_act(model: mujoco.MjModel, laws: tuple[BoundLaw, ...]) -> None:
     """Let laws act on a model for as long as it lives, on all data that `data_of` makes for it."""
     if not laws:
         return
@@ -61,7 +61,7 @@ def data_of(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def _forget(address: int, laws: tuple[Law, ...]) -> None:
+def _forget(address: int, laws: tuple[BoundLaw, ...]) -> None:
     """Forget the laws of a freed model, and remove the callback after the last one."""
     with _LOCK:
         # A new model may have got the address already.
