@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import Unstable
-from physment_mcp.world import passive
+from physment_mcp.world import passive, readings
 from physment_mcp.world.loading import carry_state, compiled_edit, is_finite, load
 from physment_mcp.world.readings import Array
 
