@@ -95,7 +95,17 @@ def _json(content: bytes) -> str:
     if isinstance(pack, dict):
         fields = cast("dict[str, Any]", pack)
         pack = {name: _pairs(value) if name in _IN_ORDER else value for name, value in fields.items()}
+        if isinstance(laws := fields.get("laws"), list):
+            pack["laws"] = [_law(law) for law in cast("list[Any]", laws)]
     return json.dumps(pack, sort_keys=True)
+
+
+def _law(value: Any) -> Any:
+    """A law with the quantities of `let` in their order, in which they are computed."""
+    if not isinstance(value, dict):
+        return value
+    law = cast("dict[str, Any]", value)
+    return law | {"let": _pairs(law["let"])} if "let" in law else law
 
 
 def _pairs(value: Any) -> Any:

@@ -1,0 +1,152 @@
+"""Resolution and noise of instruments: they apply once, to the state that is read, before anything is derived."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from physment_mcp.scene import Scene
+from physment_mcp.session import Session
+from physment_mcp.world import Fineness, Readout, World
+from scenes import Instruments, Permissions, PublicObject
+from tests.builders.bench import Bench, public_pack
+
+ALL = Permissions(
+    geom_type=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True, body_mass=True, angle=True,
+    spin=True,
+)  # fmt: skip
+HEAD = '<option timestep="0.005" integrator="RK4" gravity="0 0 -9.81"/>'
+BALL = '<body name="object_1" pos="0.00123456 0 5"><freejoint/><geom size="0.1"/></body>'
+WHEEL = """
+<body name="object_1" pos="0 0 1"><joint name="axle" type="hinge" axis="0 1 0"/>
+  <geom type="cylinder" size="0.1 0.02" euler="90 0 0" mass="2" contype="0" conaffinity="0"/></body>"""
+
+
+def bench(body: str, permissions: Permissions = ALL, **instruments: Any) -> Bench:
+    thing = PublicObject(object_id="object_1", name="thing", permissions=permissions)
+    public = public_pack((thing,)).model_copy(update={"instruments": Instruments.model_validate(instruments)})
+    return Bench(Session(Scene(public, f"<mujoco>{HEAD}<worldbody>{body}</worldbody></mujoco>")))
+
+
+def is_multiple(value: float, unit: float) -> bool:
+    return math.isclose(value / unit, round(value / unit), abs_tol=1e-6)
+
+
+@given(st.floats(-100, 100), st.sampled_from([1e-4, 1e-3, 0.25]))
+def test_a_reading_is_the_nearest_multiple_of_the_resolution(true: float, resolution: float) -> None:
+    read = Readout({"position": Fineness(resolution)}).read_number("position", true, "a", 0)
+    assert abs(read - true) <= resolution / 2 * (1 + 1e-9)
+    assert is_multiple(read, resolution)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda parts: np.linalg.norm(parts) > 0.1))
+def test_a_quaternion_is_read_as_a_rotation_near_the_true_one(parts: list[float]) -> None:
+    true = np.array(parts) / np.linalg.norm(parts)
+    read = Readout({"angle": Fineness(0.01)}).read_quaternion(true, "a", 0)
+    assert np.linalg.norm(read) == pytest.approx(1)
+    assert 2 * math.acos(min(1.0, abs(float(true @ read)))) < 0.01 * math.sqrt(3) / 2 * (1 + 1e-6) + 1e-6
+
+
+async def test_every_kind_of_position_is_rounded() -> None:
+    lab = bench(BALL, position=0.001)
+    assert list(await lab.position(1)) == [0.001, 0.0, 5.0]
+    assert (await lab("get_center_of_mass"))["center_of_mass"]["x"] == 0.001
+    await lab("step", duration=0.1)
+    energy = await lab.number("get_potential_energy", 1, mass=1e6, gravity=1)
+    assert is_multiple(energy / 1e6, 0.001)
+    assert is_multiple(await lab.number("get_displacement", 1), 0.001)
+    assert lab.session.describe(lab.session.find("object_1"))["position"] == [0.001, 0.0, 4.951]
+
+
+async def test_what_is_derived_from_a_velocity_is_as_fine_as_the_velocity() -> None:
+    lab = bench(BALL, velocity=0.01)
+    await lab("step", duration=0.123)
+    speed = (await lab.velocity(1))[2]
+    assert is_multiple(speed, 0.01)
+    assert await lab.number("get_kinetic_energy", 1, mass=1e6) == pytest.approx(0.5e6 * speed**2)
+    assert (await lab("get_momentum", object_id=1, mass=1e6))["momentum"]["z"] == pytest.approx(1e6 * speed)
+    # Over one time step the velocity changes by 0.049 m/s, which is read as 0.05 or 0.04.
+    assert is_multiple((await lab("get_acceleration", object_id=1))["z"], 2.0)
+    assert is_multiple((await lab("set_velocity", object_id=1, velocity_vector=[0.0149, 0, 0]))["velocity"][0], 0.01)
+
+
+async def test_angle_and_angular_velocity_of_a_hinge_are_told_and_rounded() -> None:
+    lab = bench(WHEEL, angle=0.001, spin=0.001)
+    await lab("apply_torque", object_id=1, torque_vector=[0, 1, 0])
+    await lab("step", duration=2)
+    angle = (await lab("get_position", object_id=1))["angle"]
+    spin = (await lab("get_velocity", object_id=1))["angular_velocity"]
+    inertia = 0.5 * 2 * 0.1**2
+    assert angle == pytest.approx(0.5 / inertia * 2**2, abs=0.0006)  # many turns
+    assert spin == pytest.approx(2 / inertia, abs=0.0006)
+    assert is_multiple(angle, 0.001)
+    assert is_multiple(spin, 0.001)
+    energy = await lab.number("get_rotational_energy", 1, mass=2e5)
+    assert energy == pytest.approx(0.5e5 * inertia * round(2 / inertia, 3) ** 2, rel=1e-9)
+
+
+async def test_they_are_null_where_they_are_not_shown_and_without_a_hinge() -> None:
+    for lab in (bench(WHEEL, ALL.model_copy(update={"angle": False, "spin": None})), bench(BALL)):
+        assert (await lab("get_position", object_id=1))["angle"] is None
+        assert (await lab("get_velocity", object_id=1))["angular_velocity"] is None
+
+
+async def test_a_withheld_spin_withholds_the_energy_and_the_momentum_of_the_spin() -> None:
+    lab = bench(WHEEL, ALL.model_copy(update={"spin": False}))
+    for tool in ("get_rotational_energy", "get_angular_momentum"):
+        assert "the spin of object_1 is withheld" in await lab.refused(tool, object_id=1, mass=1)
+    await lab("get_velocity", object_id=1)
+
+
+async def test_noise_repeats_at_one_moment_and_averages_away_over_time() -> None:
+    lab = bench(BALL.replace("<freejoint/>", ""), position=0.001, noise={"position": 0.02})
+    readings: list[float] = []
+    for _ in range(400):
+        first, again = await lab.position(1), await lab.position(1)
+        assert list(first) == list(again)
+        readings.append(first[1])
+        await lab("step", duration=0.005)
+    assert np.std(readings) == pytest.approx(0.02, rel=0.15)
+    assert abs(np.mean(readings)) < 4 * 0.02 / math.sqrt(400)
+    assert abs(np.corrcoef(readings[:-1], readings[1:])[0, 1]) < 0.2
+
+
+async def test_noise_is_the_same_in_every_episode_of_a_scene_and_independent_between_quantities() -> None:
+    first, second = (bench(BALL, noise={"position": 0.02, "velocity": 0.02}) for _ in range(2))
+    for lab in (first, second):
+        await lab("step", duration=0.1)
+    assert list(await first.position(1)) == list(await second.position(1))
+    errors = Readout({"position": Fineness(0, 1), "velocity": Fineness(0, 1)}, "7")
+    zero = np.zeros(3)
+    assert not np.allclose(errors.read("position", zero, "a", 1), errors.read("velocity", zero, "a", 1))
+    assert not np.allclose(errors.read("position", zero, "a", 1), errors.read("position", zero, "b", 1))
+
+
+async def test_an_object_is_put_to_places_no_more_finely_than_positions_are_read() -> None:
+    wall = '<geom type="box" pos="1.0004 0 5" size="0.1 1 1"/>'
+    lab = bench(BALL + wall, position=0.01)
+    moved = await lab("move_object", object_id=1, x=0.0149, y=0, z=5)
+    assert moved["position"] == [0.01, 0.0, 5.0]
+    assert lab.session.world._data.qpos[0] == pytest.approx(0.01, abs=1e-15)  # pyright: ignore[reportPrivateUsage]
+    # The wall is at 0.8004: between two places on the grid no refusal tells where.
+    for x in np.linspace(0.7951, 0.8049, 9):
+        assert (await lab("move_object", object_id=1, x=float(x), y=0, z=5))["position"][0] == 0.8
+
+
+def test_the_true_state_is_not_rounded() -> None:
+    coarse = World(f"<mujoco>{HEAD}<worldbody>{BALL}</worldbody></mujoco>", readout=Readout({"position": Fineness(1)}))
+    exact = World(f"<mujoco>{HEAD}<worldbody>{BALL}</worldbody></mujoco>")
+    for world in (coarse, exact):
+        world.pose("object_1")
+        world.step(100)
+    assert (coarse.save().state == exact.save().state).all()
+
+
+def test_the_clock_is_a_whole_number_of_time_steps() -> None:
+    world = World(f"<mujoco>{HEAD}<worldbody>{BALL}</worldbody></mujoco>")
+    for step in range(1, 300):
+        world.step(1)
+        assert world.time == round(step * 0.005, 12)
