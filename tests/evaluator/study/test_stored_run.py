@@ -1,12 +1,14 @@
 """A run folder from before packs were hashed by content and laid out: it loads, grades, replays and resumes as before.
 
 `stored_run` was played, graded and summarised by that code, and is never written anew. It names packs by hashes
-of their bytes.
+of their bytes. `stored_packs` holds these packs, so that the suite may replace them.
 """
 
 import json
 import shutil
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,20 @@ from evaluator.study.replay import differences, replay, without_added
 from scenes import find_pack, pack_hash, same_packs
 
 STORED = Path(__file__).parent / "stored_run"
+PACKS = Path(__file__).parent / "stored_packs"
+FROM = ["--scenes-dir", str(PACKS)]
 SCENES = (7, 21, 27, 101)
 OPTIONS = ["--agent", "reference", "--agent", "random", "--scenes", "7,21,27,101", "--budgets", "5", "--seeds", "3"]
+
+
+@pytest.fixture(scope="module")
+def host_url() -> Generator[str]:
+    """The address of a host of the stored packs."""
+    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin", *FROM]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())["listening"]
+        process.terminate()
 
 
 @pytest.fixture
@@ -35,7 +49,7 @@ def stored(tmp_path: Path) -> RunFolder:
 
 
 def play(out: Path, server: str, *words: str) -> int:
-    return main(["run", *OPTIONS, "--server", server, "--out", str(out), *words])
+    return main(["run", *OPTIONS, *FROM, "--server", server, "--out", str(out), *words])
 
 
 def part_of(known: Any, value: Any) -> bool:
@@ -49,13 +63,13 @@ def test_the_stored_run_names_its_packs_by_bytes_and_they_are_those_of_today(sto
     packs = stored.read_run().packs
     assert list(packs.values()) == ["125dc8c43267", "ae6134d1790e", "266a932bba03", "63c3793d85ce"]
     assert {episode.versions.pack for episode in stored.episodes().values()} == set(packs.values())
-    assert same_packs(packs, [find_pack(scene) for scene in SCENES])
+    assert same_packs(packs, [find_pack(scene, PACKS) for scene in SCENES])
 
 
 def test_grading_it_gives_the_same_grades_and_the_same_numbers(
     stored: RunFolder, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["grade", str(stored.path)]) == 0
+    assert main(["grade", str(stored.path), *FROM]) == 0
     said = capsys.readouterr().out
     assert "strict accuracy 37.5 % (3/8)" in said
     assert "→" not in said
@@ -65,11 +79,21 @@ def test_grading_it_gives_the_same_grades_and_the_same_numbers(
     assert part_of(before, now)
 
 
-def test_its_report_finds_the_pictures_of_its_packs(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", str(stored.path)]) == 0
+def test_its_report_names_its_scenes(stored: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(stored.path), *FROM]) == 0
     assert capsys.readouterr().out.strip() == str(stored.report_file)
     assert "Make one body of two" in stored.report_file.read_text(encoding="utf-8")
-    assert tuple(pictures(stored.read_run().packs)) == SCENES
+
+
+def test_the_pictures_of_its_packs_are_found_beside_them(stored: RunFolder, tmp_path: Path) -> None:
+    packs = Path(shutil.copytree(PACKS, tmp_path / "packs"))
+    pictured = tmp_path / "docs" / "reference" / "scenes"
+    pictured.mkdir(parents=True)
+    for scene in SCENES[:2]:
+        (pictured / f"scene{scene}.png").write_bytes(b"picture")
+    played = stored.read_run().packs
+    assert pictures(played, packs) == {7: b"picture", 21: b"picture"}
+    assert pictures(played | {"7": "ffffffffffff"}, packs) == {21: b"picture"}
 
 
 def test_replaying_it_finds_no_difference(stored: RunFolder, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -83,11 +107,11 @@ def test_it_is_resumed_and_then_holds_episodes_under_both_kinds_of_hash(stored: 
     stored.episodes_file.write_text("".join(lines[:-1]), encoding="utf-8")
     assert play(stored.path, host_url, "--resume") == 0
     *older, last = stored.episodes().values()
-    assert last.versions.pack == pack_hash(find_pack(last.key.scene))
+    assert last.versions.pack == pack_hash(find_pack(last.key.scene, PACKS))
     assert len(older) == 7
     assert not [episode for episode in older if episode.versions.pack.startswith("c1:")]
     assert stored.read_run().packs == RunFolder(STORED).read_run().packs
-    assert main(["grade", str(stored.path)]) == 0
+    assert main(["grade", str(stored.path), *FROM]) == 0
 
 
 def test_a_run_of_another_pack_is_not_resumed(
@@ -106,10 +130,10 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
     assert play(today.path, host_url) == 0
     assert all(name.startswith("c1:") for name in today.read_run().packs.values())
     capsys.readouterr()
-    chosen = ["--a", "agent=reference", "--b", "agent=reference"]
+    chosen = ["--a", "agent=reference", "--b", "agent=reference", *FROM]
     assert main(["compare", str(stored.path), str(today.path), *chosen, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["strict"]["n"] == 4
-    assert main(["report", str(stored.path), str(today.path), "--out", str(tmp_path / "both")]) == 0
+    assert main(["report", str(stored.path), str(today.path), "--out", str(tmp_path / "both"), *FROM]) == 0
     page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
     assert "Not all of these were played on the same packs" not in page
     # Episodes that both hold are different records of one cell, which merge refuses; so each part keeps one half.
@@ -163,7 +187,7 @@ def present() -> str:
     """The tool contract of today."""
 
     async def asked() -> str:
-        async with MemoryLaboratory().open(7, 0) as client:
+        async with MemoryLaboratory(PACKS).open(7, 0) as client:
             return (await server_record(client, option="")).tool_schema_hash
 
     return anyio.run(asked)
@@ -191,7 +215,7 @@ async def test_only_under_another_tool_contract_may_a_return_have_more_fields_th
     (episode,) = [episode for key, episode in today.episodes().items() if (key.scene, key.agent) == (7, "reference")]
     agent = RecordedAgent("replay:stored", (first_velocity(episode, change),))
     known = frozenset(present if contract == "present" else contract for contract in contracts)
-    (found,) = await replay(agent, MemoryLaboratory(), contracts=known)
+    (found,) = await replay(agent, MemoryLaboratory(PACKS), contracts=known)
     added = OTHER in contracts and change is with_less
     assert [difference.what for difference in found.differences] == ([] if added else [different])
     assert found.added == ({different: 1} if added else {})
