@@ -34,7 +34,7 @@ from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.study.selection import parse_numbers, parse_scenes
+from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
 from scenes import find_pack, pack_hash, read_pack
 
 EPISODE = "physment_episode"
@@ -43,7 +43,7 @@ EPISODE = "physment_episode"
 
 @task
 def physment(
-    scenes: str | int | list[str | int] | None = None,
+    scenes: str | int | list[str | int] = SUITE,
     seeds: str | int | list[str | int] = "0",
     budget: int = 20,
     prompting: str = "zero-shot",
@@ -52,7 +52,7 @@ def physment(
     """The suite, with native tool calls.
 
     Args:
-        scenes: Ids, ranges and categories, as for `physment-eval --scenes`; None for all.
+        scenes: Ids, ranges, rungs and categories, as for `physment-eval --scenes`; by default all but open worlds.
         seeds: Variants, as for `physment-eval --seeds`.
         budget: Iterations of an episode.
         prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
@@ -63,7 +63,7 @@ def physment(
     """
     keys = [
         EpisodeKey(scene=files.scene_id, seed=seed, agent="inspect", budget=budget, prompting=prompting)
-        for files in parse_scenes(None if scenes is None else _selection(scenes), None)
+        for files in parse_scenes(_selection(scenes), None)
         for seed in parse_numbers(_selection(seeds), "seeds", 0)
     ]
     return Task(

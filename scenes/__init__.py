@@ -19,6 +19,7 @@ from scenes.pack import (
     Law,
     Pack,
     Permissions,
+    Rung,
     Scalar,
 )
 from scenes.public import AnswerForm, PublicObject, PublicPack, read_hosted, read_public
@@ -40,6 +41,7 @@ __all__ = [
     "Permissions",
     "PublicObject",
     "PublicPack",
+    "Rung",
     "Scalar",
     "changed_mjcf",
     "content_hash_of",

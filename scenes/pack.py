@@ -18,6 +18,14 @@ Scalar = float | int | str
 """One value in a pack."""
 
 
+class Rung(StrEnum):
+    """The rungs of the ladder of scenes, from the lowest."""
+
+    EASY = "easy"
+    HARD = "hard"
+    OPEN = "open"
+
+
 class Category(StrEnum):
     """The 13 categories of the suite (difficulty, breadth, modality), and the open worlds, a track of their own."""
 
@@ -35,6 +43,13 @@ class Category(StrEnum):
     HARD_MULTI_HIDDEN = "hard-multi-hidden"
     CREATE_DELETE_ATTACH = "create-delete-attach"
     OPEN = "open"
+
+    @property
+    def rung(self) -> Rung:
+        """Its rung; create-delete-attach is hard."""
+        if self is Category.OPEN:
+            return Rung.OPEN
+        return Rung.HARD if self.infers else Rung.EASY
 
     @property
     def infers(self) -> bool:

@@ -16,7 +16,7 @@ from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.records import Plan
 from evaluator.study.contenders import AGENTS, Team
 from evaluator.study.limits import Limits
-from evaluator.study.selection import parse_numbers, parse_scenes
+from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles
 
@@ -133,7 +133,12 @@ def _matrix(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--agent", action="append", metavar="A", help=f"{' · '.join(AGENTS)} (default reference); may be repeated"
     )
-    group.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single (default: all)")
+    group.add_argument(
+        "--scenes",
+        default=SUITE,
+        metavar="SEL",
+        help=f"such as 7-111 · 7,9 · easy · hard · open · category:easy-single (default {SUITE}: all but open worlds)",
+    )
     group.add_argument("--budgets", default="20", metavar="N,…", help="iteration budgets (default 20)")
     group.add_argument(
         "--seeds", default="0", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0)"

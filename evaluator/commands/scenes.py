@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -12,12 +13,14 @@ from evaluator.certify.records import SceneCertificate, read_certificates
 from evaluator.commands.argument_types import count_of, scene_id
 from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
+from evaluator.scores.grouping import NO_RUNG
 from evaluator.study.selection import parse_scenes
 from scenes import (
     Category,
     Pack,
     PackError,
     PackFiles,
+    Rung,
     default_folder,
     draw_knobs,
     drawn_mjcf,
@@ -44,9 +47,11 @@ def add(commands: Commands) -> None:
     """Declare `scenes list`, `scenes show`, `scenes new` and `scenes pages`."""
     family = commands.add_parser("scenes", help="list, show, start or document scenes", description=_DESCRIPTION)
     actions = family.add_subparsers(dest="action", metavar="list|show|new|pages", required=True)
-    listing = actions.add_parser("list", help="a line for each scene", description="A line for each scene.")
+    listing = actions.add_parser(
+        "list", help="a line for each scene", description="A line for each scene, and how many scenes each rung has."
+    )
     listing.set_defaults(run=_list)
-    listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single")
+    listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · open · category:easy-single")
     show = actions.add_parser(
         "show", help="what an agent is told of a scene", description="Print the opening prompt of a scene."
     )
@@ -63,7 +68,7 @@ def add(commands: Commands) -> None:
     )
     new.set_defaults(run=_new)
     new.add_argument("scene", type=scene_id, metavar="N", help="id of the new scene, such as 112")
-    new.add_argument("--category", required=True, choices=[one.value for one in Category], help="one of the 13")
+    new.add_argument("--category", required=True, choices=[one.value for one in Category], help="what kind of scene")
     pages = actions.add_parser(
         "pages",
         help="write the documentation of the scenes, with pictures",
@@ -93,20 +98,36 @@ def _list(args: argparse.Namespace) -> int:
     certificates = {one.scene: one for one in stored.scenes} if stored else {}
     table = Table(box=None, pad_edge=False)
     table.add_column("scene", justify="right")
-    for title in ("name", "category", "type", "answer", "certificate"):
+    for title in ("name", "rung", "category", "type", "answer", "certificate"):
         table.add_column(title, overflow="fold")
+    states: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
     for files in packs:
-        pack = _read(files)
+        pack, state = _read(files), _state(files, certificates.get(files.scene_id))
+        rung = pack.category.rung.value if pack.category else NO_RUNG
+        states[rung].append(state)
         table.add_row(
             str(files.scene_id),
             escape(pack.metadata.scene_name),
+            rung,
             pack.category.value if pack.category else "",
             pack.metadata.problem_type,
             escape(_answer_type(pack)),
-            _state(files, certificates.get(files.scene_id)),
+            state,
         )
-    wide_console().print(table)
+    console = wide_console()
+    console.print(table)
+    console.print(_totals(states), highlight=False, soft_wrap=True)
     return 0
+
+
+def _totals(states: Mapping[str, Sequence[str]]) -> str:
+    """How many scenes each rung has, and how many of them are sound, from the states of their certificates."""
+    parts = [
+        f"{rung} {len(found)} ({sum(state.startswith('sound') for state in found)} sound)"
+        for rung, found in states.items()
+        if found
+    ]
+    return "scenes by rung  " + "   ".join(parts)
 
 
 def _answer_type(pack: Pack) -> str:

@@ -60,7 +60,11 @@ def add(commands: Commands) -> None:
     lint.add_argument("--fix", action="store_true", help="lay out the JSON and XML files first")
     for command in (verify, lint):
         command.add_argument(
-            "--scene", "--scenes", dest="scenes", metavar="SEL", help="such as 7-111 · 7,9 · category:easy-single"
+            "--scene",
+            "--scenes",
+            dest="scenes",
+            metavar="SEL",
+            help="such as 7-111 · 7,9 · open · category:easy-single",
         )
         command.add_argument(
             "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"

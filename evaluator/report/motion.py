@@ -3,13 +3,13 @@
 Only values that the agent read are plotted, at the times of its readings. Nothing is played again.
 """
 
-import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
-from evaluator.records import Exchange, Turn
+from evaluator.records import Turn
 from evaluator.report.charts import Chart, Point, Series, chart
+from evaluator.scores.experiment_cost import is_number, lab_clock
 
 _AXES = ("x", "y", "z")
 _READINGS = {
@@ -78,7 +78,7 @@ def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
         content = exchange.content
         if not exchange.returned or exchange.is_error or content is None:
             continue
-        clock = _clock(exchange, content, clock)
+        clock = lab_clock(exchange, clock)
         body = exchange.call.arguments.get("object_id")
         if exchange.call.tool not in _READINGS or not isinstance(body, str | int):
             continue
@@ -88,24 +88,10 @@ def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
             yield _Reading(quantity, named[:40], component, clock, value)
 
 
-def _clock(exchange: Exchange, content: dict[str, Any], before: float) -> float:
-    """Simulated time after a call [s]: as returned, or else the sum of the durations of the steps so far."""
-    for name in ("sim_time", "time"):
-        time = content.get(name)
-        if _is_number(time):
-            return float(time)
-    duration = exchange.call.arguments.get("duration")
-    return before + float(duration) if exchange.call.tool == "step" and _is_number(duration) else before
-
-
 def _components(field: str, value: Any) -> Iterator[tuple[str, float]]:
-    if _is_number(value):
+    if is_number(value):
         yield field.removesuffix("_energy"), float(value)
     elif isinstance(value, list):
         parts: list[Any] = value  # pyright: ignore[reportUnknownVariableType] - JSON
-        if len(parts) == len(_AXES) and all(_is_number(part) for part in parts):
+        if len(parts) == len(_AXES) and all(is_number(part) for part in parts):
             yield from zip(_AXES, map(float, parts), strict=True)
-
-
-def _is_number(value: Any) -> TypeGuard[int | float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e9

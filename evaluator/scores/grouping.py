@@ -1,8 +1,13 @@
-"""The groups in which episodes are reported: by condition, and by parts of a category or a problem type. Pure."""
+"""The groups in which episodes are reported: by condition, rung, and parts of a category or a problem type. Pure."""
 
 from typing import NamedTuple
 
 from evaluator.records import EpisodeKey
+from scenes import Category
+
+NO_RUNG = "–"
+"""The group of scenes without a known category, such as published packs."""
+_RUNGS = {category.value: category.rung.value for category in Category}
 
 QUALITATIVE, QUANTITATIVE = "qualitative", "quantitative"
 _KINDS = {
@@ -25,6 +30,11 @@ class Condition(NamedTuple):
 def condition(key: EpisodeKey) -> Condition:
     """The condition under which an episode was played."""
     return Condition(key.agent, key.budget, key.prompting, key.protocol)
+
+
+def rung(category: str) -> str:
+    """`easy`, `hard` or `open`; `NO_RUNG` for a category that is not known."""
+    return _RUNGS.get(category, NO_RUNG)
 
 
 def quadrant(category: str) -> str:

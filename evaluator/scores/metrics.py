@@ -1,5 +1,7 @@
 """A run in numbers: accuracies, the six dimensions and the Final Score, for the whole run and for groups. Pure.
 
+Open worlds are a track of their own: they are in `by_rung`, as `open`, and in no other number.
+
 Every number comes with its number of episodes. A dimension that an episode does not define (no calls, no stated
 numbers, no visible reasoning) is None for that episode, counts 0 in means and in the Final Score, and its share is
 reported. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
@@ -14,6 +16,7 @@ from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.findings import FailureMode
 from evaluator.records import Grade, Outcome, Record, Verdict
 from evaluator.scores.dimensions import final_score
+from evaluator.scores.experiment_cost import MedianCost, median_cost
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.attempts import Attempts, attempts
@@ -64,6 +67,8 @@ class GroupSummary(Record):
     """Share of scored episodes without visible reasoning."""
     disabled_calls: int
     """Calls of tools that the scene disables."""
+    experiment_cost: MedianCost
+    """Calls and lab time that an episode took."""
     failures: dict[FailureMode, FailureCount]
     """Failure modes: `n` counts scored episodes, `n_incorrect` those of them that are not correct."""
     outcomes: dict[Outcome, int]
@@ -95,6 +100,10 @@ class RunSummary(Record):
     format: Literal[1] = 1
     """Version of this record; fields are added without changing it, none is changed or taken away."""
     overall: GroupSummary
+    """All scenes but open worlds."""
+    by_rung: dict[str, GroupSummary]
+    """`easy`; `hard`, which includes create-delete-attach; `open`, where C is the share of predictions that are right;
+    `–` for scenes without a category."""
     by_category: dict[str, GroupSummary]
     by_quadrant: dict[str, GroupSummary]
     """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, whatever the modality; other categories as they are."""
@@ -120,10 +129,11 @@ class _Row(NamedTuple):
 
 def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
     """The numbers of a run."""
-    held_out = held_out_accuracy(rows)
-    table = [_Row(row, held_out.get((condition(row.key), row.category))) for row in rows]
+    suite = [row for row in rows if not row.is_open]
+    table = _table(suite)
     return RunSummary(
         overall=_summary(table),
+        by_rung=_grouped([*table, *_table([row for row in rows if row.is_open])], lambda row: row.rung),
         by_category=_grouped(table, lambda row: row.category),
         by_quadrant=_grouped(table, lambda row: quadrant(row.category)),
         by_modality=_grouped(table, lambda row: modality(row.category)),
@@ -133,9 +143,14 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         by_prompting=_grouped(table, lambda row: row.key.prompting),
         by_protocol=_grouped(table, lambda row: row.key.protocol),
         by_agent=_grouped(table, lambda row: row.key.agent),
-        budget_curves=tuple(_budget_curves(rows)),
-        attempts=tuple(_attempts(rows)),
+        budget_curves=tuple(_budget_curves(suite)),
+        attempts=tuple(_attempts(suite)),
     )
+
+
+def _table(rows: Sequence[ScoredEpisode]) -> list[_Row]:
+    held_out = held_out_accuracy(rows)
+    return [_Row(row, held_out.get((condition(row.key), row.category))) for row in rows]
 
 
 def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
@@ -228,6 +243,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         v_undefined=v_undefined,
         r_undefined=r_undefined,
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
+        experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),
         outcomes=dict(sorted(Counter(row.source.episode.outcome for row in table).items())),
     )

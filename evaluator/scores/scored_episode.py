@@ -5,7 +5,10 @@ from dataclasses import dataclass
 from evaluator.failures.findings import Failure
 from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import EpisodeScores
+from evaluator.scores.experiment_cost import ExperimentCost
 from evaluator.scores.grounding import Grounding
+from evaluator.scores.grouping import rung
+from scenes import Rung
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +23,7 @@ class ScoredEpisode:
     problem_type: str
     """Problem type of its scene."""
     scores: EpisodeScores
+    experiment_cost: ExperimentCost
     grounding: Grounding
     failures: tuple[Failure, ...]
     """Empty if the episode is unscored."""
@@ -33,6 +37,16 @@ class ScoredEpisode:
     def grade(self) -> Grade:
         """The verdicts on its answer."""
         return self.record.grade
+
+    @property
+    def rung(self) -> str:
+        """Rung of its scene: `easy`, `hard`, `open`, or `NO_RUNG`."""
+        return rung(self.category)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its scene is an open world, which no number of the suite includes."""
+        return self.rung == Rung.OPEN
 
     @property
     def is_scored(self) -> bool:

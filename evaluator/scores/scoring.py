@@ -16,6 +16,7 @@ from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import expected_form
 from evaluator.records import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.scores.dimensions import dimensions
+from evaluator.scores.experiment_cost import cost_of
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -50,6 +51,7 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         category=facts.category,
         problem_type=facts.problem_type,
         scores=dimensions(episode, record.grade, grounding, facts.disabled_tools),
+        experiment_cost=cost_of(episode, facts.limits),
         grounding=grounding,
         failures=failures_of(episode, record.grade, expected_form(keys.key(episode.key.scene, 0))),
     )

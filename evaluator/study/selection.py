@@ -3,13 +3,16 @@
 from pathlib import Path
 
 from evaluator.errors import UsageError
-from scenes import Category, PackError, PackFiles, list_packs, read_pack
+from scenes import Category, PackError, PackFiles, Rung, list_packs, read_pack
+
+SUITE = "all"
+"""Selects every scene but the open worlds, which are a track of their own."""
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
-    """The packs that `--scenes` selects: ids, ranges and categories, separated by commas; None for all.
+    """The packs that `--scenes` selects: ids, ranges, rungs, categories and `all`, separated by commas.
 
-    A range selects the scenes that exist in it. A single id must exist.
+    A range selects the scenes that exist in it. A single id must exist. None selects every pack, also open worlds.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
@@ -32,6 +35,13 @@ def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
 
 
 def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:
+    if part == SUITE:
+        found = {scene for scene, files in packs.items() if _rung(files) is not Rung.OPEN}
+        if not found:
+            raise UsageError(f"--scenes {part}: every scene here is an open world; select them with --scenes open")
+        return found
+    if part in set(Rung):
+        return {scene for scene, files in packs.items() if _rung(files) == part}
     if part.startswith("category:"):
         name = part.removeprefix("category:")
         if name not in set(Category):
@@ -39,8 +49,16 @@ def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:
         return {scene for scene, files in packs.items() if read_pack(files).category == name}
     low, dash, high = part.partition("-")
     if not low.isdecimal() or (dash and not high.isdecimal()):
-        raise UsageError(f"--scenes {part}: write ids and ranges such as 7,9,20-30, or category:{next(iter(Category))}")
+        raise UsageError(
+            f"--scenes {part}: write ids and ranges such as 7,9,20-30, {SUITE}, {', '.join(Rung)},"
+            f" or category:{next(iter(Category))}"
+        )
     return {scene for scene in packs if int(low) <= scene <= int(high or low)}
+
+
+def _rung(files: PackFiles) -> Rung | None:
+    category = read_pack(files).category
+    return category.rung if category else None
 
 
 def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
