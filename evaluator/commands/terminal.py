@@ -11,11 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
-from evaluator.scores.metrics import RunSummary
+from evaluator.scores.metrics import GroupSummary, RunSummary
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
 from evaluator.scores.wording import curve_sentence, decimal, share
 from evaluator.study.tally import Tally
+from scenes import Rung
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
 _MOST_ROWS = 120
@@ -129,23 +130,50 @@ def _short(answer: JsonValue) -> str:
 
 
 def summary_lines(summary: RunSummary) -> list[str]:
-    """The totals of a run, line by line."""
+    """The totals of a run, line by line: of the suite, then of open worlds."""
+    lines = _suite_lines(summary) if summary.overall.n or Rung.OPEN not in summary.by_rung else []
+    open_worlds = summary.by_rung.get(Rung.OPEN)
+    if open_worlds is not None:
+        lines.append(
+            f"open worlds: all predictions right {_right(open_worlds)}, predictions right {share(open_worlds.c)}"
+        )
+        lines += [_cost(open_worlds), _outcomes(open_worlds)]
+    return lines
+
+
+def _right(group: GroupSummary) -> str:
+    return f"{share(group.strict_accuracy)} ({group.n_correct}/{group.n_scored})"
+
+
+def _cost(group: GroupSummary) -> str:
+    cost = group.experiment_cost
+    if cost.calls is None or cost.lab_time_s is None:
+        return "cost of experiment –"
+    return f"cost of experiment (medians): calls {cost.calls:g}, lab time {cost.lab_time_s:.4g} s"
+
+
+def _outcomes(group: GroupSummary) -> str:
+    return "   ".join(f"{outcome.value} {count}" for outcome, count in group.outcomes.items())
+
+
+def _suite_lines(summary: RunSummary) -> list[str]:
     whole = summary.overall
-    lines = [f"strict accuracy {share(whole.strict_accuracy)} ({whole.n_correct}/{whole.n_scored})"]
+    lines = [f"strict accuracy {_right(whole)}"]
     if whole.strict_interval is not None:
         lines[0] += f", 95 % interval {share(whole.strict_interval.low)} to {share(whole.strict_interval.high)}"
     lines[0] += f"; normalised accuracy {share(whole.normalised_accuracy)}"
     if len(summary.by_budget) > 1:
-        parts = (
-            f"{budget}: {share(group.strict_accuracy)} ({group.n_correct}/{group.n_scored})"
-            for budget, group in summary.by_budget.items()
-        )
+        parts = (f"{budget}: {_right(group)}" for budget, group in summary.by_budget.items())
         lines.append("by budget  " + "   ".join(parts))
+    rungs = {name: group for name, group in summary.by_rung.items() if name != Rung.OPEN}
+    if len(rungs) > 1:
+        lines.append("by rung  " + "   ".join(f"{name}: {_right(group)}" for name, group in rungs.items()))
     for played in summary.budget_curves:
         who = f"{played.agent}, {played.prompting}, {played.protocol}: " if len(summary.budget_curves) > 1 else ""
         lines.append(who + curve_sentence(played.curve))
     dimensions = (("C", whole.c), ("E", whole.e), ("G", whole.g), ("V", whole.v), ("R", whole.r), ("G′", whole.g_prime))
     score = "–" if whole.final_score is None else f"{whole.final_score:.1f}"
     lines.append("   ".join(f"{name} {decimal(value)}" for name, value in dimensions) + f"   Final Score {score}")
-    lines.append("   ".join(f"{outcome.value} {count}" for outcome, count in whole.outcomes.items()))
+    lines.append(_cost(whole))
+    lines.append(_outcomes(whole))
     return lines

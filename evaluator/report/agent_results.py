@@ -9,7 +9,7 @@ from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import Spending, spending
 
-_BASELINES = ("reference", "random", "blind")
+_BASELINES = ("reference", "random", "blind", "attacker:sweep", "attacker:glance", "attacker:proportional")
 """Agents that measure the suite and not an ability, in the order in which every table ends with them."""
 
 
@@ -33,9 +33,17 @@ class AgentResults:
     """The agent's name, with as much of prompting, protocol and run as makes the label unique."""
     run: Run
     agent: str
-    rows: Sequence[ScoredEpisode]
+    suite: Sequence[ScoredEpisode]
+    """Its episodes in all scenes but open worlds; the tables are about these unless they say otherwise."""
+    open_worlds: Sequence[ScoredEpisode]
     summary: RunSummary
     spending: Spending
+    """Of its episodes in the suite."""
+
+    @property
+    def rows(self) -> Sequence[ScoredEpisode]:
+        """All its episodes."""
+        return [*self.suite, *self.open_worlds]
 
     @property
     def is_baseline(self) -> bool:
@@ -49,7 +57,7 @@ class AgentResults:
 
     @property
     def whole(self) -> GroupSummary:
-        """Its numbers over all budgets."""
+        """Its numbers in the suite, over all budgets."""
         return self.summary.overall
 
 
@@ -61,10 +69,12 @@ def agent_results(runs: Sequence[Run]) -> list[AgentResults]:
             found[index, row.key.agent, row.key.prompting, row.key.protocol].append(row)
     keys = sorted(found, key=lambda key: (_rank(key[1]) < len(_BASELINES), _rank(key[1]), key[1], key))
     labels = _labels(keys, runs)
-    return [
-        AgentResults(labels[key], runs[key[0]], key[1], found[key], summarise(found[key]), spending(found[key]))
-        for key in keys
-    ]
+    return [_results(labels[key], runs[key[0]], key[1], found[key]) for key in keys]
+
+
+def _results(label: str, run: Run, agent: str, rows: Sequence[ScoredEpisode]) -> AgentResults:
+    suite, open_worlds = [row for row in rows if not row.is_open], [row for row in rows if row.is_open]
+    return AgentResults(label, run, agent, suite, open_worlds, summarise(rows), spending(suite))
 
 
 def _rank(agent: str) -> int:

@@ -63,6 +63,9 @@ def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> l
 
 
 def _figures(results: Sequence[AgentResults]) -> Iterator[tuple[str, "Figure"]]:
+    results = [result for result in results if result.suite]
+    if not results:
+        return
     yield "budget", _budget(results)
     yield "categories", _matrix(tables.by_category(results))
     yield "dimensions", _bars(results, ["C", "E", "G", "V", "R", "G′"], _dimensions, "mean, 0 to 1")
@@ -90,11 +93,11 @@ def _budget(results: Sequence[AgentResults]) -> "Figure":
     """Accuracy against budget with 95 % intervals, one panel for each group of categories."""
     picks = tables.group_picks(results)
     figure, panels = _panels(len(picks), 2.6, 2.8)
-    budgets = sorted({row.key.budget for result in results for row in result.rows})
+    budgets = sorted({row.key.budget for result in results for row in result.suite})
     apart = 0.012 * (max(budgets, default=0) - min(budgets, default=0))  # so that intervals do not cover each other
     for axes, (name, wanted) in zip(panels, picks, strict=True):
         for index, result in enumerate(results):
-            cells = tables.accuracies(result.rows, lambda row: row.key.budget, wanted)
+            cells = tables.accuracies(result.suite, lambda row: row.key.budget, wanted)
             shares = [cell.share for cell in cells.values()]
             ends = [(cell.interval.low, cell.interval.high) for cell in cells.values()]
             axes.errorbar(

@@ -23,7 +23,7 @@ from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.scores.dimensions import WEIGHTS
-from evaluator.scores.spending import calls_made
+from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import curve_sentence, decimal, share
 from evaluator.store import RunFolder
 
@@ -87,17 +87,22 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
     found = list(entries(results))
     beside = len(found) > inline
     script = environment.get_template("report.js").render()
-    picks = tables.group_picks(results)
+    suite = [result for result in results if result.suite]
+    picks = tables.group_picks(suite)
     page = environment.get_template("page.html.j2").render(
         runs=runs,
         results=results,
+        suite=suite,
         weights=WEIGHTS,
         entries=found,
         beside=PAGES if beside else "",
-        budget_tables=[(name, tables.by_budget(results, name, wanted)) for name, wanted in picks],
-        budget_charts=_budget_charts(results),
-        heat=tables.by_category(results),
-        groupings=_groupings(results),
+        budget_tables=[(name, tables.by_budget(suite, name, wanted)) for name, wanted in picks],
+        budget_charts=_budget_charts(suite),
+        heat=tables.by_category(suite),
+        groupings=_groupings(suite),
+        rungs=tables.by_rung(results),
+        experiment_cost=tables.experiment_cost(results),
+        spent=list(_spent(results)),
         modes=list(FailureMode),
         outcomes=list(Outcome),
         quoted=tables.quoted(),
@@ -151,14 +156,14 @@ def _differing(runs: Sequence[Run]) -> str:
 
 def _budget_charts(results: Sequence[AgentResults]) -> list[Chart]:
     """Accuracy against budget, one chart for each group of categories; no chart if there is a single budget."""
-    budgets = sorted({row.key.budget for result in results for row in result.rows})
+    budgets = sorted({row.key.budget for result in results for row in result.suite})
     if len(budgets) < 2:
         return []
     charts: list[Chart] = []
     for name, wanted in tables.group_picks(results):
         series: list[Series] = []
         for result in results:
-            cells = tables.accuracies(result.rows, lambda row: row.key.budget, wanted)
+            cells = tables.accuracies(result.suite, lambda row: row.key.budget, wanted)
             points = [
                 Point(budget, cell.share, cell.interval.low, cell.interval.high) for budget, cell in cells.items()
             ]
@@ -166,6 +171,15 @@ def _budget_charts(results: Sequence[AgentResults]) -> list[Chart]:
         if any(segment for line in series for segment in line.segments):
             charts.append(chart(name, series, size=(320, 200), x_ticks=budgets, y_range=(0, 1), dodge=3, percent=True))
     return charts
+
+
+def _spent(results: Sequence[AgentResults]) -> Iterator[tuple[str, Spending]]:
+    """What the episodes of each agent cost, in the suite and in open worlds."""
+    for result in results:
+        if result.suite:
+            yield result.label, result.spending
+        if result.open_worlds:
+            yield f"{result.label}, open worlds", spending(result.open_worlds)
 
 
 def _groupings(results: Sequence[AgentResults]) -> list[tables.Table]:

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 from evaluator.failures.findings import FailureMode
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, PAPER
-from evaluator.scores.grouping import quadrant
+from evaluator.scores.grouping import NO_RUNG, quadrant
 from evaluator.scores.metrics import GroupSummary
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.intervals import Proportion, proportion
+from scenes import Rung
 
 
 class Share(NamedTuple):
@@ -53,15 +54,10 @@ class Table:
 
 
 def tables(results: Sequence[AgentResults]) -> list[Table]:
-    """All tables, in the paper's order."""
-    return [
-        by_budget(results),
-        by_category(results),
-        main_metrics(results),
-        six_dimensions(results),
-        failure_modes(results),
-        quoted(),
-    ]
+    """All tables: those of the suite in the paper's order, the paper's own, and those by rung."""
+    suite = [result for result in results if result.suite]
+    of_suite = (by_budget, by_category, main_metrics, six_dimensions, failure_modes)
+    return [*(table(suite) for table in of_suite if suite), quoted(), by_rung(results), experiment_cost(results)]
 
 
 def by_budget(
@@ -74,10 +70,10 @@ def by_budget(
         name: Name of the episodes that are wanted, for the title; empty for all.
         wanted: Picks the episodes; all if None.
     """
-    budgets = sorted({row.key.budget for result in results for row in result.rows})
+    budgets = sorted({row.key.budget for result in results for row in result.suite})
     found: list[list[Cell]] = []
     for result in results:
-        cells = accuracies(result.rows, lambda row: row.key.budget, wanted)
+        cells = accuracies(result.suite, lambda row: row.key.budget, wanted)
         if cells or wanted is None:
             found.append([result.label, *(share_of(cells.get(budget)) for budget in budgets)])
     title = "Strict accuracy by iteration budget" + (f", {name}" if name else "")
@@ -106,6 +102,49 @@ def side_by_side(
     names = sorted({group for result in results for group in groups(result)})
     found = [[str(group), *(_strict(groups(result).get(group)) for result in results)] for group in names]
     return Table(f"by_{name.replace(' ', '_')}", title, (name, *(result.label for result in results)), found)
+
+
+def by_rung(results: Sequence[AgentResults]) -> Table:
+    """Strict accuracy on each rung, and in open worlds the share of right predictions too; one row for each agent."""
+    groups = [result.summary.by_rung for result in results]
+    columns: dict[str, list[Cell]] = {}
+    for rung in (*Rung, NO_RUNG):
+        found = [group.get(rung) for group in groups]
+        if rung == Rung.OPEN and any(found):
+            columns["open: all predictions right"] = list(map(_strict, found))
+            columns["open: predictions right"] = list(map(_graded, found))
+        elif any(found):
+            columns[str(rung)] = list(map(_strict, found))
+    rows = [[result.label, *(column[index] for column in columns.values())] for index, result in enumerate(results)]
+    return Table("by_rung", "Strict accuracy by rung", ("agent", *columns), rows)
+
+
+def experiment_cost(results: Sequence[AgentResults]) -> Table:
+    """Calls and lab time of an episode, for each agent in the suite and on each rung."""
+    found: list[list[Cell]] = []
+    for result in results:
+        rungs = result.summary.by_rung
+        whole = {"all": result.whole} if len(set(rungs) - {Rung.OPEN}) > 1 else {}
+        found += [[result.label, name, *_costs(group)] for name, group in (whole | rungs).items()]
+    columns = ("agent", "rung", "episodes", "calls", "refused", "lab time [s]", "of call limit", "of lab time limit")
+    title = "Cost of experiment: medians over scored episodes"
+    return Table("experiment_cost", title, columns, found, decimals=2)
+
+
+def _costs(group: GroupSummary) -> list[Cell]:
+    cost = group.experiment_cost
+    return [
+        group.n_scored,
+        *map(_whole, (cost.calls, cost.refused_calls)),
+        cost.lab_time_s,
+        None if cost.calls_of_limit is None else Share(cost.calls_of_limit, None, None, cost.n_calls_limited),
+        None if cost.lab_time_of_limit is None else Share(cost.lab_time_of_limit, None, None, cost.n_lab_time_limited),
+    ]
+
+
+def _whole(count: float | None) -> float | None:
+    """A median of counts; whole unless it lies between two."""
+    return int(count) if count is not None and count.is_integer() else count
 
 
 def main_metrics(results: Sequence[AgentResults]) -> Table:
@@ -169,7 +208,7 @@ _GROUPS = ("easy-single", "easy-multi", "hard-single", "hard-multi")
 
 def group_picks(results: Sequence[AgentResults]) -> list[tuple[str, Callable[[ScoredEpisode], bool] | None]]:
     """All episodes, and each of the four groups of categories that was played: name → what picks its episodes."""
-    played = {quadrant(row.category) for result in results for row in result.rows}
+    played = {quadrant(row.category) for result in results for row in result.suite}
 
     def picks(group: str) -> Callable[[ScoredEpisode], bool]:
         return lambda row: quadrant(row.category) == group
@@ -209,6 +248,10 @@ def _strict(group: GroupSummary | None) -> Share | None:
     if group is None or group.strict_accuracy is None or group.strict_interval is None:
         return None
     return Share(group.strict_accuracy, group.strict_interval.low, group.strict_interval.high, group.n_scored)
+
+
+def _graded(group: GroupSummary | None) -> Share | None:
+    return None if group is None or group.c is None else Share(group.c, None, None, group.n_scored)
 
 
 def _normalised(group: GroupSummary) -> Share | None:

@@ -83,7 +83,7 @@ def compare(a: Side, b: Side) -> Comparison:
 
     Raises:
         UsageError: No episode is common, a common episode is not the same task in both runs or was graded by other
-            rules, or a run is unsealed.
+            rules, open worlds and other scenes are common, or a run is unsealed.
     """
     for side in (a, b):
         _refuse_unsealed(side)
@@ -94,6 +94,7 @@ def compare(a: Side, b: Side) -> Comparison:
     if not common:
         raise UsageError(_nothing_common(a, b, paired_by))
     pairs = [(firsts[key], seconds[key]) for key in common]
+    _refuse_two_tracks(pairs, a, b)
     _refuse_other_tasks(pairs, a, b)
     scored = [(first, second) for first, second in pairs if first.is_scored and second.is_scored]
     if not scored:
@@ -152,6 +153,16 @@ def _refuse_unsealed(side: Side) -> None:
     for agent in _values(side, "agent"):
         if agent.startswith("external-unsealed:"):
             raise UsageError(f"{side.name}: {agent} could read the packs, so its results compare with nothing")
+
+
+def _refuse_two_tracks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
+    """Refuse open worlds together with scenes of the suite, since no number includes both."""
+    open_worlds = _scenes(pair for pair in pairs if pair[0].is_open)
+    if open_worlds and len(open_worlds) < len(_scenes(pairs)):
+        raise UsageError(
+            f"{a.name} and {b.name} have open worlds and scenes of the suite in common, which are compared apart;"
+            f" leave the open worlds out with --without {','.join(map(str, open_worlds))}, or the suite"
+        )
 
 
 def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:

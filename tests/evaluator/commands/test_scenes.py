@@ -89,6 +89,14 @@ def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> Non
     assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
 
 
+def test_scenes_list_shows_the_rung_of_each_scene_and_counts_the_scenes_and_sound_ones_of_each(packs: Path) -> None:
+    shutil.copy(default_folder() / CERTIFICATES_FILE, packs)
+    edit(packs / "Scene21" / "scene21.json", '"easy-single-hidden"', '"open"')
+    lines = physment_eval("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
+    assert [line.split()[0] for line in lines if " open " in line] == ["21", "scenes"]
+    assert lines[-1].rstrip() == "scenes by rung  easy 1 (1 sound)   open 1 (0 sound)"
+
+
 def test_scenes_show_prints_the_private_half_only_when_asked() -> None:
     public = physment_eval("scenes", "show", "9", "--seed", "3").stdout
     private = physment_eval("scenes", "show", "9", "--seed", "3", "--private").stdout

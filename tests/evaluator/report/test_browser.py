@@ -9,7 +9,17 @@ from evaluator.report.page import PAGES, write_report
 from evaluator.store import RunFolder
 from tests.builders.chromium import Page
 
-SECTIONS = ("overview", "budgets", "categories", "dimensions", "failures", "spending", "episodes", "provenance")
+SECTIONS = (
+    "overview",
+    "ladder",
+    "budgets",
+    "categories",
+    "dimensions",
+    "failures",
+    "spending",
+    "episodes",
+    "provenance",
+)
 SHOWN = "document.getElementById('shown').textContent"
 LISTED = "document.querySelectorAll('#list > details').length"
 FOCUSED = "document.activeElement.closest('details')?.id"

@@ -132,6 +132,27 @@ def look(text: str) -> Exchange:
     return found.model_copy(update={"text": text})
 
 
+def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:
+    text = page(row(7, True, "easy-single"), row(201, False, "open"), row(202, True, "open"))
+    assert "1 of 1; 95 % interval" in text
+    ladder = text[text.index('<h2 id="ladder">') : text.index('<h2 id="budgets">')]
+    assert '<th scope="col">open: all predictions right</th>' in ladder
+    assert ">50.0 % <small>9 to 91, n 2</small></td>" in ladder
+    assert "How episodes in open worlds ended" in ladder
+    assert "no other number of this page" in text
+    assert "open world" not in page(row(7, True, "easy-single"))
+
+
+def test_a_page_of_open_worlds_alone_has_no_sections_of_the_suite_and_no_dead_links() -> None:
+    text = page(row(201, False, "open"), row(202, None, "open"))
+    assert "Only open worlds were played" in text
+    assert "<dt>Strict accuracy</dt>" not in text
+    parsed = tags(text)
+    ids = {attributes["id"] for _, attributes in parsed.seen if "id" in attributes}
+    assert not {"budgets", "categories", "dimensions", "failures"} & ids
+    assert {f"#{name}" for name in ids} >= {attributes["href"] for tag, attributes in parsed.seen if tag == "a"}
+
+
 def test_a_stated_number_links_to_its_return_and_a_number_without_support_is_marked() -> None:
     first = turn("I look.", look('{"velocity": [0.0, 0.0, -7.848]}'))
     second = turn("It is -7.85 m/s,\nand the mass is 55.3 kg.")

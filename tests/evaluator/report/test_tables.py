@@ -16,9 +16,13 @@ from evaluator.report.figures import write_figures
 from evaluator.report.page import render
 from evaluator.report.quoted import PAPER
 from evaluator.report.tables import Count, Share, by_budget, by_category, group_picks, tables
+from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import spending
 from evaluator.scores.wording import curve_sentence
+from scenes import Limits
+from tests.builders.records import grade
 from tests.builders.reports import played, run_of
+from tests.builders.scored import scored
 
 EVIL = "=x|<b>&\\input{/etc/passwd}$_^\n%"
 
@@ -34,6 +38,63 @@ def test_agents_under_test_come_first_and_the_baselines_last(study: Run) -> None
     names = [one.label for one in agent_results([other, study])]
     assert names == ["model:x", "zeta", "reference (b)", "reference (study)", "random", "blind-constant"]
     assert [one.is_baseline for one in agent_results([other, study])] == [False, False, True, True, True, True]
+
+
+def test_the_attackers_are_baselines_too_and_agents_with_such_names_are_not() -> None:
+    attackers = ["attacker:sweep", "attacker:glance", "attacker:proportional"]
+    names = [*attackers, "random", "attacker:mine", "my-attacker:sweep"]
+    found = agent_results([run_of([played(7, name, 5, right=False) for name in names])])
+    assert [one.agent for one in found] == ["attacker:mine", "my-attacker:sweep", "random", *attackers]
+    assert [one.is_baseline for one in found] == [False, False, True, True, True, True]
+
+
+def open_world(scene: int, agent: str, *, graded: float) -> ScoredEpisode:
+    """The episode of `played` in an open world; its scene allows 10 calls."""
+    row = played(scene, agent, 20, right=graded == 1)
+    return scored(row.episode, grade(graded == 1, graded=graded), "open", limits=Limits(calls=10))
+
+
+def test_open_worlds_have_rows_of_their_own_and_change_no_other_table(study: Run) -> None:
+    worlds = [open_world(201 + number, "model:x", graded=share) for number, share in enumerate((1.0, 2 / 3))]
+    mixed = run_of([*study.rows, *worlds])
+    before, after = ({table.name: table for table in tables(agent_results([run]))} for run in (study, mixed))
+    assert {name for name, table in after.items() if table != before[name]} == {"by_rung", "experiment_cost"}
+    table = after["by_rung"]
+    assert table.columns == ("agent", "easy", "hard", "open: all predictions right", "open: predictions right")
+    shares = [
+        [cell and cell[:1] + cell[3:] for cell in row if not isinstance(cell, str | int | float)] for row in table.rows
+    ]
+    assert shares == [
+        [(0.5, 16), (0.5, 16), (0.5, 2), (pytest.approx(5 / 6), 2)],
+        [(1.0, 16), (1.0, 16), None, None],
+    ]
+
+
+def test_costs_of_experiment_are_medians_for_each_agent_in_the_suite_and_on_each_rung(study: Run) -> None:
+    mixed = run_of([*study.rows, open_world(201, "model:x", graded=1.0), open_world(202, "new", graded=0.0)])
+    table = next(one for one in tables(agent_results([mixed])) if one.name == "experiment_cost")
+    assert [(row[0], row[1], row[2]) for row in table.rows] == [
+        ("model:x", "all", 32),
+        ("model:x", "easy", 16),
+        ("model:x", "hard", 16),
+        ("model:x", "open", 1),
+        ("new", "open", 1),
+        ("reference", "all", 32),
+        ("reference", "easy", 16),
+        ("reference", "hard", 16),
+    ]
+    assert list(table.rows[0][3:]) == [4, 0, 0.2, None, None]
+    assert list(table.rows[3][3:]) == [4, 0, 0.2, Share(0.4, None, None, 1), None]
+    assert "| model:x | open | 1 | 4 | 0 | 0.20 | 40.0 | – |" in markdown([table])
+    head, *_, last = csv.reader(io.StringIO(csv_text(table)))
+    assert head[6:10] == ["of call limit", "of call limit low", "of call limit high", "of call limit n"]
+    assert last == ["reference", "hard", "16", "4", "0", "0.2", "", "", "", "", ""]
+
+
+def test_a_run_of_open_worlds_alone_has_no_tables_and_figures_of_the_suite(tmp_path: Path) -> None:
+    found = agent_results([run_of([open_world(201, "model:x", graded=1.0)])])
+    assert [table.name for table in tables(found)] == ["paper_by_budget", "by_rung", "experiment_cost"]
+    assert write_figures(tmp_path, found, "svg") == []
 
 
 def test_accuracies_by_budget_and_category_are_those_of_the_episodes(study: Run) -> None:

@@ -69,6 +69,17 @@ def test_the_better_of_two_agents_is_named_with_the_certainty() -> None:
     assert found.sentence.endswith("; p = 0.002, exact McNemar test.")
 
 
+def test_open_worlds_and_scenes_of_the_suite_are_not_compared_together() -> None:
+    def run(name: str, categories: dict[int, str]) -> Side:
+        played = {scene: episode(key=episode_key(scene, agent=name)) for scene in categories}
+        return Side(name, [scored(played[scene], grade(right=True), where) for scene, where in categories.items()])
+
+    both = {7: "easy-single", 201: "open", 202: "open"}
+    with pytest.raises(UsageError, match="leave the open worlds out with --without 201,202, or the suite"):
+        compare(run("a", both), run("b", both))
+    assert compare(run("a", {201: "open", 202: "open"}), run("b", both)).strict.n == 2
+
+
 def test_the_order_of_the_runs_does_not_change_who_is_better() -> None:
     one = side("one", lambda key: key.scene < 22, agents=["x"], seeds=range(3))
     two = side("two", lambda key: key.scene < 40 and key.seed < 2, agents=["y"], seeds=range(3))

@@ -10,14 +10,15 @@ from jsonschema import Draft202012Validator
 
 from evaluator.commands.terminal import summary_lines
 from evaluator.records import EpisodeKey, Outcome
-from evaluator.scores.grouping import modality, problem_kind
+from evaluator.scores.grouping import NO_RUNG, modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import curve_sentence
 from evaluator.statistics.budget_curve import Cell, CurveShape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
+from scenes import Limits
 from tests.builders.paths import DOCS
-from tests.builders.records import episode, episode_key, grade
+from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored
 
 SCHEMA = DOCS / "reference" / "run-summary.schema.json"
@@ -56,6 +57,54 @@ def test_the_interval_of_a_group_is_clustered_by_scene() -> None:
     assert whole.strict_interval == whole.normalised_interval == expected.interval
     one_each = summarise(rows(lambda key: key.scene < 12)).overall
     assert one_each.interval_method is IntervalMethod.WILSON
+
+
+def open_worlds(graded: tuple[float, ...]) -> list[ScoredEpisode]:
+    """An episode in an open world for each share of predictions that is right."""
+    return [
+        scored(
+            episode(turn("", returned("step", {"sim_time": 2.0})), key=episode_key(201 + number)),
+            grade(share == 1, graded=share),
+            "open",
+            limits=Limits(calls=4, lab_time=8),
+        )
+        for number, share in enumerate(graded)
+    ]
+
+
+def test_open_worlds_stand_on_a_rung_of_their_own_and_change_no_other_number() -> None:
+    suite = rows(lambda key: key.scene % 2 == 0, budgets=(5, 20), seeds=2)
+    alone, mixed = summarise(suite), summarise([*suite, *open_worlds((1.0, 2 / 3, 0.0))])
+    assert list(mixed.by_rung) == ["easy", "hard", "open"]
+    assert mixed.by_rung.pop("open").n == 3
+    assert mixed == alone
+
+
+def test_in_open_worlds_c_is_the_share_of_predictions_that_are_right() -> None:
+    summary = summarise(open_worlds((1.0, 2 / 3, 0.0)))
+    found = summary.by_rung["open"]
+    assert (found.n_correct, found.n_scored, found.c) == (1, 3, pytest.approx(5 / 9))
+    assert (found.experiment_cost.calls, found.experiment_cost.calls_of_limit) == (1, 0.25)
+    assert (summary.overall.n, summary.by_category, summary.by_agent) == (0, {}, {})
+    assert summary_lines(summary) == [
+        "open worlds: all predictions right 33.3 % (1/3), predictions right 55.6 %",
+        "cost of experiment (medians): calls 1, lab time 2 s",
+        "answered 3",
+    ]
+
+
+def test_the_rungs_of_the_suite_are_easy_and_hard_and_packs_without_a_category_have_none() -> None:
+    def row(category: str) -> ScoredEpisode:
+        return scored(episode(), grade(right=category.startswith("hard")), category)
+
+    names = ("easy-multi-hidden", "hard-single", "create-delete-attach", "uncategorised")
+    summary = summarise([row(name) for name in names])
+    assert {name: (group.n_correct, group.n) for name, group in summary.by_rung.items()} == {
+        "easy": (0, 1),
+        "hard": (1, 2),
+        NO_RUNG: (0, 1),
+    }
+    assert "by rung  easy: 0.0 % (0/1)   hard: 50.0 % (1/2)   –: 0.0 % (0/1)" in summary_lines(summary)
 
 
 def test_every_grouping_counts_every_episode_once() -> None:

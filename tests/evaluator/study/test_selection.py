@@ -1,13 +1,15 @@
 """How options are read, and the sentence for each that is malformed."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from evaluator.__main__ import main
 from evaluator.errors import UsageError
 from evaluator.study.contenders import Team
 from evaluator.study.selection import parse_numbers, parse_scenes
-from scenes import list_packs
+from scenes import find_pack, list_packs
 
 
 def ids(text: str | None) -> list[int]:
@@ -24,6 +26,49 @@ def test_scenes_are_selected_by_id_range_and_category() -> None:
     assert 21 not in ids("category:easy-single")
 
 
+def pack(folder: Path, scene: int, category: str | None) -> None:
+    """Write a pack of which only the category matters."""
+    (folder / f"Scene{scene}").mkdir()
+    content = json.loads((find_pack(7).json).read_text(encoding="utf-8")) | {"category": category}
+    (folder / f"Scene{scene}" / f"scene{scene}.json").write_text(json.dumps(content), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, [1, 2, 3, 4, 201, 202]),
+        ("all", [1, 2, 3, 4]),
+        ("easy", [1]),
+        ("hard", [2, 3]),
+        ("open", [201, 202]),
+        ("category:open", [201, 202]),
+        ("all,201", [1, 2, 3, 4, 201]),
+        ("3-201", [3, 4, 201]),
+    ],
+)
+def test_all_leaves_out_open_worlds_unless_they_are_named(
+    tmp_path: Path, text: str | None, expected: list[int]
+) -> None:
+    categories = {1: "easy-single", 2: "hard-multi", 3: "create-delete-attach", 4: None, 201: "open", 202: "open"}
+    for scene, category in categories.items():
+        pack(tmp_path, scene, category)
+    assert [files.scene_id for files in parse_scenes(text, tmp_path)] == expected
+
+
+def test_a_run_plays_no_open_world_unless_it_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pack(tmp_path, 7, "easy-single")
+    pack(tmp_path, 201, "open")
+    for words, scenes in (((), 1), (("--scenes", "open"), 1), (("--scenes", "all,open"), 2)):
+        assert main(["run", "--scenes-dir", str(tmp_path), "--dry-run", *words]) == 0
+        assert f"{scenes} scenes × 1 agents" in capsys.readouterr().out
+
+
+def test_for_a_folder_of_open_worlds_the_error_says_how_to_select_them(tmp_path: Path) -> None:
+    pack(tmp_path, 201, "open")
+    with pytest.raises(UsageError, match="every scene here is an open world; select them with --scenes open"):
+        parse_scenes("all", tmp_path)
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -33,6 +78,7 @@ def test_scenes_are_selected_by_id_range_and_category() -> None:
         ("7-", "--scenes 7-: write ids"),
         ("-7", "--scenes -7: write ids"),
         ("", "write ids"),
+        ("hard,simple", "--scenes simple: write ids and ranges such as 7,9,20-30, all, easy, hard, open, or category:"),
         ("category:simple", "the categories are easy-single, "),
     ],
 )
