@@ -1,7 +1,9 @@
 """The files that `physment-eval report` writes: one page, or a page with notebooks, of one run or of several."""
 
+import csv
 import json
 import re
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -112,6 +114,36 @@ def test_a_report_can_hold_several_runs_each_with_its_own_packs(
     for form, name in (("md", "tables.md"), ("latex", "tables.tex")):
         assert main([*words, form]) == 0
         assert (tmp_path / "out" / name).stat().st_size > 500
+
+
+def test_a_run_of_open_worlds_is_graded_by_prediction_and_told_how_much_of_the_limits_was_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    packs = tmp_path / "packs"
+    shutil.copytree(default_folder() / "Scene101", packs / "Scene201")
+    for file in (packs / "Scene201").glob("scene101.*"):
+        file.rename(file.with_name(file.name.replace("101", "201")))
+    file = packs / "Scene201" / "scene201.json"
+    pack = json.loads(file.read_text(encoding="utf-8"))
+    right, _ = pack["answer"]
+    file.write_text(json.dumps(pack | {"category": "open", "limits": {"calls": 8, "lab_time": 2.0}}), encoding="utf-8")
+    run = RunFolder(store(tmp_path / "run", "x", [201], packs))
+    (episode,) = run.episodes().values()
+    run.episodes_file.write_text(episode.model_copy(update={"answer": [right, 0]}).model_dump_json() + "\n")
+    assert main(["grade", str(run.path), "--scenes-dir", str(packs)]) == 0
+    said = capsys.readouterr().out
+    assert "open worlds: all predictions right 0.0 % (0/1), predictions right 50.0 %" in said
+    assert "strict accuracy" not in said
+    assert main(["report", str(run.path), "--scenes-dir", str(packs), "--export", "csv"]) == 0
+    head, row = csv.reader((run.path / "tables-experiment_cost.csv").read_text(encoding="utf-8").splitlines())
+    told = dict(zip(head, row, strict=True))
+    assert {name: told[name] for name in ("rung", "calls", "lab time [s]", "of call limit", "of lab time limit")} == {
+        "rung": "open",
+        "calls": "4",
+        "lab time [s]": "0.2",
+        "of call limit": "0.5",
+        "of lab time limit": "0.1",
+    }
 
 
 def test_a_report_of_several_runs_needs_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
