@@ -7,7 +7,7 @@ from pathlib import Path
 from evaluator.answers.grading import infer_spec
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from scenes import Limits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
+from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
 from scenes.protocol import AnswerValue, load_solution
 
 
@@ -19,7 +19,7 @@ class SceneFacts:
     category: str
     problem_type: str
     disabled_tools: frozenset[str]
-    limits: Limits
+    limits: LabLimits
 
 
 class KeyRing:
@@ -61,7 +61,7 @@ class KeyRing:
             pack.category.value if pack.category else "uncategorised",
             pack.metadata.problem_type,
             frozenset(pack.disabled_tools),
-            pack.limits or Limits(),
+            pack.limits or LabLimits(),
         )
 
 

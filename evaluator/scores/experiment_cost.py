@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any, TypeGuard
 
 from evaluator.records import Episode, Exchange, Record
-from scenes import Limits
+from scenes import LabLimits
 
 
 class ExperimentCost(Record):
@@ -20,7 +20,7 @@ class ExperimentCost(Record):
     refused_calls: int
     """Those of them that it refused."""
     lab_time_s: float
-    """Simulated time that passed in all steps, also before a reset [s]."""
+    """Simulated time that passed in all steps [s]."""
     calls_of_limit: float | None
     """Calls as a share of the scene's limit, 0 to 1; None if it has none."""
     lab_time_of_limit: float | None
@@ -35,7 +35,7 @@ class MedianCost(Record):
     refused_calls: float | None
     """Those of them that it refused."""
     lab_time_s: float | None
-    """Simulated time that passed in all steps, also before a reset [s]."""
+    """Simulated time that passed in all steps [s]."""
     calls_of_limit: float | None
     """Calls as a share of the scene's limit, over the episodes whose scene has one."""
     n_calls_limited: int
@@ -46,7 +46,7 @@ class MedianCost(Record):
     """Number of those episodes."""
 
 
-def cost_of(episode: Episode, limits: Limits) -> ExperimentCost:
+def cost_of(episode: Episode, limits: LabLimits) -> ExperimentCost:
     """What the experiments of an episode cost.
 
     Args:

@@ -8,7 +8,7 @@ from evaluator.scores.dimensions import EpisodeScores, dimensions
 from evaluator.scores.experiment_cost import cost_of
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scored_episode import ScoredEpisode
-from scenes import Limits
+from scenes import LabLimits
 
 
 def scores_of(episode: Episode, grade: Grade, disabled_tools: frozenset[str] = frozenset()) -> EpisodeScores:
@@ -26,7 +26,7 @@ def scored(
     failures: tuple[Failure, ...] = (),
     answer_key: JsonValue = 1.5,
     grader_version: str = "1",
-    limits: Limits | None = None,
+    limits: LabLimits | None = None,
 ) -> ScoredEpisode:
     """A scored episode of a scene that no pack describes."""
     record = GradeRecord(
@@ -42,7 +42,7 @@ def scored(
         category=category,
         problem_type=problem_type,
         scores=scores_of(episode, grade, disabled_tools),
-        experiment_cost=cost_of(episode, limits or Limits()),
+        experiment_cost=cost_of(episode, limits or LabLimits()),
         grounding=grounding_of(episode),
         failures=failures,
     )

@@ -19,7 +19,7 @@ from evaluator.report.tables import Count, Share, by_budget, by_category, group_
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import spending
 from evaluator.scores.wording import curve_sentence
-from scenes import Limits
+from scenes import LabLimits
 from tests.builders.records import grade
 from tests.builders.reports import played, run_of
 from tests.builders.scored import scored
@@ -51,7 +51,7 @@ def test_the_attackers_are_baselines_too_and_agents_with_such_names_are_not() ->
 def open_world(scene: int, agent: str, *, graded: float) -> ScoredEpisode:
     """The episode of `played` in an open world; its scene allows 10 calls."""
     row = played(scene, agent, 20, right=graded == 1)
-    return scored(row.episode, grade(graded == 1, graded=graded), "open", limits=Limits(calls=10))
+    return scored(row.episode, grade(graded == 1, graded=graded), "open", limits=LabLimits(calls=10))
 
 
 def test_open_worlds_have_rows_of_their_own_and_change_no_other_table(study: Run) -> None:

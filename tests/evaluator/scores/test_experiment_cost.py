@@ -4,10 +4,10 @@ import pytest
 
 from evaluator.records import Episode, Outcome
 from evaluator.scores.experiment_cost import MedianCost, cost_of, median_cost
-from scenes import Limits
+from scenes import LabLimits
 from tests.builders.records import episode, refused, rejected, returned, skipped, turn
 
-FREE = Limits()
+FREE = LabLimits()
 
 
 def test_calls_that_the_laboratory_received_are_counted_without_the_answer() -> None:
@@ -19,7 +19,7 @@ def test_calls_that_the_laboratory_received_are_counted_without_the_answer() -> 
     assert (found.calls, found.refused_calls, found.lab_time_s) == (2, 1, 0.0)
 
 
-def test_lab_time_is_what_passed_in_steps_also_before_a_reset() -> None:
+def test_lab_time_is_what_passed_in_steps_also_if_a_laboratory_sets_its_clock_back() -> None:
     played = episode(
         turn(
             "",
@@ -44,17 +44,17 @@ def test_what_was_used_of_a_limit_is_at_most_all_of_it() -> None:
             "", *(returned("step", {"sim_time": time}, duration=1) for time in (1.0, 2.0)), refused("step", duration=1)
         )
     )
-    found = cost_of(played, Limits(calls=4, lab_time=8))
+    found = cost_of(played, LabLimits(calls=4, lab_time=8))
     assert (found.calls_of_limit, found.lab_time_of_limit) == (0.75, 0.25)
-    assert cost_of(played, Limits(calls=2)).calls_of_limit == 1.0
-    assert cost_of(played, Limits(calls=2)).lab_time_of_limit is None
+    assert cost_of(played, LabLimits(calls=2)).calls_of_limit == 1.0
+    assert cost_of(played, LabLimits(calls=2)).lab_time_of_limit is None
 
 
 def test_a_group_has_medians_and_shares_only_over_episodes_with_a_limit() -> None:
     def played(calls: int) -> Episode:
         return episode(turn("", *[returned("step", {"sim_time": 0.1 * n}) for n in range(1, calls + 1)]))
 
-    costs = [cost_of(played(calls), limits) for calls, limits in ((2, FREE), (4, Limits(calls=8)), (9, FREE))]
+    costs = [cost_of(played(calls), limits) for calls, limits in ((2, FREE), (4, LabLimits(calls=8)), (9, FREE))]
     found = median_cost(costs)
     assert (found.calls, found.refused_calls, found.lab_time_s) == (4, 0, pytest.approx(0.4))
     assert (found.calls_of_limit, found.n_calls_limited) == (0.5, 1)

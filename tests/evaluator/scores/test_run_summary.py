@@ -16,7 +16,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import curve_sentence
 from evaluator.statistics.budget_curve import Cell, CurveShape, budget_curve
 from evaluator.statistics.intervals import IntervalMethod, proportion
-from scenes import Limits
+from scenes import LabLimits
 from tests.builders.paths import DOCS
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored
@@ -66,7 +66,7 @@ def open_worlds(graded: tuple[float, ...]) -> list[ScoredEpisode]:
             episode(turn("", returned("step", {"sim_time": 2.0})), key=episode_key(201 + number)),
             grade(share == 1, graded=share),
             "open",
-            limits=Limits(calls=4, lab_time=8),
+            limits=LabLimits(calls=4, lab_time=8),
         )
         for number, share in enumerate(graded)
     ]
