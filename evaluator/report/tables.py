@@ -116,7 +116,7 @@ def by_rung(results: Sequence[AgentResults]) -> Table:
         elif any(found):
             columns[str(rung)] = list(map(_strict, found))
     rows = [[result.label, *(column[index] for column in columns.values())] for index, result in enumerate(results)]
-    return Table("by_rung", "Strict accuracy by rung", ("agent", *columns), rows)
+    return Table("by_rung", "Accuracy by rung", ("agent", *columns), rows)
 
 
 def experiment_cost(results: Sequence[AgentResults]) -> Table:

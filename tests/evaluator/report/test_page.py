@@ -153,6 +153,16 @@ def test_a_page_of_open_worlds_alone_has_no_sections_of_the_suite_and_no_dead_li
     assert {f"#{name}" for name in ids} >= {attributes["href"] for tag, attributes in parsed.seen if tag == "a"}
 
 
+def test_a_baseline_and_an_unsealed_agent_are_marked_in_a_report_of_open_worlds_alone() -> None:
+    def world(scene: int, agent: str, unsealed: str | None) -> ScoredEpisode:
+        played = episode(turn("I look."), key=episode_key(scene, agent=agent))
+        return scored(played.model_copy(update={"unsealed": unsealed}), RIGHT, "open")
+
+    text = page(world(201, "random", None), world(201, "external:x", "it could read the packs"))
+    assert ">random <small>baseline</small></th>" in text
+    assert '>external:x <small class="flag">unsealed</small></th>' in text
+
+
 def test_a_stated_number_links_to_its_return_and_a_number_without_support_is_marked() -> None:
     first = turn("I look.", look('{"velocity": [0.0, 0.0, -7.848]}'))
     second = turn("It is -7.85 m/s,\nand the mass is 55.3 kg.")
