@@ -140,7 +140,7 @@ def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:
     assert ">50.0 % <small>9 to 91, n 2</small></td>" in ladder
     assert "How episodes in open worlds ended" in ladder
     assert "no other number of this page" in text
-    assert "open world" not in page(row(7, True, "easy-single"))
+    assert "in open worlds" not in page(row(7, True, "easy-single"))
 
 
 def test_a_page_of_open_worlds_alone_has_no_sections_of_the_suite_and_no_dead_links() -> None:
