@@ -33,5 +33,7 @@ def write_new_scene(folder: Path, scene: int, category: Category) -> Path:
 def _template(category: Category) -> str:
     if category.endswith("hidden"):
         return "hidden"
+    if category in {Category.HARD_SINGLE, Category.HARD_MULTI, Category.OPEN}:
+        return "prediction"
     made = category.endswith("creation") or category is Category.CREATE_DELETE_ATTACH
     return "creation" if made else "plain"

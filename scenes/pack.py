@@ -262,6 +262,11 @@ class Pack(_PackModel):
     format: Literal[1] = 1
     """Version of this format."""
 
+    @property
+    def predicts(self) -> bool:
+        """Whether it asks for a prediction within stated limits, so that certificates 7 to 10 apply to it."""
+        return self.category is not None and self.category.infers and self.limits is not None
+
     def permissions_of(self, key: str) -> Permissions:
         """Permissions of the object listed under `key` (such as `object_1`); all withheld if not written."""
         return self.object_permissions.get(f"{key}_permissions", Permissions())

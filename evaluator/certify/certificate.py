@@ -1,14 +1,17 @@
-"""Checks all six certificates of one scene, with episodes played through MCP and runs of the engine."""
+"""Checks the certificates of one scene, with episodes played through MCP and runs of the engine."""
 
 from collections.abc import Sequence
 
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.certify import compiled_model
+from evaluator.certify.attempts import check_unstageable
 from evaluator.certify.difficulty import check_difficulty
+from evaluator.certify.hypotheses import check_structure, check_tempting
 from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.instrument import check_instrument
 from evaluator.certify.keys import check_constant, check_key
 from evaluator.certify.lint import lint
-from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, check
+from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
 from evaluator.episode.connect import Laboratory
@@ -56,10 +59,17 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
             await check_difficulty(subject, episodes),
             check_sane(subject, seeds, faults),
         ]
+        if subject.pack.predicts:
+            checks += [
+                await check_unstageable(subject, seeds),
+                check_tempting(subject, seeds),
+                check_structure(subject, episodes),
+                check_instrument(subject, episodes),
+            ]
     except InfrastructureError:
         raise
     except Exception as error:  # noqa: BLE001 - the pack's own code ran; any exception is a reason
-        checks = [check(name, [f"solution.py failed: {error!r}"]) for name in CERTIFICATES]
+        checks = [check(name, [f"solution.py failed: {error!r}"]) for name in certificates_of(subject.pack)]
     return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
 
 

@@ -1,4 +1,4 @@
-"""Certificate 5: a scene is as hard as its category says, and a Hard scene cannot be solved by fixed interventions."""
+"""Certificate 5: a scene is as hard as its category says; a Hard scene without limits cannot be solved by rote."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,11 @@ EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
 
 
 async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check the length of the reference protocol, the number of concepts, and that a Hard scene forces adaptation."""
+    """Check the length of the reference protocol and the number of concepts.
+
+    A Hard scene that states no limits must also force to adapt; what scenes with limits must do instead, certificates
+    7 to 9 say.
+    """
     category = subject.pack.category
     assert category is not None
     interventions = [_interventions(episode) for episode in episodes]
@@ -29,7 +33,8 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
             reasons.append(
                 f"the reference takes {max(iterations)} iterations; in an Easy scene at most {EASY_ITERATIONS}"
             )
-    if category.value.startswith("hard") and min(interventions) <= EASY_INTERVENTIONS:
+    adapts = category.value.startswith("hard") and not subject.pack.predicts
+    if adapts and min(interventions) <= EASY_INTERVENTIONS:
         reasons.append(
             f"the reference needs only {min(interventions)} interventions; a Hard scene needs more than"
             f" {EASY_INTERVENTIONS}"
@@ -37,7 +42,7 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
     if max(iterations) > ITERATIONS:
         reasons.append(f"the reference takes {max(iterations)} iterations; the largest budget is {ITERATIONS}")
     several = "multi" in category.value or category is Category.CREATE_DELETE_ATTACH
-    if (len(subject.pack.concepts) >= 2) != several:
+    if category is not Category.OPEN and (len(subject.pack.concepts) >= 2) != several:
         reasons.append(
             f"{category.value} scenes have {'two or more concepts' if several else 'one concept'};"
             f" this one lists {len(subject.pack.concepts)}"
@@ -53,7 +58,7 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
         "iterations": max(iterations),
         "tools": sorted(called - {"answer"}),
     }
-    if category.value.startswith("hard"):
+    if adapts:
         tried = len(episodes) - 1
         wrong = await _wrong_by_rote(subject, tried)
         figures |= {"wrong_by_rote": wrong, "tried_by_rote": tried}

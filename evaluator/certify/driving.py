@@ -16,6 +16,9 @@ class Drive:
     """The calls of a protocol and its result."""
 
     calls: list[Call] = field(default_factory=list[Call])
+    iterations: int = 0
+    refusals: list[str] = field(default_factory=list[str])
+    """What refused calls returned."""
     answer: object = None
     failure: str = ""
     """Why the protocol failed; empty if it answered."""
@@ -36,6 +39,7 @@ async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Se
         batch = next(protocol)
         for _ in range(MAX_ITERATIONS):
             readings: list[Reading] = []
+            driven.iterations += 1
             for asked in batch:
                 done = asked
                 if is_intervention(asked.tool, asked.arguments) and spare:
@@ -43,6 +47,7 @@ async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Se
                     done = instead if instead.tool == asked.tool else asked
                 driven.calls.append(done)
                 readings.append(await run(session, done))
+                driven.refusals += [str(readings[-1]["error"])] if "error" in readings[-1] else []
                 if asked.tool == ANSWER:
                     driven.answer = session.state.answer
                     return driven

@@ -3,6 +3,7 @@
 import difflib
 import json
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
@@ -10,6 +11,7 @@ from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
 from evaluator.certify import compiled_model
+from evaluator.certify.instrument import unstated
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
@@ -21,6 +23,8 @@ REVEALING_WORDS = frozenset(
     | {"stiff", "soft", "slippery", "sticky"}
 )
 """Words in the name of an object that would reveal one of its properties."""
+_VARIANTS = 20
+"""Number of seeds that are compiled if the parts or the forces of a model depend on the draw."""
 _EDITS = ("create_objects", "attach_objects", "delete_objects")
 
 
@@ -91,15 +95,22 @@ def _answer(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         yield f"the answer {pack.answer!r} is not among the options {list(spec.options)}"
 
 
-def _solution(files: PackFiles, _pack: Pack, _mjcf: str) -> Iterator[str]:
+def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     try:
         solution = load_solution(files)
     except PackError as error:
         yield str(error)
         return
-    for name in ("solve", "measure"):
+    for name in ("solve", "measure", *(("structure", "fit", "naive", "batch") if pack.predicts else ())):
         if getattr(solution, name) is None:
             yield f"solution.py defines no {name}"
+    if pack.predicts and not solution.stages:
+        yield "solution.py defines no stage: write the most direct attempt to bring about what is asked"
+
+
+def _laboratory(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    if pack.predicts:
+        yield from unstated(pack)
 
 
 def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
@@ -162,8 +173,10 @@ def _hidden(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         yield f"{hidden[0]} is hidden, but the category is {category}"
 
 
-def _knobs(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
-    written = json.dumps([pack.derive, pack.apply, pack.accept_draw], default=list)
+def _knobs(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    laws = [law.model_dump(by_alias=True) for law in pack.laws]
+    present = [element.get("present") for element in _written(files).iter()]
+    written = json.dumps([pack.derive, pack.apply, pack.accept_draw, laws, present], default=list)
     for name, knob in pack.knobs.items():
         if not knob.meaning:
             yield f"knobs.{name}.meaning is missing: say what it is, with its unit"
@@ -174,6 +187,32 @@ def _knobs(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
             yield f"knobs.{name}.canonical lies outside the range {list(bounds)}"
         if knob.choice and knob.canonical not in knob.choice:
             yield f"knobs.{name}.canonical is none of the choices"
+
+
+def _written(files: PackFiles) -> ET.Element:
+    """The XML as written, with the conditions of its parts."""
+    return ET.fromstring(files.mjcf.read_text(encoding="utf-8"))  # noqa: S314 - the user's pack
+
+
+def _present(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    listed = {f"object_{entry.object_id}" for entry in pack.objects.values()}
+    yield from (
+        f"{body.get('name')} has the attribute present, but an object must be there at every seed"
+        for body in _written(files).iter("body")
+        if body.get("name") in listed and "present" in body.attrib
+    )
+
+
+def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    """Report the first variant that cannot be set up, for example because a tendon refers to an absent joint."""
+    if not pack.laws and not any("present" in element.attrib for element in _written(files).iter()):
+        return
+    for seed in range(1, _VARIANTS):
+        try:
+            Session(load_scene(files.scene_id, seed, files.folder.parent))
+        except (PackError, SceneError) as error:
+            yield f"seed {seed} cannot be set up: {error}"
+            return
 
 
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
@@ -195,9 +234,12 @@ _RULES: tuple[Callable[[PackFiles, Pack, str], Iterator[str]], ...] = (
     _incomplete,
     _answer,
     _solution,
+    _laboratory,
     _objects,
     _task,
     _tools,
     _hidden,
     _knobs,
+    _present,
+    _variants,
 )

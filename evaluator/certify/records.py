@@ -1,4 +1,4 @@
-"""Certificates as records on disk: six checks for each scene, with figures and, if a check failed, reasons."""
+"""Certificates as records on disk: a check for each, with figures and, if it failed, reasons."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,11 +7,14 @@ from typing import Literal
 from pydantic import Field
 
 from evaluator.records import FORMAT, Record
+from scenes import Pack
 
 CERTIFICATES_FILE = "certificates.json"
 """Name of the file in a folder of packs."""
 CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
-"""The six certificates, in the order in which they are checked."""
+"""The certificates of every scene, in the order in which they are checked."""
+PREDICTION_CERTIFICATES = ("unstageable", "tempting", "structure", "instrument")
+"""The further certificates of scenes that ask for a prediction."""
 
 
 class Check(Record):
@@ -52,6 +55,11 @@ class Certificates(Record):
     engine: str
     """Version of MuJoCo used."""
     scenes: tuple[SceneCertificate, ...]
+
+
+def certificates_of(pack: Pack) -> tuple[str, ...]:
+    """The certificates that a pack needs, in the order in which they are checked."""
+    return CERTIFICATES + (PREDICTION_CERTIFICATES if pack.predicts else ())
 
 
 def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> Check:

@@ -1,4 +1,4 @@
-"""Certifies many scenes in parallel processes with one shared host, and writes the certificates file."""
+"""Certifies many scenes in parallel processes with one shared host; reads and writes the certificates file."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -9,10 +9,16 @@ import anyio
 from anyio import to_process
 
 from evaluator.certify.certificate import certify
-from evaluator.certify.records import CERTIFICATES_FILE, Certificates, SceneCertificate, read_certificates
+from evaluator.certify.records import (
+    CERTIFICATES_FILE,
+    Certificates,
+    SceneCertificate,
+    certificates_of,
+    read_certificates,
+)
 from evaluator.episode.connect import HostLaboratory
 from evaluator.errors import StoreError
-from scenes import PackFiles, list_packs
+from scenes import PackError, PackFiles, list_packs, pack_hash, read_pack
 
 
 async def verify(
@@ -51,6 +57,33 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
     return anyio.run(certify, files, seeds, HostLaboratory(host))
 
 
+def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
+    """The stored certificates that need not be made again: of sound packs, unchanged, on as many seeds.
+
+    A certificate that was made with another engine version, or that lacks a check, does not count.
+    """
+    stored = read_certificates(folder)
+    if stored is None or stored.engine != version("mujoco"):
+        return []
+    certificates = {certificate.scene: certificate for certificate in stored.scenes}
+    return [
+        certificate
+        for files in packs
+        if (certificate := certificates.get(files.scene_id)) is not None
+        and certificate.passed
+        and certificate.seeds == seeds
+        and certificate.pack == pack_hash(files)
+        and tuple(check.name for check in certificate.checks) == _needed(files)
+    ]
+
+
+def _needed(files: PackFiles) -> tuple[str, ...]:
+    try:
+        return certificates_of(read_pack(files))
+    except PackError:
+        return ()
+
+
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
     """Write `certificates.json` into a folder of packs.
 
@@ -59,14 +92,16 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
     Raises:
         StoreError: The file cannot be written.
     """
-    file, engine = folder / CERTIFICATES_FILE, version("mujoco")
+    file, part, engine = folder / CERTIFICATES_FILE, folder / f"{CERTIFICATES_FILE}.part", version("mujoco")
     before = read_certificates(folder)
     kept = before.scenes if before and before.engine == engine else ()
     present = {files.scene_id for files in list_packs(folder)}
     scenes = {certificate.scene: certificate for certificate in (*kept, *proven) if certificate.scene in present}
     certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
     try:
-        file.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        # Written beside it first: a process that is killed now must not leave half a file.
+        part.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        part.replace(file)
     except OSError as error:
         raise StoreError(f"{file} cannot be written: {error.strerror}") from error
     return file

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from evaluator.certify.records import CERTIFICATES, SceneCertificate
+from evaluator.certify.records import CERTIFICATES, CERTIFICATES_FILE, PREDICTION_CERTIFICATES, Check, SceneCertificate
 from evaluator.commands.argument_types import count_of
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import LocalHost
@@ -19,17 +19,25 @@ from scenes import PackError, PackFiles, default_folder
 from scenes.layout import lay_out, not_laid_out
 
 _VERIFY = """\
-Prove scenes sound by running them: six certificates each, on many seeds.
+Prove scenes sound by running them: certificates on many seeds.
 
   key         theory, engine, half the time step and the reference's answers agree, to a share of the tolerance
   twins       seeds have one opening prompt and the same readings at the start, but different keys
   modality    what must be created, found, deleted or attached cannot be done without
   constant    no constant answer is right more often than luck may be
-  difficulty  the reference protocol is as long as the category says; a Hard scene forces to adapt
+  difficulty  the reference protocol is as long as the category says; a Hard scene without limits forces to adapt
   sane        nothing that `lint` finds; no deep contact at the start; no energy from nowhere
 
+and, where a scene with limits asks for a prediction:
+
+  unstageable direct attempts, a fixed batch of calls and the attackers do not find the answer
+  tempting    natural shortcuts are wrong
+  structure   seeds draw several laws; the wrong one, fitted to the reference's readings, gives a wrong answer
+  instrument  the reference keeps the limits and needs at least half of them
+
 This runs the solution.py of each scene: name only folders you trust. The results go into certificates.json in the
-folder of the scenes. Exit code: 0 all sound, 1 some are not.
+folder of the scenes as they are found, so an interrupted run goes on where it was. A sound scene that has not changed
+since keeps its certificate; --all proves it again. Exit code: 0 all sound, 1 some are not.
 """
 _LINT = """\
 Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
@@ -69,6 +77,7 @@ def add(commands: Commands) -> None:
         command.add_argument(
             "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
         )
+    verify.add_argument("--all", action="store_true", help="also prove again what is sound and unchanged")
     verify.add_argument("--seeds", type=count_of("seeds"), default=20, metavar="N", help="seeds 0 to N-1 (default 20)")
     verify.add_argument(
         "--jobs",
@@ -80,10 +89,19 @@ def add(commands: Commands) -> None:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from evaluator.certify.verify import verify, write_certificates  # noqa: PLC0415 - only this command needs the engine
+    from evaluator.certify.verify import (  # noqa: PLC0415 - only this command needs the engine
+        still_proven,
+        verify,
+        write_certificates,
+    )
 
-    packs = parse_scenes(args.scenes, args.scenes_dir)
+    packs, folder = parse_scenes(args.scenes, args.scenes_dir), args.scenes_dir or default_folder()
+    kept = [] if args.all else still_proven(folder, packs, args.seeds)
+    unchanged = {certificate.scene for certificate in kept}
+    packs = [files for files in packs if files.scene_id not in unchanged]
     console, proven = wide_console(), list[SceneCertificate]()
+    if kept:
+        console.print(f"{len(kept)} scenes are sound and unchanged; --all proves them again", highlight=False)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -98,6 +116,7 @@ def _verify(args: argparse.Namespace) -> int:
     def done(certificate: SceneCertificate) -> None:
         bar.advance(task)
         proven.append(certificate)
+        write_certificates(folder, [certificate])
         if not console.is_terminal:
             verdict = "sound" if certificate.passed else "NOT SOUND"
             console.print(f"[{len(proven)}/{len(packs)}] scene {certificate.scene}: {verdict}", markup=False)
@@ -106,22 +125,21 @@ def _verify(args: argparse.Namespace) -> int:
         async with LocalHost(args.scenes_dir) as host:
             await verify(packs, args.seeds, args.jobs, host.base_url, done)
 
-    folder = args.scenes_dir or default_folder()
+    file = folder / CERTIFICATES_FILE
     try:
         with bar:
             task = bar.add_task("proving", total=len(packs))
-            run_async(play)
+            if packs:
+                run_async(play)
     except KeyboardInterrupt:
-        file = write_certificates(folder, proven)
         print(
             f"physment-eval: interrupted; the certificates of {len(proven)} scenes are in {file};"
-            " go on with --scene and the others",
+            " the same command goes on with the others",
             file=sys.stderr,
         )
         return 130
-    certificates = sorted(proven, key=lambda one: one.scene)
+    certificates = sorted([*kept, *proven], key=lambda one: one.scene)
     _print_certificates(console, certificates)
-    file = write_certificates(folder, certificates)
     sound = sum(one.passed for one in certificates)
     console.print(
         f"{sound} of {len(certificates)} scenes are sound   certificates: {file}", soft_wrap=True, highlight=False
@@ -132,7 +150,10 @@ def _verify(args: argparse.Namespace) -> int:
 def _print_certificates(console: Console, certificates: list[SceneCertificate]) -> None:
     table = Table(box=None, pad_edge=False)
     table.add_column("scene", justify="right")
-    for title in CERTIFICATES:
+    titles = CERTIFICATES
+    if any(len(one.checks) > len(CERTIFICATES) for one in certificates):
+        titles += PREDICTION_CERTIFICATES
+    for title in titles:
         table.add_column(title, justify="center")
     for title in ("engine gap", "answer gap", "interventions", "iterations"):
         table.add_column(title, justify="right")
@@ -141,7 +162,7 @@ def _print_certificates(console: Console, certificates: list[SceneCertificate]) 
         key, difficulty = checks["key"].figures, checks["difficulty"].figures
         table.add_row(
             str(one.scene),
-            *("[green]✓[/]" if checks[name].passed else "[red]✗[/]" for name in CERTIFICATES),
+            *(_mark(checks.get(name)) for name in titles),
             _percent(key.get("theory_engine_gap")),
             _percent(key.get("answer_gap")),
             str(difficulty.get("interventions", "")),
@@ -152,6 +173,12 @@ def _print_certificates(console: Console, certificates: list[SceneCertificate]) 
         for check in one.checks:
             for reason in check.reasons:
                 console.print(Text(f"scene {one.scene}, {check.name}: {reason}", "red"), soft_wrap=True)
+
+
+def _mark(check: Check | None) -> str:
+    if check is None:
+        return ""
+    return "[green]✓[/]" if check.passed else "[red]✗[/]"
 
 
 def _percent(share: object) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from evaluator.agents.attackers.agent import AttackerAgent
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
@@ -22,6 +23,7 @@ AGENTS = (
     "reference",
     "random",
     "blind",
+    "attacker:sweep|glance|proportional",
     "model:PRESET",
     "model:PROVIDER:NAME",
     "oracle-once:AGENT",
@@ -108,6 +110,8 @@ class Team:
                 contender = AgentContender(RandomAgent())
             case "blind", False:
                 contender = AgentContender(BlindAgent())
+            case "attacker", True:
+                contender = AgentContender(AttackerAgent(rest))
             case "scripted", True:
                 contender = AgentContender(load_script(Path(rest)))
             case "replay", True:

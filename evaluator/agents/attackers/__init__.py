@@ -1,0 +1,1 @@
+"""Generic attackers: attempts to answer without understanding, which must fail in scenes that ask for a prediction."""

@@ -1,0 +1,112 @@
+"""What an attacker can do: push or turn an object along an axis, wait, and see which objects respond."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+from evaluator.agents.attackers.opening import Opening
+from evaluator.agents.attackers.readings import Quantity, motion_calls, quantities, unit
+from evaluator.quantities.units import Unit
+from scenes.protocol import Call, Reading, call
+
+Exchanging = Generator[list[Call], list[Reading], "Found"]
+_PROBE_S = 0.1
+"""How long a control acts while the attacker looks what responds [s]."""
+_PROBE_SHARE = 1 / 3
+"""Share of the calls that looking may take."""
+_RESPONDS = 1e-6
+"""Smallest change that counts as a response."""
+_LONGEST_STEP_S = 60.0
+_MOST_CONTROLS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """A component of the force or of the torque on an object."""
+
+    object_id: str
+    tool: str
+    axis: int
+    limit: float
+    """Largest value [`unit`]."""
+    unit: Unit
+
+    def set(self, value: float) -> Call:
+        """The call that gives it a value."""
+        vector = [0.0, 0.0, 0.0]
+        vector[self.axis] = value
+        name = "force_vector" if self.tool == "apply_force" else "torque_vector"
+        return call(self.tool, object_id=self.object_id, **{name: vector})
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What an attacker knows after it has looked around."""
+
+    objects: tuple[str, ...]
+    """Ids of the objects, found ones too."""
+    controls: tuple[Control, ...]
+    """The controls to which something responds, the strongest first; never empty if anything can be pushed."""
+    watched: tuple[str, ...]
+    """The objects to read: those that the question names and can be chosen, and those that are pushed."""
+
+
+def wait(duration: float) -> list[Call]:
+    """Calls that let time [s] pass."""
+    pieces = max(1, math.ceil(duration / _LONGEST_STEP_S))
+    return [call("step", duration=duration / pieces)] * pieces
+
+
+def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
+    """Every control of the kind that the question asks about, on the objects it names, or else on all."""
+    newton, newton_metre = unit("N"), unit("N*m")
+    kinds = [("apply_force", opening.force, newton), ("apply_torque", opening.torque, newton_metre)]
+    asked = [kind for kind in kinds if opening.asked(kind[2])]
+    handles = [object_id for object_id in objects if object_id not in opening.sealed]
+    named = [object_id for object_id in opening.named() if object_id in handles]
+    return [
+        Control(object_id, tool, axis, limit, measure)
+        for object_id in named or handles
+        for tool, limit, measure in asked or kinds
+        if limit > 0 and tool not in opening.disabled
+        for axis in range(3)
+    ]
+
+
+def look_around(opening: Opening) -> Exchanging:
+    """Reveal what is hidden, push along every axis for a moment, and note what responds."""
+    objects = list(opening.objects)
+    if "find_objects" not in opening.disabled:
+        (revealed,) = yield [call("find_objects")]
+        objects += [str(listed["object_id"]) for listed in revealed.get("revealed", [])]
+    objects = list(dict.fromkeys(objects))
+    controls = all_controls(opening, objects)
+    parts: list[list[Call]] = []
+    most = int(opening.calls * _PROBE_SHARE)
+    for control in controls:
+        read = motion_calls(opening, [control.object_id], ())
+        parts.append([*read, control.set(control.limit), *wait(_PROBE_S), *read, control.set(0.0)])
+        if sum(map(len, parts)) > most:
+            parts.pop()
+            break
+    readings = yield [asked for part in parts for asked in part]
+    strongest: dict[tuple[str, str], tuple[float, Control]] = {}
+    for control, part in zip(controls, parts, strict=False):
+        response = _largest_change(quantities(part, readings[: len(part)]))
+        readings = readings[len(part) :]
+        key = (control.object_id, control.tool)
+        if response > max(_RESPONDS, strongest.get(key, (0.0, control))[0]):
+            strongest[key] = (response, control)
+    ranked = sorted(strongest.values(), key=lambda entry: -entry[0])[:_MOST_CONTROLS]
+    chosen = tuple(control for _, control in ranked) or tuple(controls[:1])
+    watched = [object_id for object_id in objects if object_id in {*opening.named(), *opening.options}]
+    watched += [control.object_id for control in chosen]
+    return Found(tuple(objects), chosen, tuple(dict.fromkeys(watched or objects)))
+
+
+def _largest_change(read: Sequence[Quantity]) -> float:
+    """The largest change between two readings of the same quantity."""
+    first: dict[str, float] = {}
+    return max(
+        (abs(quantity.value - first.setdefault(quantity.name, quantity.value)) for quantity in read), default=0.0
+    )

@@ -1,0 +1,244 @@
+"""Three ways to an answer that need no understanding of the scene, as protocols that know only the opening prompt.
+
+Certificate 7 demands that they are seldom right. They are honest attempts: each respects the limits that the prompt
+states, reads what has the asked unit, or divides two readings to get it, and always answers.
+"""
+
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from evaluator.agents.attackers.controls import Control, Found, all_controls, look_around, wait
+from evaluator.agents.attackers.opening import Opening, read_opening
+from evaluator.agents.attackers.readings import Quantity, all_calls, motion_calls, quantities, unit
+from evaluator.quantities.units import Unit, conversion
+from scenes.protocol import AnswerValue, Call, Protocol, Reading, answer
+
+Attempt = Generator[list[Call], list[Reading], AnswerValue]
+_SETTINGS, _DEGREE = 9, 2
+"""Number of settings of a swept control, and degree of the polynomial through them."""
+_FIRST_STEPS = (0.005, 0.045)
+"""Times after a push at which glance reads; together ten time steps [s]."""
+_TIME_SHARE = 0.8
+"""Share of the laboratory time that settings take together, if the question states no duration."""
+_CALL_SHARE = 0.6
+"""Share of the calls that settings take together."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """What was read at a setting of a control."""
+
+    setting: float
+    read: Mapping[str, Quantity]
+
+
+def _glance(opening: Opening) -> Attempt:
+    """Read every instrument at rest, then push with each control and read the first ten time steps.
+
+    Answers with the last reading that has the asked unit and is not 0.
+    """
+    objects = opening.objects
+    at_rest = all_calls(opening, objects)[: opening.calls // 2]
+    seen = quantities(at_rest, (yield at_rest))
+    controls = all_controls(opening, objects)
+    calls: list[Call] = []
+    for control in controls:
+        read = motion_calls(opening, [control.object_id], opening.units)
+        calls.append(control.set(control.limit))
+        calls += [asked for duration in _FIRST_STEPS for asked in (*wait(duration), *read)]
+        calls.append(control.set(0.0))
+    seen += quantities(calls, (yield calls))
+    if opening.options:
+        return _extreme(opening, seen)
+    last = {quantity.name: quantity for quantity in seen if quantity.value}
+    rows = [_Row(controls[-1].limit if controls else 1.0, last)]
+    measure = controls[-1].unit if controls else unit("N")
+    found = [_fitting(rows, measure, sum(_FIRST_STEPS), wanted) for wanted in opening.units]
+    return _stated(opening, [next((values[0] for values in reversed(series.values())), 1.0) for series in found])
+
+
+def _proportional(opening: Opening) -> Attempt:
+    """Push with the largest force or torque, and carry the largest response proportionally to the asked case."""
+    found = yield from look_around(opening)
+    best: list[tuple[float, float]] = [(0.0, 1.0)] * len(opening.units)
+    seen: list[Quantity] = []
+    for control in found.controls:
+        duration = _duration(opening, 2 * len(found.controls))
+        rows = yield from _sweep_control(opening, control, found, 1, duration)
+        seen += [quantity for row in rows for quantity in row.read.values()]
+        for part, wanted in enumerate(opening.units):
+            ratio = _asked_setting(opening, control, part) / control.limit
+            for name, values in _fitting(rows, control.unit, duration, wanted).items():
+                carried = values[-1] * (1.0 if "÷" in name else ratio)
+                best[part] = max(best[part], (abs(values[-1]), carried))
+    return _extreme(opening, seen) if opening.options else _stated(opening, [carried for _, carried in best])
+
+
+def _sweep(opening: Opening) -> Attempt:
+    """Set each control to nine values up to its limit, and continue a smooth curve through the readings."""
+    found = yield from look_around(opening)
+    best: list[tuple[float, float]] = [(-1.0, 1.0)] * len(opening.units)
+    seen: list[Quantity] = []
+    for control in found.controls:
+        per_setting = 2 + len(motion_calls(opening, found.watched, opening.units))
+        affordable = int(opening.calls * _CALL_SHARE) // (per_setting * len(found.controls))
+        settings = max(3, min(_SETTINGS, affordable))
+        duration = _duration(opening, settings * len(found.controls))
+        rows = yield from _sweep_control(opening, control, found, settings, duration)
+        seen += [quantity for row in rows for quantity in row.read.values()]
+        for part, wanted in enumerate(opening.units):
+            best[part] = max(best[part], _continued(opening, rows, control, duration, part, wanted))
+    return _extreme(opening, seen) if opening.options else _stated(opening, [value for _, value in best])
+
+
+def _sweep_control(
+    opening: Opening, control: Control, found: Found, settings: int, duration: float
+) -> Generator[list[Call], list[Reading], list[_Row]]:
+    """Rows for settings of equal distance up to the limit, in the direction of the asked case.
+
+    Positions and angles count from the first setting on; if the question states a duration, from each setting on.
+    """
+    asked = opening.asked(control.unit)
+    sign = -1.0 if asked and asked[-1] < 0 else 1.0
+    read = motion_calls(opening, found.watched, opening.units)
+    values = [sign * control.limit * (number + 1) / settings for number in range(settings)]
+    parts = [[*read], *([control.set(value), *wait(duration), *read] for value in values), [control.set(0.0)]]
+    readings = yield [asked_call for part in parts for asked_call in part]
+    rows: list[_Row] = []
+    origin: dict[str, float] = {}
+    for value, part in zip([0.0, *values], parts, strict=False):
+        seen = {quantity.name: quantity for quantity in quantities(part, readings[: len(part)])}
+        readings = readings[len(part) :]
+        placed = {name: quantity for name, quantity in seen.items() if " get_position." in name}
+        shifted = {
+            name: Quantity(name, quantity.value - origin.get(name, quantity.value), quantity.unit)
+            for name, quantity in placed.items()
+        }
+        rows.append(_Row(value, seen | shifted))
+        if not origin or opening.asked(unit("s")):
+            origin = {name: quantity.value for name, quantity in placed.items()}
+    return [row for row in rows[1:] if row.read]
+
+
+def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit) -> dict[str, list[float]]:
+    """Series of readings in the wanted unit; if there are none, series of quotients of two readings.
+
+    Args:
+        rows: Readings at each setting.
+        measure: Unit of the settings.
+        duration: How long each setting acted [s].
+        wanted: Unit of the series.
+    """
+    if not rows:
+        return {}
+    names = [name for name in rows[0].read if all(name in row.read for row in rows)]
+    series = {name: (rows[0].read[name].unit, [row.read[name].value for row in rows]) for name in names}
+    direct = {
+        name: [value * float(factor) for value in values]
+        for name, (own, values) in series.items()
+        if (factor := conversion(own, wanted)) is not None
+    }
+    if direct:
+        return direct
+    known = {"setting": (measure, [row.setting for row in rows]), "time": (unit("s"), [duration] * len(rows))}
+    quotients: dict[str, list[float]] = {}
+    for above, (unit_above, values_above) in (series | known).items():
+        for below, (unit_below, values_below) in (series | known).items():
+            factor = conversion(unit_above.times(unit_below.power(-1)), wanted)
+            if above != below and factor is not None and all(values_below) and any(values_above):
+                quotients[f"{above} ÷ {below}"] = [
+                    high / low * float(factor) for high, low in zip(values_above, values_below, strict=True)
+                ]
+    return quotients
+
+
+def _continued(
+    opening: Opening, rows: Sequence[_Row], control: Control, duration: float, part: int, wanted: Unit
+) -> tuple[float, float]:
+    """The spread of the series that changes most, and the value of a smooth curve through it at the asked case."""
+    settings = [row.setting for row in rows]
+    if conversion(control.unit, wanted) is not None:
+        # A setting is asked: the curve leads from a reading, which the question states, to the setting.
+        read = {quantity.unit for row in rows for quantity in row.read.values()}
+        stated = [(reading, opening.asked(reading)[-1]) for reading in read if opening.asked(reading)]
+        curves = [
+            (values, settings, value)
+            for reading, value in stated
+            for values in _fitting(rows, control.unit, duration, reading).values()
+        ]
+    else:
+        at = _asked_setting(opening, control, part)
+        curves = [(settings, values, at) for values in _fitting(rows, control.unit, duration, wanted).values()]
+    ranked = [(float(np.ptp(ys)), xs, ys, at) for xs, ys, at in curves]
+    if not ranked:
+        return -1.0, 1.0
+    spread, xs, ys, at = max(ranked, key=lambda entry: entry[0])
+    degree = min(_DEGREE, len(set(xs)) - 1)
+    return spread, float(np.polyval(np.polyfit(xs, ys, degree), at)) if degree > 0 else ys[-1]
+
+
+def _asked_setting(opening: Opening, control: Control, part: int) -> float:
+    """The value of a control that the question states for a part of the answer, or else its limit."""
+    asked = opening.asked(control.unit)
+    if not asked:
+        return control.limit
+    return asked[part] if len(asked) == len(opening.units) else asked[-1]
+
+
+def _duration(opening: Opening, settings: int) -> float:
+    """How long each of several settings acts [s]: as the question says, as far as the time allows."""
+    affordable = max(0.005, _TIME_SHARE * opening.lab_time / max(1, settings))
+    return min([affordable, *filter(lambda asked: asked > 0, opening.asked(unit("s"))[-1:])])
+
+
+def _extreme(opening: Opening, seen: Sequence[Quantity]) -> str:
+    """The option whose object showed the greatest speed; the first one if options are no objects."""
+
+    def speed(option: str) -> float:
+        speeds = (abs(read.value) for read in seen if read.name.startswith(f"{option} get_velocity."))
+        return max(speeds, default=0.0)
+
+    return max(opening.options, key=speed)
+
+
+def _stated(opening: Opening, values: Sequence[float]) -> AnswerValue:
+    finite = [value if math.isfinite(value) else 1.0 for value in values]
+    return list(finite) if opening.is_list else finite[0]
+
+
+def _within_limits(attempt: Callable[[Opening], Attempt]) -> Callable[[str], Protocol]:
+    """The protocol of an attempt, without the calls that its limits of calls and of time leave no room for."""
+
+    def protocol(task: str) -> Protocol:
+        opening = read_opening(task)
+        playing, calls_left, time_left = attempt(opening), opening.calls, opening.lab_time
+        try:
+            batch = next(playing)
+            while True:
+                made: list[Call] = []
+                for asked in batch:
+                    duration = float(asked.arguments["duration"]) if asked.tool == "step" else 0.0
+                    if len(made) == calls_left or duration > time_left:
+                        break
+                    time_left -= duration
+                    made.append(asked)
+                calls_left -= len(made)
+                # An iteration without calls would stand for a broken reply.
+                readings = (yield made) if made else []
+                batch = playing.send([*readings, *({} for _ in batch[len(made) :])])
+        except StopIteration as end:
+            yield [answer(end.value)]
+
+    protocol.__doc__ = attempt.__doc__
+    return protocol
+
+
+ATTACKERS: Mapping[str, Callable[[str], Protocol]] = {
+    "sweep": _within_limits(_sweep),
+    "glance": _within_limits(_glance),
+    "proportional": _within_limits(_proportional),
+}
+"""Name → protocol: takes the opening prompt, yields calls, receives readings."""

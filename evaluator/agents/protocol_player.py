@@ -1,0 +1,50 @@
+"""Plays a protocol, a generator of calls as packs write them, through the public tools."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from evaluator.episode.player import Feedback, Reply
+from evaluator.errors import AgentError
+from evaluator.records import Exchange, ToolCall
+from scenes.protocol import Protocol, Reading
+
+
+@dataclass(slots=True)
+class ProtocolPlayer:
+    """Takes each `yield` of a protocol as a turn."""
+
+    make: Callable[[str], Protocol]
+    """The protocol; its docstring is the reasoning of the first turn."""
+    prompt: str
+    """The opening prompt."""
+    protocol: Protocol = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.protocol = self.make(self.prompt)
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        """The calls of the next `yield`.
+
+        Raises:
+            AgentError: The protocol raised an exception.
+        """
+        try:
+            if feedback is None:
+                calls = next(self.protocol)
+            else:
+                calls = self.protocol.send([reading_of(exchange) for exchange in feedback.exchanges])
+        except StopIteration:
+            return Reply(reasoning="The protocol has ended.")
+        except Exception as error:
+            raise AgentError(f"the protocol failed: {error!r}") from error
+        return Reply(
+            reasoning=(self.make.__doc__ or "").strip() if feedback is None else "",
+            calls=tuple(ToolCall(tool=call.tool, arguments=call.arguments) for call in calls),
+        )
+
+
+def reading_of(exchange: Exchange) -> Reading:
+    """What a call gives to a protocol: its result, `{"error": sentence}`, or `{}` if it was not run."""
+    if exchange.is_error:
+        return {"error": exchange.text}
+    return dict(exchange.content or {}) if exchange.returned else {}
