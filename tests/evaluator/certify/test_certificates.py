@@ -1,6 +1,5 @@
 """Each certificate detects a fault planted in a sound scene; the stored certificates match the suite's packs."""
 
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -13,37 +12,17 @@ from evaluator.certify.certificate import BUDGET, certify, check_sane, play_refe
 from evaluator.certify.driving import drive
 from evaluator.certify.keys import check_key
 from evaluator.certify.lint import lint
-from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, read_certificates
+from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, read_certificates
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_twins, same
 from evaluator.episode.connect import Laboratory
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
-from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack, write_new_scene
+from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
+from tests.builders.author import Author
 from tests.builders.records import episode, episode_key
 
 SCENES = [files.scene_id for files in list_packs()]
 SEEDS = 4
-
-
-class Author:
-    """Writes a sound scene from the template, and plants a fault in it."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def write(self, category: Category) -> PackFiles:
-        write_new_scene(self.folder, 200, category)
-        return find_pack(200, self.folder)
-
-    def edit(self, files: PackFiles, change: Callable[[dict[str, Any]], None]) -> None:
-        pack = json.loads(files.json.read_text(encoding="utf-8"))
-        change(pack)
-        files.json.write_text(json.dumps(pack), encoding="utf-8")
-
-    def replace(self, file: Path, old: str, new: str) -> None:
-        text = file.read_text(encoding="utf-8")
-        assert old in text
-        file.write_text(text.replace(old, new), encoding="utf-8")
 
 
 @pytest.fixture
@@ -154,7 +133,8 @@ async def test_a_hidden_body_that_can_be_measured_without_finding_it_fails_the_m
 async def test_a_hard_scene_solved_by_fixed_interventions_fails_the_difficulty(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
-    files = author.write(Category.HARD_SINGLE)
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack.update(category="hard-single"))
     author.replace(
         files.solution,
         'call("step", duration=PUSH_S),',
@@ -167,7 +147,9 @@ async def test_a_hard_scene_solved_by_fixed_interventions_fails_the_difficulty(
 async def test_a_hard_scene_with_an_easy_protocol_fails_the_difficulty(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
-    found = failed(await proven(author.write(Category.HARD_SINGLE), laboratory))
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack.update(category="hard-single"))
+    found = failed(await proven(files, laboratory))
     assert "needs only 2 interventions" in found["difficulty"].reasons[0]
 
 
@@ -335,6 +317,7 @@ def test_the_stored_certificates_match_these_packs_and_all_passed() -> None:
     for files in list_packs():
         certificate = certificates[files.scene_id]
         assert certificate.passed
+        assert tuple(check.name for check in certificate.checks) == certificates_of(read_pack(files))
         assert certificate.seeds >= 20
         assert certificate.pack == pack_hash(files), f"scene {files.scene_id} has changed since it was verified"
 

@@ -41,6 +41,9 @@ def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Pat
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 of 2 scenes are sound" in done.stdout
     assert {scene: len(one["checks"]) for scene, one in stored(packs).items()} == {7: 6, 21: 6}
+    done = physment_eval("verify", "--scenes-dir", packs, "--seeds", "3")
+    assert "2 scenes are sound and unchanged" in done.stdout
+    assert "2 of 2 scenes are sound" in done.stdout
     before = stored(packs)[21]
     edit(packs / "Scene7" / "solution.py", '["velocity"][2]', '["velocity"][2] * 1.2')
     done = physment_eval("verify", "--scenes-dir", packs, "--scene", "7", "--seeds", "3", "--jobs", "1")
