@@ -64,7 +64,7 @@ class Opening:
 
 def read_opening(prompt: str) -> Opening:
     """Read an opening prompt. What is not found has the value of a scene without limits."""
-    task, objects = _section(prompt, "Scene: .*"), _section(prompt, "Objects")
+    task, objects = _section(prompt, r"Scene: [^\n]*"), _section(prompt, "Objects")
     form = _section(prompt, "Answer")
     labelled = form.partition("in this order: ")[2]
     is_list = "list of numbers" in form

@@ -8,7 +8,10 @@ from evaluator.agents.attackers.opening import Opening
 from evaluator.quantities.units import Unit, conversion, parse_unit
 from scenes.protocol import Call, Reading, call
 
-_MOTION = {"get_position": {"position": "m", "angle": "rad"}, "get_velocity": {"velocity": "m/s", "spin": "rad/s"}}
+_MOTION = {
+    "get_position": {"position": "m", "angle": "rad"},
+    "get_velocity": {"velocity": "m/s", "angular_velocity": "rad/s"},
+}
 _FIELDS = _MOTION | {
     "get_acceleration": {"x": "m/s^2", "y": "m/s^2", "z": "m/s^2"},
     "get_displacement": {"displacement": "m"},

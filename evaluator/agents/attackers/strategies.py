@@ -40,24 +40,36 @@ def _glance(opening: Opening) -> Attempt:
 
     Answers with the last reading that has the asked unit and is not 0.
     """
-    objects = opening.objects
-    at_rest = all_calls(opening, objects)[: opening.calls // 2]
+    at_rest = all_calls(opening, opening.objects)[: opening.calls // 2]
     seen = quantities(at_rest, (yield at_rest))
-    controls = all_controls(opening, objects)
-    calls: list[Call] = []
+    rows = [(_row(0.0, seen), unit("N"))]
+    controls, parts = all_controls(opening, opening.objects), list[list[Call]]()
     for control in controls:
-        read = motion_calls(opening, [control.object_id], opening.units)
-        calls.append(control.set(control.limit))
-        calls += [asked for duration in _FIRST_STEPS for asked in (*wait(duration), *read)]
-        calls.append(control.set(0.0))
-    seen += quantities(calls, (yield calls))
+        read = motion_calls(opening, [control.object_id], [*opening.units, unit("m/s^2")])
+        steps = [asked for duration in _FIRST_STEPS for asked in (*wait(duration), *read)]
+        parts.append([control.set(control.limit), *steps, control.set(0.0)])
+    readings = yield [asked for part in parts for asked in part]
+    for control, part in zip(controls, parts, strict=True):
+        pushed = quantities(part, readings[: len(part)])
+        readings = readings[len(part) :]
+        rows.append((_row(control.limit, pushed), control.unit))
+        seen += pushed
     if opening.options:
         return _extreme(opening, seen)
-    last = {quantity.name: quantity for quantity in seen if quantity.value}
-    rows = [_Row(controls[-1].limit if controls else 1.0, last)]
-    measure = controls[-1].unit if controls else unit("N")
-    found = [_fitting(rows, measure, sum(_FIRST_STEPS), wanted) for wanted in opening.units]
-    return _stated(opening, [next((values[0] for values in reversed(series.values())), 1.0) for series in found])
+    return _stated(opening, [_last(rows, wanted) for wanted in opening.units])
+
+
+def _row(setting: float, seen: Sequence[Quantity]) -> _Row:
+    """The last value of each quantity that is not 0."""
+    return _Row(setting, {quantity.name: quantity for quantity in seen if quantity.value})
+
+
+def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
+    """The last number in a unit that rows hold, each with the unit of its setting; 1 if there is none."""
+    found = [
+        values[0] for row, measure in rows for values in _fitting([row], measure, sum(_FIRST_STEPS), wanted).values()
+    ]
+    return found[-1] if found else 1.0
 
 
 def _proportional(opening: Opening) -> Attempt:

@@ -98,9 +98,10 @@ async def test_a_batch_is_one_iteration_of_at_most_sixty_calls(author: Author, f
     )
     reason = only_reason(await check_unstageable(Subject.open(files), 1))
     assert "batch makes 11 calls in 2 iterations before its answer; it is one iteration of at most 60" in reason
-    author.replace(files.solution, "[*steady(7.0), *steady(10.0)]", "[*steady(7.0), *steady(10.0)] * 7")
-    author.edit(files, lambda pack: pack["limits"].update(calls=150, lab_time=3000))
-    assert "batch makes 71 calls" in only_reason(await check_unstageable(Subject.open(files), 1))
+    author.replace(files.solution, "    yield [call('find_objects')]\n", "")
+    author.replace(files.solution, "[*steady(7.0), *", "[*steady(7.0), *[call('find_objects')] * 51, *")
+    author.edit(files, lambda pack: pack["limits"].update(calls=150))
+    assert "batch makes 61 calls in 1 iterations" in only_reason(await check_unstageable(Subject.open(files), 1))
 
 
 async def test_a_question_that_proportion_answers_is_found_by_the_attackers(author: Author, files: PackFiles) -> None:
