@@ -66,7 +66,7 @@ clean: ## remove the environments, built files and caches
 
 ##@ Scenes
 
-verify: $(STAMP) ## prove every scene sound on 20 seeds and write scenes/certificates.json (some minutes; decision 11)
+verify: $(STAMP) ## prove every new or changed scene sound on 20 seeds and write scenes/certificates.json (decision 11)
 	@$(BIN)/physment-eval verify
 
 pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws the pictures)

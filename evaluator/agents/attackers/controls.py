@@ -9,7 +9,7 @@ from evaluator.agents.attackers.readings import Quantity, motion_calls, quantiti
 from evaluator.quantities.units import Unit
 from scenes.protocol import Call, Reading, call
 
-Exchanging = Generator[list[Call], list[Reading], "Found"]
+Surveying = Generator[list[Call], list[Reading], "Survey"]
 _PROBE_S = 0.1
 """How long a control acts while the attacker looks what responds [s]."""
 _PROBE_SHARE = 1 / 3
@@ -40,7 +40,7 @@ class Control:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Survey:
     """What an attacker knows after it has looked around."""
 
     objects: tuple[str, ...]
@@ -73,7 +73,7 @@ def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
     ]
 
 
-def look_around(opening: Opening) -> Exchanging:
+def look_around(opening: Opening) -> Surveying:
     """Reveal what is hidden, push along every axis for a moment, and note what responds."""
     objects = list(opening.objects)
     if "find_objects" not in opening.disabled:
@@ -101,7 +101,7 @@ def look_around(opening: Opening) -> Exchanging:
     chosen = tuple(control for _, control in ranked) or tuple(controls[:1])
     watched = [object_id for object_id in objects if object_id in {*opening.named(), *opening.options}]
     watched += [control.object_id for control in chosen]
-    return Found(tuple(objects), chosen, tuple(dict.fromkeys(watched or objects)))
+    return Survey(tuple(objects), chosen, tuple(dict.fromkeys(watched or objects)))
 
 
 def _largest_change(read: Sequence[Quantity]) -> float:

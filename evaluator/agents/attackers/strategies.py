@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evaluator.agents.attackers.controls import Control, Found, all_controls, look_around, wait
+from evaluator.agents.attackers.controls import Control, Survey, all_controls, look_around, wait
 from evaluator.agents.attackers.opening import Opening, read_opening
 from evaluator.agents.attackers.readings import Quantity, all_calls, motion_calls, quantities, unit
 from evaluator.quantities.units import Unit, conversion
@@ -74,12 +74,12 @@ def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
 
 def _proportional(opening: Opening) -> Attempt:
     """Push with the largest force or torque, and carry the largest response proportionally to the asked case."""
-    found = yield from look_around(opening)
+    survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(0.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
-    for control in found.controls:
-        duration = _duration(opening, 2 * len(found.controls))
-        rows = yield from _sweep_control(opening, control, found, 1, duration)
+    for control in survey.controls:
+        duration = _duration(opening, 2 * len(survey.controls))
+        rows = yield from _sweep_control(opening, control, survey, 1, duration)
         seen += [quantity for row in rows for quantity in row.read.values()]
         for part, wanted in enumerate(opening.units):
             ratio = _asked_setting(opening, control, part) / control.limit
@@ -91,15 +91,15 @@ def _proportional(opening: Opening) -> Attempt:
 
 def _sweep(opening: Opening) -> Attempt:
     """Set each control to nine values up to its limit, and continue a smooth curve through the readings."""
-    found = yield from look_around(opening)
+    survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(-1.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
-    for control in found.controls:
-        per_setting = 2 + len(motion_calls(opening, found.watched, opening.units))
-        affordable = int(opening.calls * _CALL_SHARE) // (per_setting * len(found.controls))
+    for control in survey.controls:
+        per_setting = 2 + len(motion_calls(opening, survey.watched, opening.units))
+        affordable = int(opening.calls * _CALL_SHARE) // (per_setting * len(survey.controls))
         settings = max(3, min(_SETTINGS, affordable))
-        duration = _duration(opening, settings * len(found.controls))
-        rows = yield from _sweep_control(opening, control, found, settings, duration)
+        duration = _duration(opening, settings * len(survey.controls))
+        rows = yield from _sweep_control(opening, control, survey, settings, duration)
         seen += [quantity for row in rows for quantity in row.read.values()]
         for part, wanted in enumerate(opening.units):
             best[part] = max(best[part], _continued(opening, rows, control, duration, part, wanted))
@@ -107,7 +107,7 @@ def _sweep(opening: Opening) -> Attempt:
 
 
 def _sweep_control(
-    opening: Opening, control: Control, found: Found, settings: int, duration: float
+    opening: Opening, control: Control, survey: Survey, settings: int, duration: float
 ) -> Generator[list[Call], list[Reading], list[_Row]]:
     """Rows for settings of equal distance up to the limit, in the direction of the asked case.
 
@@ -115,7 +115,7 @@ def _sweep_control(
     """
     asked = opening.asked(control.unit)
     sign = -1.0 if asked and asked[-1] < 0 else 1.0
-    read = motion_calls(opening, found.watched, opening.units)
+    read = motion_calls(opening, survey.watched, opening.units)
     values = [sign * control.limit * (number + 1) / settings for number in range(settings)]
     parts = [[*read], *([control.set(value), *wait(duration), *read] for value in values), [control.set(0.0)]]
     readings = yield [asked_call for part in parts for asked_call in part]
