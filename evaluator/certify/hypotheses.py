@@ -8,7 +8,7 @@ from evaluator.certify.records import Check, check
 from evaluator.certify.shares import ENOUGH_SEEDS, at_least, at_most
 from evaluator.certify.subject import Subject, gap
 from evaluator.records import Episode
-from scenes.protocol import AnswerValue, Call, Exchanges
+from scenes.protocol import ANSWER, AnswerValue, Call, Exchanges
 
 _OFF = 0.10
 """Relative error above which a shortcut is misleading."""
@@ -79,6 +79,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
             (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
             for turn in episode.turns
             for exchange in turn.exchanges
+            if exchange.call.tool != ANSWER
         ]
         fits += _explains(subject, seed, exchanges, labels[seed])
         if labels[seed] != commonest:

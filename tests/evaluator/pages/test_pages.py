@@ -145,7 +145,8 @@ def hidden_numbers(pack: Pack) -> list[str]:
 
 
 def test_there_is_one_example_of_each_category() -> None:
-    assert [read_pack(find_pack(scene)).category for scene in EXAMPLES] == list(Category)
+    categories = [category for category in Category if category is not Category.OPEN]
+    assert [read_pack(find_pack(scene)).category for scene in EXAMPLES] == categories
 
 
 def test_the_examples_show_neither_canonical_values_nor_ranges() -> None:
