@@ -59,9 +59,20 @@ class Engine(World):
         return Engine(changed_mjcf(self._mjcf, changes or {}, without), self._halved)
 
 
-def session_of(files: PackFiles, mjcf: str) -> Session:
-    """A new session of a pack with this model."""
-    return Session(replace(load_scene(files.scene_id, 0, files.folder.parent), mjcf=mjcf))
+def session_of(files: PackFiles, mjcf: str, *, any_calls: bool = False) -> Session:
+    """A new session of a pack with this model.
+
+    Args:
+        files: The pack.
+        mjcf: The model with the drawn values in it.
+        any_calls: Whether the session takes any number of calls, whatever the scene says.
+    """
+    scene = replace(load_scene(files.scene_id, 0, files.folder.parent), mjcf=mjcf)
+    limits = scene.public.limits
+    if any_calls and limits is not None:
+        public = scene.public.model_copy(update={"limits": limits.model_copy(update={"calls": None})})
+        scene = replace(scene, public=public)
+    return Session(scene)
 
 
 def prompt_of(files: PackFiles, mjcf: str) -> str:

@@ -77,6 +77,10 @@ class Subject:
         """A new session of a draw."""
         return session_of(self.files, draw.mjcf)
 
+    def session_to_compare(self, draw: Draw) -> Session:
+        """A new session of a draw that takes any number of calls, so that everything in it can be read."""
+        return session_of(self.files, draw.mjcf, any_calls=True)
+
     def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
         """The answer that the engine gives for a draw; None if the pack has no `measure`."""
         if self.solution.measure is None:

@@ -14,7 +14,7 @@ from evaluator.certify.driving import drive
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
 from evaluator.records import Episode
-from scenes import Category
+from scenes import Category, LabLimits
 from scenes.protocol import Call, Reading
 
 RESEEDS = 3
@@ -31,9 +31,9 @@ async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
     reasons: list[str] = []
     if len({episode.prompt for episode in episodes}) > 1:
         reasons.append("the opening prompt depends on the seed")
-    first = await all_readings(subject.session(subject.draw(0)))
+    first = await all_readings(subject.session_to_compare(subject.draw(0)))
     for seed in range(1, len(episodes)):
-        revealing = _difference(first, await all_readings(subject.session(subject.draw(seed))))
+        revealing = _difference(first, await all_readings(subject.session_to_compare(subject.draw(seed))))
         if revealing:
             reasons.append(f"at the start {revealing} distinguishes seed {seed} from seed 0")
             break
@@ -88,14 +88,15 @@ async def _sequences(subject: Subject, tool: str) -> list[list[Call]]:
     own = [call for call in reference.calls if is_intervention(call.tool, call.arguments) and call.tool != tool]
     source = random.Random(f"{subject.files.scene_id}:{tool}")  # noqa: S311 - reproducible, not secret
     known = [listed.object_id for listed in subject.session(subject.draw(0)).known()]
-    return [[*own, _step(1.0)], *(_random_calls(source, known) for _ in range(RANDOM_SEQUENCES))]
+    limits = subject.pack.limits or LabLimits()
+    return [[*own, _step(1.0)], *(_random_calls(source, known, limits) for _ in range(RANDOM_SEQUENCES))]
 
 
 def _step(duration: float) -> Call:
     return Call("step", {"duration": duration})
 
 
-def _random_calls(source: random.Random, known: Sequence[str]) -> list[Call]:
+def _random_calls(source: random.Random, known: Sequence[str], limits: LabLimits) -> list[Call]:
     """Six calls that push, turn, place, create or delete objects, with a step after each."""
     calls: list[Call] = []
     for _ in range(6):
@@ -106,8 +107,8 @@ def _random_calls(source: random.Random, known: Sequence[str]) -> list[Call]:
         ]
         if target:
             kinds += [
-                Call("apply_force", {**target, "force_vector": vector}),
-                Call("apply_torque", {**target, "torque_vector": vector}),
+                Call("apply_force", {**target, "force_vector": _within(vector, limits.force)}),
+                Call("apply_torque", {**target, "torque_vector": _within(vector, limits.torque)}),
                 Call("set_velocity", {**target, "velocity_vector": vector}),
                 Call(
                     "change_position",
@@ -118,6 +119,13 @@ def _random_calls(source: random.Random, known: Sequence[str]) -> list[Call]:
             ]
         calls += [source.choice(kinds), _step(source.uniform(0.02, 0.8))]
     return calls
+
+
+def _within(vector: Sequence[float], limit: float | None) -> list[float]:
+    """The vector, shortened if it is longer than a limit."""
+    size = math.hypot(*vector)
+    scale = 1.0 if limit is None or size <= limit else limit / size
+    return [scale * part for part in vector]
 
 
 async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: Sequence[Sequence[Call]]) -> str | None:
@@ -138,7 +146,7 @@ async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: 
 
 async def _revealing(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequence: Sequence[Call]) -> str:
     """The first call of a sequence, or the first reading after it, that distinguishes twins; empty if none does."""
-    first, second = (subject.session(draw) for draw in twins)
+    first, second = (subject.session_to_compare(draw) for draw in twins)
     for asked in sequence:
         revealing = _difference(
             [(asked.tool, await run(first, asked, {tool}))], [(asked.tool, await run(second, asked, {tool}))]

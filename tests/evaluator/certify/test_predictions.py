@@ -16,9 +16,11 @@ from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES, Check
 from evaluator.certify.shares import at_least, at_most
 from evaluator.certify.subject import Subject
+from evaluator.certify.twins import check_twins
 from evaluator.records import Episode
 from scenes import Category, PackFiles
 from tests.builders.author import Author
+from tests.builders.records import episode
 
 SEEDS = 3
 """The template draws each of its three structures on one of these seeds."""
@@ -241,6 +243,27 @@ def test_lint_compiles_every_structure_of_a_model_with_parts_that_may_be_absent(
     (fault,) = lint(files)
     assert fault.startswith("seed 1 cannot be set up: ")
     assert "carrier_joint" in fault
+
+
+def test_lint_names_the_seed_at_which_a_law_cannot_be_evaluated(author: Author, files: PackFiles) -> None:
+    law = {"on": "object_1", "force": ["-quadratic * vx * hypot(vx, vy)", "0", "0"], "present": "k > 0"}
+    author.edit(files, lambda pack: pack.update(laws=[law]))
+    assert lint(files) == []
+    author.edit(files, lambda pack: pack.update(laws=[law | {"on": "nobody"}]))
+    (fault,) = lint(files)
+    assert fault.startswith("seed 1 cannot be set up: ")
+    assert "nobody" in fault
+
+
+async def test_twins_are_compared_in_everything_whatever_the_limit_of_calls(author: Author, files: PackFiles) -> None:
+    author.edit(files, lambda pack: pack["limits"].update(calls=1))
+    # Only the last of the reading tools, which no limited session would reach, sees the centre of mass.
+    may = {"geom_type": False, "geom_size": False, "body_pos": True, "body_mass": True, "velocity": False}
+    author.edit(files, lambda pack: pack["object_permissions"].update(object_1_permissions=may))
+    author.edit(files, lambda pack: pack["apply"].update({"geom[object_1_geom].pos": ["0.1 * k", "0", "0"]}))
+    author.replace(files.mjcf, 'size="0.1 0.1 0.1"', 'pos="0 0 0" size="0.1 0.1 0.1"')
+    check = await check_twins(Subject.open(files), [episode(), episode()])
+    assert "at the start get_center_of_mass() distinguishes seed 1 from seed 0" in check.reasons
 
 
 def test_a_knob_is_used_if_a_law_or_a_condition_names_it(author: Author, files: PackFiles) -> None:

@@ -1,0 +1,69 @@
+"""Which stored certificates count: those of sound and unchanged packs, by the same engine, on as many seeds."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from evaluator.certify.records import CERTIFICATES, CERTIFICATES_FILE, SceneCertificate, certificates_of, check
+from evaluator.certify.verify import still_proven, write_certificates
+from scenes import Category, PackFiles, pack_hash, read_pack
+from tests.builders.author import Author
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> PackFiles:
+    return Author(tmp_path).write(Category.HARD_SINGLE)
+
+
+def proven(files: PackFiles, names: tuple[str, ...], reasons: tuple[str, ...] = ()) -> SceneCertificate:
+    return SceneCertificate(
+        scene=200,
+        name="a cart",
+        category="hard-single",
+        pack=pack_hash(files),
+        seeds=20,
+        checks=tuple(check(name, list(reasons)) for name in names),
+    )
+
+
+def test_a_sound_and_unchanged_pack_stays_proven(files: PackFiles) -> None:
+    certificate = proven(files, certificates_of(read_pack(files)))
+    write_certificates(files.folder.parent, [certificate])
+    assert still_proven(files.folder.parent, [files], 20) == [certificate]
+    assert still_proven(files.folder.parent, [files], 6) == []
+
+
+def test_a_changed_pack_is_proven_again(files: PackFiles, tmp_path: Path) -> None:
+    write_certificates(tmp_path, [proven(files, certificates_of(read_pack(files)))])
+    Author(tmp_path).edit(files, lambda pack: pack.update(version="2"))
+    assert still_proven(tmp_path, [files], 20) == []
+
+
+def test_a_pack_that_was_not_sound_or_lacks_a_certificate_is_proven_again(files: PackFiles, tmp_path: Path) -> None:
+    write_certificates(tmp_path, [proven(files, certificates_of(read_pack(files)), ("it gains energy",))])
+    assert still_proven(tmp_path, [files], 20) == []
+    write_certificates(tmp_path, [proven(files, CERTIFICATES)])
+    assert still_proven(tmp_path, [files], 20) == []
+
+
+def test_certificates_of_another_engine_do_not_count(files: PackFiles, tmp_path: Path) -> None:
+    stored = write_certificates(tmp_path, [proven(files, certificates_of(read_pack(files)))])
+    record = json.loads(stored.read_text(encoding="utf-8"))
+    stored.write_text(json.dumps(record | {"engine": "0.1"}), encoding="utf-8")
+    assert still_proven(tmp_path, [files], 20) == []
+
+
+def test_only_packs_that_ask_for_a_prediction_within_limits_need_the_further_certificates(tmp_path: Path) -> None:
+    author = Author(tmp_path)
+    files = author.write(Category.HARD_SINGLE)
+    assert len(certificates_of(read_pack(files))) == 10
+    author.edit(files, lambda pack: pack.pop("limits"))
+    assert certificates_of(read_pack(files)) == CERTIFICATES
+    author.edit(files, lambda pack: pack.update(category="easy-single", limits={"calls": 9}))
+    assert certificates_of(read_pack(files)) == CERTIFICATES
+
+
+def test_half_a_file_is_never_left(files: PackFiles, tmp_path: Path) -> None:
+    write_certificates(tmp_path, [proven(files, CERTIFICATES)])
+    assert [file.name for file in tmp_path.iterdir() if file.is_file()] == [CERTIFICATES_FILE]
