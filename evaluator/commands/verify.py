@@ -39,6 +39,8 @@ This runs the solution.py of each scene: name only folders you trust. The result
 folder of the scenes as they are found, so an interrupted run goes on where it was. A sound scene that has not changed
 since keeps its certificate; --all proves it again. Exit code: 0 all sound, 1 some are not.
 """
+_TABLE_WIDTH = 170
+"""Columns that the table of ten certificates needs."""
 _LINT = """\
 Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
 
@@ -100,6 +102,8 @@ def _verify(args: argparse.Namespace) -> int:
     unchanged = {certificate.scene for certificate in kept}
     packs = [files for files in packs if files.scene_id not in unchanged]
     console, proven = wide_console(), list[SceneCertificate]()
+    if not console.is_terminal:
+        console.width = _TABLE_WIDTH
     if kept:
         console.print(f"{len(kept)} scenes are sound and unchanged; --all proves them again", highlight=False)
     bar = Progress(

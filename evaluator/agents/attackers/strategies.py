@@ -18,7 +18,7 @@ from scenes.protocol import AnswerValue, Call, Protocol, Reading, answer
 
 Attempt = Generator[list[Call], list[Reading], AnswerValue]
 _SETTINGS, _DEGREE = 9, 2
-"""Number of settings of a swept control, and degree of the polynomial through them."""
+"""Number of settings of a swept control, and degree of the parabola through them."""
 _FIRST_STEPS = (0.005, 0.045)
 """Times after a push at which glance reads; together ten time steps [s]."""
 _TIME_SHARE = 0.8
@@ -188,8 +188,23 @@ def _continued(
     if not ranked:
         return -1.0, 1.0
     spread, xs, ys, at = max(ranked, key=lambda entry: entry[0])
+    return spread, _curve(xs, ys, at)
+
+
+def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
+    """The value of a smooth curve through points: of a parabola, or of a power law if that comes closer to them."""
     degree = min(_DEGREE, len(set(xs)) - 1)
-    return spread, float(np.polyval(np.polyfit(xs, ys, degree), at)) if degree > 0 else ys[-1]
+    if degree < 1:
+        return ys[-1]
+    parabola = np.polyfit(xs, ys, degree)
+    value, misfit = float(np.polyval(parabola, at)), float(np.abs(np.polyval(parabola, xs) - ys).max())
+    # A power law has one sign; its two factors come from a line through the logarithms.
+    if at and all(xs) and all(ys) and len({y > 0 for y in ys}) == len({*(x > 0 for x in xs), at > 0}) == 1:
+        line = np.polyfit(np.log(np.abs(xs)), np.log(np.abs(ys)), 1)
+        sign = math.copysign(1.0, ys[-1])
+        if np.abs(sign * np.exp(np.polyval(line, np.log(np.abs(xs)))) - ys).max() < misfit:
+            value = sign * math.exp(np.polyval(line, math.log(abs(at))))
+    return value
 
 
 def _asked_setting(opening: Opening, control: Control, part: int) -> float:

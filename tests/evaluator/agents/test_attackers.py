@@ -120,3 +120,12 @@ def test_attackers_are_agents_of_a_run_and_unknown_ones_are_refused() -> None:
     assert f"attacker:{'|'.join(ATTACKERS)}" in AGENTS
     with pytest.raises(UsageError, match="no such attacker; they are sweep, glance, proportional"):
         Team(("attacker:guess",)).build()
+
+
+async def test_the_sweep_follows_a_power_law_beyond_its_settings(author: Author) -> None:
+    files = with_resistance_in_proportion(author, "Push object_1 with 60 N. Which speed does it reach?", "m/s", 60**0.5)
+    author.edit(files, lambda pack: pack["derive"].update(c="0.0", k="1.0"))
+    author.replace(files.mjcf, 'density="0"', 'density="50"')
+    author.replace(files.mjcf, 'damping="2"', 'damping="0"')
+    driven, key = await attack(files, "sweep")
+    assert driven.answer == pytest.approx(key, rel=0.01)
