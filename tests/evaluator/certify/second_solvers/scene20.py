@@ -6,12 +6,12 @@ from scenes.protocol import Call, Protocol, answer, call
 
 BALL = "probe"
 RADIUS = 0.1
-DENSITY = 1000.0
+DENSITY = 100.0
 TIME_STEP = 0.005
 FIRST = 0.5
 """First change of both horizontal components of the velocity [m/s]."""
-STILL = 1e-6
-"""Acceleration [m/s²] that counts as none."""
+STILL = 3e-3
+"""Acceleration [m/s²] that counts as none: the velocities are read to 1e-5 m/s."""
 TRIALS = 16
 
 
