@@ -1,82 +1,253 @@
-"""Scene 28: let the glider go from ever better places until its first rest falls on the asked moment."""
+"""Scene 28: pump the glider up, take place, speed and work as points of its potential, fit cords, integrate."""
 
-from math import atan2, exp, inf, log, pi, sqrt
+from math import pi
 
 import numpy as np
+from scipy.optimize import brentq, least_squares
 
 from scenes.protocol import answer, call
 
-ASKED_S = 1.5
-RAIL_Z = 1.0
-NEAR, FAR = 0.04, 0.84
-"""The glider is let go between these places [m]; at the nearest it touches no cord yet."""
-ROUNDS = 14
-LOOK_S = 0.25
-"""No swing from one side to the other is shorter than this."""
-LOOKS = round(ASKED_S / LOOK_S)
+LATCH, FORCE, START = 1.1, 1.5, 2.0
+PLACE_ERROR, SPEED_ERROR = 0.0007, 0.0018
+REACH = 0.93
+"""How far the pumping goes; a cord that is not known yet can only stop the glider earlier."""
+CALLS, ITERATIONS, SINGLY = 148, 18, 5
+"""At first half swings are planned one by one, then two at a time."""
+LOOKS = (0.3, 0.6, 0.85, 1.0)
+"""When to look, in shares of a half swing."""
+SLOW = 0.05
+"""Below this speed the glider counts as just turning, in m/s."""
+NAMES = ("f0", "k_right", "gr", "sr", "far_right", "k_left", "gl", "sl", "far_left")
+FREE = {"left": (1, 2, 5, 6, 7, 8), "right": (1, 2, 3, 4, 5, 6), "both": (1, 2, 3, 4, 5, 6, 7, 8), "tight": (0, 1, 5)}
+"""Which of the parameters a structure has; the others are 0."""
+GUESS = np.array([0.5, 6.0, 0.05, 15.0, 0.5, 6.0, 0.05, 15.0, 0.5])
+HIGHEST = np.array([3.0, 60.0, 0.3, 120.0, 0.9, 60.0, 0.3, 120.0, 0.9])
+
+
+def _potential(p, x):
+    """Potential energy of all cords at places x, in J."""
+    x = np.asarray(x)
+    out, left = np.maximum(x, 0), np.maximum(-x, 0)
+    return (
+        p[0] * np.abs(x)
+        + p[1] * np.maximum(out - p[2], 0) ** 2 / 2
+        + p[3] * np.maximum(out - p[4], 0) ** 2 / 2
+        + p[5] * np.maximum(left - p[6], 0) ** 2 / 2
+        + p[7] * np.maximum(left - p[8], 0) ** 2 / 2
+    )
+
+
+def _slope(p, x):
+    return (_potential(p, x + 1e-5) - _potential(p, x - 1e-5)) / 2e-5
+
+
+def _points(readings):
+    """Places and potential energies from place, speed and the work of the pushes, with their errors."""
+    place, force, work, doubt = 0.0, 0.0, 0.0, 0.0
+    points, last, speed = [], 0.0, None
+    for asked, got in readings:
+        if asked.tool == "apply_force":
+            work += force * (last - place)
+            doubt += (PLACE_ERROR * (asked.arguments["force_vector"][0] - force)) ** 2
+            place, force = last, asked.arguments["force_vector"][0]
+        elif asked.tool == "get_position":
+            last = got["position"][0]
+        elif asked.tool == "get_velocity":
+            speed = got["velocity"][0]
+            energy = work + force * (last - place) - speed**2 / 2
+            points.append((last, energy, speed, force, doubt))
+        if abs(last) > LATCH:
+            break
+    kept = [point for point in points if abs(point[0]) <= LATCH]
+    return np.array(kept or [(0.0, 0.0, 0.0, 0.0, 0.0)]).T
+
+
+def _fitted(kind, readings):
+    """Misfit and the parameters that fit the points best; errors of the work are carried on from push to push."""
+    x, energy, speed, force, doubt = _points(readings)
+    free = list(FREE[kind])
+    p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
+    best = None
+    for far in (0.38, 0.5, 0.62):
+        p = p.copy()
+        p[[4, 8]] = far
+        for _ in range(2):
+            alone = (speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-6
+            white = np.linalg.inv(np.linalg.cholesky(np.minimum.outer(doubt, doubt) + np.diag(alone)))
+
+            def off(q, white=white, p=p):
+                full = p.copy()
+                full[free] = q
+                return white @ (_potential(full, x) - energy)
+
+            got = least_squares(off, p[free], bounds=(0, HIGHEST[free] + 1e-9), x_scale=GUESS[free], max_nfev=40)
+            p = p.copy()
+            p[free] = np.clip(got.x, 1e-9, HIGHEST[free])
+        if best is None or got.cost < best[0]:
+            best = (got.cost, p)
+    return 2 * best[0] - 2 * float(np.sum(np.log(np.diag(white)))), best[1]
+
+
+def _best(readings, kinds=tuple(FREE)):
+    """The structure that fits best, with a price for each parameter."""
+    count = len(_points(readings)[0])
+    fits = {kind: _fitted(kind, readings) for kind in kinds}
+    kind = min(fits, key=lambda name: fits[name][0] + len(FREE[name]) * np.log(count))
+    return kind, fits[kind][1]
+
+
+def _turn(p, energy, force, side):
+    """Where a glider of this energy turns on a side under a force."""
+
+    def left(x):
+        return energy + force * x - _potential(p, x)
+
+    grid = side * np.linspace(-6, 6, 2401)
+    free = left(grid)
+    turns = np.nonzero((free[:-1] >= 0) & (free[1:] < 0))[0]
+    if not len(turns):
+        return float(grid[np.argmax(free)])
+    return float(brentq(left, grid[turns[-1]], grid[turns[-1] + 1]))
+
+
+def _between(p, energy, force, start, end, count=400):
+    """Times and places of the way between two places; the substitution takes care of speeds 0 at its ends."""
+    edges = np.linspace(0, pi, count + 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    x = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
+    v = np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)), 1e-9))
+    times = np.cumsum(abs(end - start) / 2 * np.sin(middle) * (pi / count) / v)
+    return times, x
+
+
+def _predict(p):
+    """Farthest place on the other side, and time of a full swing."""
+    energy = float(_potential(p, START))
+    other = _turn(p, energy, 0.0, -1)
+    return [other, 2 * float(_between(p, energy, 0.0, START, other, 4000)[0][-1])]
+
+
+def _push(force):
+    return call("apply_force", object_id="object_1", force_vector=[round(force, 4), 0, 0])
+
+
+def _look(length):
+    return [
+        call("step", duration=max(round(length / 0.005), 1) * 0.005),
+        call("get_position", object_id="object_1"),
+        call("get_velocity", object_id="object_1"),
+    ]
+
+
+def _half_swing(p, x, v):
+    """Push along the velocity up to the next turn, or as much as the reach allows; looks on the way."""
+    side = 1 if v > 0 else -1
+    force = side * FORCE
+    for share in (1.0, 0.7, 0.4, 0.2, 0.0, -0.3, -0.6, -1.0):
+        force = side * FORCE * share
+        energy = v**2 / 2 + float(_potential(p, x)) - force * x
+        end = _turn(p, energy, force, side)
+        if abs(end) <= REACH:
+            break
+    times, _ = _between(p, energy, force, x, end)
+    total = float(times[-1])
+    moments = [total * share for share in LOOKS]
+    calls, before = [_push(force)], 0.0
+    for moment in moments:
+        calls += _look(moment - before)
+        before += max(round((moment - before) / 0.005), 1) * 0.005
+    return calls, end
+
+
+def _swing_on(p, x, v, count):
+    """Several half swings, each planned from where the model says that the one before ends."""
+    calls = []
+    for _ in range(count):
+        more, x = _half_swing(p, x, v)
+        calls += more
+        v = -1e-3 if x > 0 else 1e-3
+    return calls
 
 
 def solve(task):
-    """A glider that comes back before the asked moment was let go too far out, one that still goes left too near."""
-    low, high = NEAR, FAR
-    for _ in range(ROUNDS):
-        place = (low + high) / 2
-        readings = yield [
-            call("move_object", object_id="object_1", x=place, y=0, z=RAIL_Z),
-            call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
-            *LOOKS * [call("step", duration=LOOK_S), call("get_momentum", object_id="object_1", mass=1.0)],
-        ]
-        if any(reading["momentum"]["x"] > 0 for reading in readings[3::2]):
-            high = place
-        else:
-            low = place
-    yield [answer((low + high) / 2)]
+    """One push to begin with, then half swings whose lengths the model so far predicts."""
+    calls = [_push(FORCE)]
+    for length in (0.1, 0.1, 0.1, 0.1):
+        calls += _look(length)
+    seen = list(zip(calls, (yield calls), strict=True))
+    for iteration in range(ITERATIONS):
+        _, p = _best(seen, ("both", "tight"))
+        x, v = seen[-2][1]["position"][0], seen[-1][1]["velocity"][0]
+        if abs(v) < SLOW:
+            v = -SLOW if x > 0 else SLOW
+        calls = _swing_on(p, x, v, 1 if iteration < SINGLY else 2)
+        if len(seen) + len(calls) > CALLS:
+            break
+        seen += zip(calls, (yield calls), strict=True)
+    _, p = _best(seen)
+    yield [answer(_predict(p))]
 
 
-def _first_rest(start, knobs):
-    """When a glider let go at `start` is at rest on the far side; infinity if it never gets to a rest there.
+def fit(readings, structure):
+    """Both numbers by the cords of a structure."""
+    return _predict(_fitted(structure, readings)[1])
 
-    Right cord: a damped quarter swing to the slack; slack: coasting; left cord: damped until the speed is nought.
-    """
-    drag = knobs["c"] / knobs["m"]
-    stretch = start - knobs["right"]
-    if stretch <= 0:
-        return inf
-    spring = knobs["k_right"] / knobs["m"]
-    half, rate = drag / 2, sqrt(spring - drag**2 / 4)
-    first = (pi / 2 + atan2(half, rate)) / rate
-    speed = stretch * sqrt(spring) * exp(-half * first)
-    gap = knobs["left"] + knobs["right"]
-    if drag * gap >= speed:
-        return inf
-    second = -log(1 - drag * gap / speed) / drag
-    rate = sqrt(knobs["k_left"] / knobs["m"] - drag**2 / 4)
-    return first + second + atan2(rate, half) / rate
+
+def structure(knobs):
+    """Which cords there are."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    return np.array([knobs[name] for name in NAMES], dtype=float)
+
+
+def naive(knobs):
+    """The same on both sides; a single spring as stiff as near the middle."""
+    p = _true(knobs)
+    small = [p[0], p[1], p[2], 0, 0, p[5], p[6], 0, 0]
+    half = float(_between(p, float(_potential(p, START)), 0.0, START, 0.0, 2000)[0][-1])
+    largest = -_turn(p, float(_potential(p, 1.0)), 0.0, -1) * START
+    swing = 2 * float(_between(p, float(_potential(p, 1.0)), 0.0, 1.0, -largest / START, 2000)[0][-1])
+    return {
+        "same on both sides": [-START, 4 * half],
+        "cords of the middle": [*_predict(np.array(small))],
+        "largest swing": [-largest, swing],
+    }
+
+
+def stage(task):
+    """Push as hard as possible to come to 2.00 m."""
+    calls = [_push(FORCE), *_look(2.0), *_look(2.0)]
+    readings = yield calls
+    x = [reading["position"][0] for reading in readings if "position" in reading]
+    yield [answer([-abs(x[-1]) - 1.0, 2.0])]
+
+
+def batch(task):
+    """Pushes to and fro with a usual period, looked at evenly."""
+    calls = []
+    for number in range(6):
+        calls += [_push(FORCE * (-1) ** number), *_look(0.25), *_look(0.25), *_look(0.25)]
+    readings = yield calls
+    _, p = _best(list(zip(calls, readings, strict=True)))
+    yield [answer(_predict(p))]
 
 
 def theory(knobs):
-    """The start at which the three times add up to the asked one: they shrink as the start moves out."""
-    low, high = 0.0, 2.0
-    for _ in range(50):
-        place = (low + high) / 2
-        low, high = (low, place) if _first_rest(place, knobs) < ASKED_S else (place, high)
-    return (low + high) / 2
+    """Energy gives the place, an integral the time."""
+    return _predict(_true(knobs))
 
 
 def measure(engine, knobs):
-    """The same search in the engine, finer."""
-    start = engine.save()
-    low, high = NEAR, FAR
-    for _ in range(17):
-        place = (low + high) / 2
-        engine.restore(start)
-        engine.place("object_1", np.array([place, 0.0, RAIL_Z]), {})
-        back = False
-        for _ in range(LOOKS):
-            engine.step(engine.whole_steps(LOOK_S))
-            back = back or engine.twist("object_1").linear[0] > 0
-        if back:
-            high = place
-        else:
-            low = place
-    return (low + high) / 2
+    """The swing in the engine, without latches."""
+    free = engine.changed({"body[latch].pos": (0.0, 0.0, 0.0)})
+    free.place("object_1", np.array([START, 0.0, 0.5]), {})
+    times, speeds, places, tick = [0.0], [0.0], [START], 1 / free.whole_steps(1.0)
+    while len(times) < 3 or not (speeds[-2] > 0 >= speeds[-1]):
+        free.step(1)
+        times.append(times[-1] + tick)
+        speeds.append(float(free.twist("object_1").linear[0]))
+        places.append(float(free.pose("object_1").position[0]))
+    share = speeds[-2] / (speeds[-2] - speeds[-1])
+    return [min(places), times[-2] + share * tick]
