@@ -1,11 +1,14 @@
 """Starts a new scene from a template, with its id and category filled in; the result passes `physment-eval lint`."""
 
+import re
 from importlib.resources import files as resources
 from pathlib import Path
 
 from scenes.errors import PackError
 from scenes.pack import CANARY, Category
 
+_SECOND_CONCEPT = re.compile(r'("concepts": \["[^"]*"), "[^"]*"\]')
+"""The concepts of a template, of which a scene with a single concept keeps the first."""
 _FILES = (("scene.json", "scene{}.json"), ("scene.xml", "scene{}.xml"), ("solution.py", "solution.py"))
 
 
@@ -22,6 +25,8 @@ def write_new_scene(folder: Path, scene: int, category: Category) -> Path:
         for source, name in _FILES:
             text = (template / source).read_text(encoding="utf-8")
             text = text.replace("SCENE_ID", str(scene)).replace("CATEGORY", category).replace("CANARY", CANARY)
+            if "single" in category:
+                text = _SECOND_CONCEPT.sub(r"\1]", text)
             (target / name.format(scene)).write_text(text, encoding="utf-8")
     except FileExistsError as error:
         raise PackError(target, "exists already; choose another id") from error

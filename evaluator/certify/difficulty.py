@@ -1,13 +1,13 @@
 """Certificate 5: a scene is as hard as its category says; a Hard scene without limits cannot be solved by rote."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from evaluator.answers.engine import is_intervention
 from evaluator.certify.driving import drive
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
 from evaluator.records import Episode
-from scenes import Category
+from scenes import Category, Pack
 
 EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
 """Greatest number of interventions and of iterations in an Easy scene, and of iterations in any scene."""
@@ -41,12 +41,7 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
         )
     if max(iterations) > ITERATIONS:
         reasons.append(f"the reference takes {max(iterations)} iterations; the largest budget is {ITERATIONS}")
-    several = "multi" in category.value or category is Category.CREATE_DELETE_ATTACH
-    if category is not Category.OPEN and (len(subject.pack.concepts) >= 2) != several:
-        reasons.append(
-            f"{category.value} scenes have {'two or more concepts' if several else 'one concept'};"
-            f" this one lists {len(subject.pack.concepts)}"
-        )
+    reasons += concept_faults(subject.pack)
     called = {exchange.call.tool for episode in episodes for turn in episode.turns for exchange in turn.exchanges}
     reasons += [
         f"requires names {tool}, but the reference never calls it"
@@ -68,6 +63,18 @@ async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Che
                 " seeds: a Hard scene must force to adapt"
             )
     return check("difficulty", reasons, **figures)
+
+
+def concept_faults(pack: Pack) -> Iterator[str]:
+    """Yield a sentence if a pack lists too many or too few concepts; open worlds may have any number."""
+    if pack.category is None or pack.category is Category.OPEN:
+        return
+    several = "multi" in pack.category.value or pack.category is Category.CREATE_DELETE_ATTACH
+    if (len(pack.concepts) >= 2) != several:
+        yield (
+            f"{pack.category.value} scenes have {'two or more concepts' if several else 'one concept'};"
+            f" this one lists {len(pack.concepts)}"
+        )
 
 
 def _interventions(episode: Episode) -> int:

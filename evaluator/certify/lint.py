@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
 from evaluator.certify import compiled_model
+from evaluator.certify.difficulty import concept_faults
 from evaluator.certify.instrument import unstated
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
@@ -79,6 +80,8 @@ def _incomplete(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     for name in ("category", "concepts", "answer_spec", "expected_behavior", "reasoning", "requires", "knobs"):
         if not getattr(pack, name):
             yield f"{name} is missing or empty"
+    if pack.concepts:
+        yield from concept_faults(pack)
     if pack.canary != CANARY:
         yield f"canary must be {CANARY}, so that training corpora can leave the pack out"
     if pack.number_of_objects != len(pack.objects):
