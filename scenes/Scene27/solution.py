@@ -1,75 +1,235 @@
-"""Scene 27: bring the climber up, look for an instant whether the foot stirs, and close in from below."""
+"""Scene 27: load the plank so that its ends sink by chosen amounts, fit the props, predict beyond the latches."""
 
-from math import cos, radians, sin
+from itertools import product
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.protocol import answer, call
 
-LENGTH = 4.0
-FOOT_Z = 0.02
-SLOPE = radians(60)
-CLIMBER_KG = 20.0
-SAFE = 0.5
-TOP = 3.9
-ROUNDS = 13
-BRIEF_S, LONG_S = 0.03, 0.1
-STIRRED_M, SLID_M = 6e-6, 1.5e-5
-"""Beyond what a foot that holds creeps in these times, below what one that slides travels."""
-REST_S = 0.5
-EARLY = 5
-CAUTION = 0.35
-"""Where in the range the early tries are made: a slip is the shorter the nearer to the limit."""
+HALF, LATCH, ASKED = 1.5, 0.06, 0.15
+REACH = 0.054
+RESOLUTION = 0.00003
+"""Error of a height, and of an angle, by rounding."""
+WAIT_S = 4.0
+PRESSED, PRESSES = 0.001, 3
+"""A loose prop is known once it was pressed so far, so many times."""
+LOOSE = {"left": (-1,), "right": (1,), "both": (-1, 1)}
+"""Sides on which a prop stands apart."""
+ROUNDS = (
+    (0.0, ((0.5, 0.5), (0.8, 0.3), (0.3, 0.8), (0.6, -0.4))),
+    (0.0, ((0.75, 0.75), (0.85, 0.4), (0.4, 0.85), (0.85, -0.3))),
+    (0.5, ((0.85, 0.85), (-0.3, 0.9), (0.9, 0.6), (0.6, 0.9))),
+    (0.7, ((0.95, 0.95), (0.95, 0.6), (0.6, 0.95), (0.95, 0))),
+    (0.8, ((1, 1), (1, 0.2), (0.2, 1), (0, 1))),
+    (0.9, ((1, 0.9), (1, 0.5), (0.5, 1), (0.9, 1))),
+    (0.95, ((1, 0), (0, 1), (1, 1), (0.95, 0.95))),
+    (0.95, ((1, 0.7), (0.7, 1), (1, -0.3), (-0.3, 1))),
+)
+"""How far the loose props of the fit so far are trusted, and sinkings of left and right end in shares of the reach."""
 
 
-def _at(distance):
-    return {"x": distance * cos(SLOPE), "y": 0, "z": FOOT_Z + distance * sin(SLOPE)}
+def _load(p, sides, height, angle):
+    """Force and torque that hold the plank: fixed props as a linear law p[:3], then place, stiffness, gap of others."""
+    force, torque = p[0] * height + p[1] * angle, p[1] * height + p[2] * angle
+    for number in range(len(sides)):
+        place, stiffness, gap = p[3 + 3 * number : 6 + 3 * number]
+        push = stiffness * np.maximum(-gap - (height - place * angle), 0)
+        force, torque = force - push, torque + place * push
+    return force, torque
+
+
+def _points(readings):
+    """Forces, torques, heights and angles of rest, up to the latch."""
+    force = torque = start = 0.0
+    points = []
+    for asked, got in readings:
+        if asked.tool == "apply_force":
+            force = asked.arguments["force_vector"][2]
+        elif asked.tool == "apply_torque":
+            torque = asked.arguments["torque_vector"][1]
+        elif asked.tool == "get_position":
+            height, angle = got["position"][2] - 1.0 - start, got["angle"]
+            if max(abs(height + HALF * angle), abs(height - HALF * angle)) > LATCH:
+                break
+            points.append((force, torque, height, angle))
+    return np.array(points or [(0.0, 0.0, 0.0, 0.0)]).T
+
+
+def _linear(points):
+    """Law of the fixed props alone from the smallest displacements."""
+    force, torque, height, angle = points
+    zero = np.zeros_like(height)
+    rows = np.concatenate((np.column_stack([height, angle, zero]), np.column_stack([zero, height, angle])))
+    weights = 1 / np.tile(0.002 + np.abs(height) + np.abs(angle), 2) ** 2
+    near = np.sqrt(weights)[:, None]
+    return np.linalg.lstsq(rows * near, np.concatenate((force, torque)) * near[:, 0], rcond=None)[0]
+
+
+def _fitted(kind, points):
+    """Misfit and the parameters of the props that fit best."""
+    force, torque, height, angle = points
+    sides = LOOSE[kind]
+    first = _linear(points)
+    first[0], first[2] = max(first[0], 50.0), max(first[2], 20.0)
+    errors = np.array([first[0], first[2]]) * RESOLUTION * 2
+    scale = first[0] / 2
+    low = [0, -np.inf, 0] + [v for side in sides for v in (0.2 if side > 0 else -1.5, 0, 0.002)]
+    high = [np.inf] * 3 + [v for side in sides for v in (1.5 if side > 0 else -0.2, 20 * scale, 0.05)]
+    sizes = [scale, scale, scale, *(0.5, scale, 0.01) * len(sides)]
+
+    def off(p):
+        held = _load(p, sides, height, angle)
+        return np.concatenate(((held[0] - force) / errors[0], (held[1] - torque) / errors[1]))
+
+    best = None
+    for place, gap in product((0.7, 1.1), (0.028, 0.038)):
+        start = [*first, *(v for side in sides for v in (side * place, scale, gap))]
+        got = least_squares(off, start, bounds=(low, high), x_scale=sizes, max_nfev=25)
+        best = got if best is None or got.cost < best.cost else best
+    best = least_squares(off, best.x, bounds=(low, high), x_scale=sizes, max_nfev=60)
+    return 2 * best.cost, best.x
+
+
+def _best(points):
+    """The structure that fits best, with a price for each parameter, and its parameters."""
+    fits = {kind: _fitted(kind, points) for kind in LOOSE}
+    count = np.log(2 * len(points[0]))
+    kind = min(fits, key=lambda name: fits[name][0] * 0.5 + 3 * len(LOOSE[name]) * count)
+    return kind, fits[kind][1]
+
+
+def _hung(p, sides, end):
+    """Load at an end that makes it sink as asked: linear for each set of props that bear, and one set is consistent."""
+    place = end * HALF
+    for bears in product((True, False), repeat=len(sides)):
+        matrix = np.array([[p[0], p[1], 1.0], [p[1], p[2], -place], [1.0, -place, 0.0]])
+        right = np.array([0.0, 0.0, -ASKED])
+        for number, bearing in enumerate(bears):
+            x, stiffness, gap = p[3 + 3 * number : 6 + 3 * number]
+            if bearing:
+                matrix[:2, :2] += stiffness * np.array([[1.0, -x], [-x, x * x]])
+                right[:2] -= stiffness * gap * np.array([1.0, -x])
+        height, angle, load = np.linalg.solve(matrix, right)
+        pressed = [-p[5 + 3 * n] - (height - p[3 + 3 * n] * angle) > 0 for n in range(len(sides))]
+        if pressed == list(bears):
+            return float(load)
+    return float(load)
+
+
+def _predict(kind, p):
+    return [_hung(p, LOOSE[kind], end) for end in (1, -1)]
+
+
+def _apply(force, torque):
+    return [
+        call("apply_force", object_id="object_1", force_vector=[0, 0, float(f"{force:.6g}")]),
+        call("apply_torque", object_id="object_1", torque_vector=[0, float(f"{torque:.6g}"), 0]),
+        call("step", duration=WAIT_S),
+        call("get_position", object_id="object_1"),
+    ]
+
+
+def _trusted(kind, p, points):
+    """The fit without the loose props that were hardly pressed so far: their stiffness is not known yet."""
+    p = np.array(p)
+    for number in range(len(LOOSE[kind])):
+        place, _, gap = p[3 + 3 * number : 6 + 3 * number]
+        if np.sum(-gap - (points[2] - place * points[3]) > PRESSED) < PRESSES:
+            p[4 + 3 * number] = 0.0
+    return p
 
 
 def solve(task):
-    """Every round tries one place for an instant and brings the climber back to where the ladder rests."""
-    low, high = SAFE, TOP
-    yield [call("step", duration=REST_S)]
-    for turn in range(ROUNDS):
-        early = turn < EARLY
-        place = low + (CAUTION if early else 0.5) * (high - low)
-        readings = yield [
-            call("get_displacement", object_id="object_1"),
-            call("move_object", object_id="object_2", **_at(place)),
-            call("step", duration=BRIEF_S if early else LONG_S),
-            call("get_displacement", object_id="object_1"),
-            call("move_object", object_id="object_2", **_at(SAFE)),
-            call("step", duration=REST_S),
-        ]
-        slip = readings[3]["displacement"] - readings[0]["displacement"]
-        if slip > (STIRRED_M if early else SLID_M):
-            high = place
-        else:
-            low = place
-    yield [answer((low + high) / 2)]
+    """Weak forces for the scale, then chosen sinkings of the ends, farther as the props become known."""
+    seen = []
+    for force in (2, 12, 72):
+        calls = [*_apply(-force, 0)]
+        seen += zip(calls, (yield calls), strict=True)
+        if seen[-1][1]["position"][2] < 1 - 0.0015:
+            break
+    calls = [*_apply(0, force / 5), *_apply(-force / 2, -force / 6)]
+    seen += zip(calls, (yield calls), strict=True)
+    kind, plan = None, _linear(_points(seen))
+    for trust, ways in ROUNDS:
+        calls = []
+        for left, right in ways:
+            place = -REACH * (left + right) / 2, REACH * (right - left) / (2 * HALF)
+            alone, held = (_load(plan, sides, *place) for sides in ((), LOOSE.get(kind, ())))
+            calls += _apply(*(float(a + trust * (h - a)) for a, h in zip(alone, held, strict=True)))
+        seen += zip(calls, (yield calls), strict=True)
+        kind, p = _best(_points(seen))
+        plan = _trusted(kind, p, _points(seen))
+    yield [answer(_predict(kind, p))]
+
+
+def fit(readings, structure):
+    """Both loads by the props of a structure."""
+    return _predict(structure, _fitted(structure, _points(readings))[1])
+
+
+def structure(knobs):
+    """On which side a prop stands apart."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    fixed = [(knobs["k1"], knobs["x1"]), (knobs["k2"], knobs["x2"])]
+    p = [sum(k for k, _ in fixed), -sum(k * x for k, x in fixed), sum(k * x * x for k, x in fixed)]
+    for number, side in ((3, -1), (4, 1)):
+        if side in LOOSE[knobs["kind"]]:
+            p += [knobs[f"x{number}"], knobs[f"k{number}"], knobs[f"g{number}"]]
+    return p
+
+
+def naive(knobs):
+    """The fixed props alone; all props without gaps."""
+    p = _true(knobs)
+    closed = [0.0 if n > 2 and n % 3 == 2 else v for n, v in enumerate(p)]
+    return {
+        "weak loads in proportion": [_hung(p[:3], (), end) for end in (1, -1)],
+        "no gaps": _predict(knobs["kind"], closed),
+    }
+
+
+def stage(task):
+    """Press one end down as if a load hung on it."""
+    calls = _apply(-1200, 1800)
+    readings = yield calls
+    sunk = HALF * readings[-1]["angle"] - (readings[-1]["position"][2] - 1.0)
+    load = 1200 * ASKED / max(sunk, 1e-4)
+    yield [answer([load, load])]
+
+
+def batch(task):
+    """Five strengths, each by three ways of loading, the weakest first."""
+    calls = []
+    for force in (8, 24, 72, 200, 500):
+        calls += [*_apply(-force, 0), *_apply(-force / 2, 0.5 * force), *_apply(-force / 2, -0.5 * force)]
+    readings = yield calls
+    yield [answer(_predict(*_best(_points(list(zip(calls, readings, strict=True))))))]
 
 
 def theory(knobs):
-    """Torques about the point where the foot touches: μ (m + M) g (L sin θ + r) = g cos θ (m c L + M s)."""
-    height = LENGTH * sin(SLOPE) + FOOT_Z
-    friction = knobs["mu"] * (knobs["m"] + CLIMBER_KG)
-    return (friction * height / cos(SLOPE) - knobs["m"] * knobs["c"] * LENGTH) / CLIMBER_KG
+    """Balance of force and torque at an end that has sunk as asked."""
+    return _predict(knobs["kind"], _true(knobs))
 
 
 def measure(engine, knobs):
-    """The engine's limit: halve the range, each time from the same rest, and watch the foot for half a second."""
-    engine.step(engine.whole_steps(REST_S))
-    rest = engine.save()
-    low, high = SAFE, TOP
-    for _ in range(14):
-        place = (low + high) / 2
-        engine.restore(rest)
-        before = engine.pose("object_1").position
-        at = _at(place)
-        engine.place("object_2", np.array([at["x"], at["y"], at["z"]]), {})
-        engine.step(engine.whole_steps(0.5))
-        if np.linalg.norm(engine.pose("object_1").position - before) > 2e-4:
-            high = place
-        else:
-            low = place
-    return (low + high) / 2
+    """Without the latches: load an end, let it come to rest, correct the load by how far it sank."""
+    loads = []
+    for end in (1, -1):
+        free = engine.changed({"body[latch].pos": (0.0, 0.0, 0.0)})
+        tried = [(0.0, 0.0)]
+        load = 0.5 * knobs["k1"] * ASKED
+        for _ in range(5):
+            free.push("object_1", force=np.array([0.0, 0.0, -load]), torque=np.array([0.0, end * HALF * load, 0.0]))
+            free.step(free.whole_steps(5.0))
+            tried.append(
+                (load, end * HALF * free.turn("object_1").angle - (float(free.pose("object_1").position[2]) - 1))
+            )
+            (load_a, sunk_a), (load_b, sunk_b) = tried[-2:]
+            if abs(sunk_b - sunk_a) > 1e-7:
+                load = load_b + (ASKED - sunk_b) * (load_b - load_a) / (sunk_b - sunk_a)
+        loads.append(load)
+    return loads
