@@ -1,86 +1,274 @@
-"""Scene 91: read the speed at the mark, and get the inertia from the jump of the acceleration without the ball."""
+"""Scene 91: one descent with loads put on and taken off; inertia and resistance from the energy of its stretches."""
 
-from math import log, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.protocol import answer, call
 
 GRAVITY = 9.81
-BALL_KG = 2.0
-HUNG_KG = 0.2
-"""Pan and counterweight."""
-RADIUS = 0.1
-DENSITY = BALL_KG / (4 / 3 * pi * RADIUS**3)
-ARM = 0.2
-FALL = 1.0
-PAN_Z = 5.0
-LOOKS = 3
-NEAR = 0.02
-"""About what a loaded pan travels in two time steps."""
-SETTLE_S = 0.05
-STEP_S = 0.005
+PAN_KG, FAR_KG = 0.1, 8.0
+FALL, WAY = 1.2, 1.38
+"""Way that is asked for, and way after which the descent is over."""
+TOP = 3.0
+FAST, SLOW = 3.4, 0.7
+"""Spins between which the drum is kept, rad/s."""
+LADDER = (0.05, 0.05, 0.1, 0.2, 0.4, 0.4)
+TRY_S, STRETCH = 0.15, 2.5
+"""How long a load is tried; angle in which the spin is to change from slow to fast."""
+KINDS = ("dry", "oil", "air")
+DENSITY = 1e4
 
 
-def _step(duration):
+def _look(duration):
     return [
         call("step", duration=duration),
+        call("get_position", object_id="object_1"),
+        call("get_velocity", object_id="object_1"),
         call("get_position", object_id="object_2"),
-        call("get_velocity", object_id="object_2"),
-        call("get_acceleration", object_id="object_2"),
     ]
 
 
-def _state(readings):
-    """How far the pan has come down, its speed and its acceleration, downward positive."""
-    place, speed, change = readings[-3:]
-    return PAN_Z - place["position"][2], -speed["velocity"][2], -change["z"]
+def _load(name, kg, way=0.0):
+    """Join a ball to the pan, close to it."""
+    row, place = divmod(int(name[1:]), 5)
+    radius = (kg / DENSITY / (4 / 3 * pi)) ** (1 / 3)
+    made = call(
+        "create_objects",
+        name=name,
+        pos=[0.1 * place - 0.2, 0.1 * row - 0.2, TOP - way],
+        density=DENSITY,
+        rgba=[1, 0, 0, 1],
+        radius=radius,
+    )
+    return [made, call("attach_objects", object1_id=name, object2_id="object_2")]
+
+
+def _stretches(exchanges):
+    """Rows of: load before and after a change [kg], duration, angle and spin before, angle, spin and way after."""
+    rows, masses, joined, before, state = [], {}, 0.0, 0.0, (0.0, 0.0, 0.0)
+    for asked, reading in exchanges:
+        if asked.tool == "create_objects":
+            masses[asked.arguments["name"]] = DENSITY * 4 / 3 * pi * asked.arguments["radius"] ** 3
+        elif asked.tool == "attach_objects":
+            joined += masses[asked.arguments["object1_id"]]
+        elif asked.tool == "delete_objects":
+            joined -= masses[asked.arguments["object_id"]]
+            before = min(before, joined)
+        elif asked.tool == "get_velocity":
+            spin = reading["angular_velocity"]
+        elif asked.arguments.get("object_id") == "object_1" and "angle" in reading:
+            angle = reading["angle"]
+        elif asked.tool == "get_position":
+            time, way = reading["sim_time"], TOP - reading["position"][2]
+            if way < 1.47 and (not rows or rows[-1][7] < WAY):
+                rows.append((before, joined, time - state[0], *state[1:], angle, spin, way))
+            state, before = (time, angle, spin), joined
+    return np.array(rows)
+
+
+def _model(rows, kind, inertias=(0.05, 0.15)):
+    """Misfit, and radius at the start, its growth per angle, inertia, T0, c, k by one kind of resistance.
+
+    Each stretch is integrated from the reading at its start; a ball that is joined is at rest before.
+    """
+    before, load, time, first, begun, last, ended, ways = rows.T
+    if last.max() > 1:
+        radius, growth = np.linalg.lstsq(np.column_stack([last, last**2 / 2]), ways, rcond=None)[0]
+    else:
+        radius, growth = (ways.sum() / last.sum() if last.max() > 0.012 else 0.1), 0.0
+    pieces = 24
+    step = time / pieces
+
+    def predicted(inertia, dry, oil, air):
+        def change(angle, spin):
+            r = radius + growth * angle
+            torque = load * GRAVITY * r - (load + PAN_KG) * r * growth * spin**2 - dry - oil * spin - air * spin**2
+            return torque / (inertia + (load + PAN_KG) * r * r)
+
+        square = (radius + growth * first) ** 2
+        angle, spin = first, begun * (inertia + (before + PAN_KG) * square) / (inertia + (load + PAN_KG) * square)
+        for _ in range(pieces):
+            middle = np.maximum(spin + step / 2 * change(angle, spin), 0.0)
+            spin = np.maximum(spin + step * change(angle + step / 2 * spin, middle), 0.0)
+            angle = angle + step * middle
+        return angle, spin
+
+    def parts(values):
+        grow = values[2] if len(values) > 2 else 0.0
+        return np.exp(values[0]), np.exp(values[1]), grow if kind == "oil" else 0.0, grow if kind == "air" else 0.0
+
+    def misfit(values):
+        angle, spin = predicted(*parts(values))
+        return np.concatenate(
+            [(angle - last) / (2e-3 + 4e-4 * time), (spin - ended) / (2.2e-3 + 5e-4 * np.abs(ended - begun))]
+        )
+
+    least = 0.75 * GRAVITY * radius * (load[last > 0.012][0] if last.max() > 0.012 else 0.5)
+    best = None
+    for inertia in inertias:
+        start, low, high = (
+            [np.log(inertia), np.log(least), 0.01],
+            [-4.5, np.log(least / 3), 0.0],
+            [-0.7, np.log(least * 1.6), 1.0],
+        )
+        count = 2 if kind == "dry" else 3
+        bounds = (low[:count], high[:count])
+        found = least_squares(misfit, start[:count], bounds=bounds, x_scale=[0.3, 0.3, 0.01][:count])
+        if best is None or found.cost < best.cost:
+            best = found
+    return 2 * best.cost, (radius, growth, *parts(best.x))
+
+
+def _best(rows):
+    """The simplest resistance that fits, with the rest of the model."""
+    found = {kind: _model(rows, kind) for kind in KINDS}
+    return found[min(KINDS, key=lambda kind: found[kind][0] + (0 if kind == "dry" else 4))][1]
+
+
+def _time_until(model, load, angle, spin, way):
+    """Time until the drum is fast or slow enough or the pan low enough."""
+    radius, growth, inertia, dry, oil, air = model
+    time, step, fast = 0.0, 0.01, (FAST if angle > 1 else FAST / 2)
+    while time < 1.5:
+        r = radius + growth * angle
+        rate = (load * GRAVITY * r - dry - oil * spin - air * spin**2) / (inertia + (load + PAN_KG) * r * r)
+        if way > WAY or (rate > 0 and spin > fast) or (rate < 0 and spin < SLOW):
+            break
+        time, spin, angle, way = time + step, spin + step * rate, angle + step * spin, way + step * spin * r
+    return max(time, 0.1)
+
+
+def _speed(radius, growth, inertia, dry, oil, air):
+    """Speed of the pan under the far load at the asked way, from the energy over the angle."""
+    end = FALL / radius if abs(growth) < 1e-9 else (sqrt(radius**2 + 2 * growth * FALL) - radius) / growth
+    angles = np.linspace(0, end, 1501)
+    step = angles[1]
+    energy = 0.0
+
+    def change(angle, energy):
+        r = radius + growth * angle
+        square = 2 * max(energy, 0.0) / (inertia + (FAR_KG + PAN_KG) * r * r)
+        return FAR_KG * GRAVITY * r - dry - oil * sqrt(square) - air * square
+
+    for angle in angles[:-1]:
+        middle = energy + step / 2 * change(angle, energy)
+        energy += step * change(angle + step / 2, middle)
+    r = radius + growth * end
+    return r * sqrt(2 * max(energy, 0.0) / (inertia + (FAR_KG + PAN_KG) * r * r))
+
+
+def fit(readings, structure):
+    """The asked speed with one kind of resistance."""
+    return _speed(*_model(_stretches(readings), structure)[1])
 
 
 def solve(task):
-    """Follow the loaded pan to the mark, then take the ball away and see how the acceleration jumps."""
-    readings = yield [
-        call("create_objects", name="load", pos=[0, 0, PAN_Z + RADIUS], density=DENSITY, rgba=[1, 0, 0, 1]),
-        *_step(0.2),
-    ]
-    fallen, speed, loaded = _state(readings)
-    for _ in range(LOOKS):
-        # The pan cannot be there sooner, because its acceleration fades.
-        left = max(FALL - fallen, 0.0)
-        wait = 2 * left / (speed + sqrt(speed**2 + 2 * loaded * left))
-        readings = yield _step(max(wait, STEP_S))
-        fallen, speed, loaded = _state(readings)
-    readings = yield [call("delete_objects", object_id="load"), *_step(SETTLE_S), *_step(SETTLE_S)]
-    first, second = _state(readings[:5])[2], _state(readings)[2]
-    alone = first * (first / second) ** (1 - STEP_S / (2 * SETTLE_S))
-    # m g - r = a (X + m + h) and -r = b (X + h), with the same resistance r and X = I / R².
-    disk = BALL_KG * (GRAVITY - loaded) / (loaded - alone) - HUNG_KG
-    rest = min(max(FALL - fallen, -NEAR), NEAR)
-    yield [answer(disk * (speed**2 / 2 + loaded * rest))]
+    """Find a load that moves the drum; then alternate between a load that drives it and one that lets it slow down."""
+    exchanges, loads, spent = [], [], 0
+
+    for kg in LADDER:
+        calls = [*_load(f"a{spent}", kg), *_look(TRY_S)]
+        loads.append((f"a{spent}", kg))
+        spent += 1
+        exchanges += zip(calls, (yield calls), strict=True)
+        if _stretches(exchanges)[-1][5] > 0.012:
+            break
+    calls = [*_look(0.05), call("delete_objects", object_id=loads.pop()[0]), *_look(0.05), *_look(0.05)]
+    exchanges += zip(calls, (yield calls), strict=True)
+    driving = False
+    while spent < 17 and len(exchanges) < 125:
+        rows = _stretches(exchanges)
+        model = free = _model(rows, "dry", (0.08,))[1]
+        if rows[-1][5] > 1:
+            model = _model(rows, "oil", (max(free[2], 0.03),))[1]
+        *_, angle, spin, way = rows[-1]
+        radius, growth, inertia, dry, oil, air = model
+        here = radius + growth * angle
+        if way > WAY:
+            break
+        extra = inertia * (FAST**2 - SLOW**2) / 2 / STRETCH
+        on = sum(kg for _, kg in loads)
+        driving = spin < SLOW + 0.3 or (driving and spin < FAST - 0.5)
+        resisted = dry + oil * 2 + air * 4
+        goal = max((resisted + (extra if driving else -extra)) / (GRAVITY * here), 0.0)
+        goal = min(goal, 2.5 * max(rows[:, 1]) + 0.1)
+        calls = []
+        if driving and on < 0.95 * goal:
+            loads.append((f"a{spent}", float(goal - on)))
+            calls += _load(*loads[-1], way)
+        while not driving and loads and on > 1.05 * goal:
+            name, kg = loads.pop()
+            on -= kg
+            calls.append(call("delete_objects", object_id=name))
+        spent += 1
+        on = sum(kg for _, kg in loads)
+        time = min(_time_until(known, on, angle, spin, way) for known in (model, free))
+        calls += [*_look(time / 2), *_look(time / 2)]
+        exchanges += zip(calls, (yield calls), strict=True)
+    yield [answer(_speed(*_best(_stretches(exchanges))))]
+
+
+def stage(task):
+    """Join the whole load to it."""
+    readings = yield [*_load("a0", FAR_KG), call("step", duration=1), call("get_velocity", object_id="object_2")]
+    yield [answer(-readings[-1]["velocity"][2])]
+
+
+def stage_heaviest(task):
+    """Let it sink under a quarter of the load, and double the speed at the asked way."""
+    readings = yield [*_load("a0", FAR_KG / 4), *_look(0.3)]
+    for _ in range(12):
+        if TOP - readings[-1]["position"][2] >= FALL:
+            break
+        readings = yield _look(0.1)
+    readings = yield [call("get_velocity", object_id="object_2")]
+    yield [answer(-2 * readings[-1]["velocity"][2])]
+
+
+def batch(task):
+    """A ladder of loads with short stretches, then less load."""
+    calls = []
+    for number, kg in enumerate(LADDER[:5]):
+        calls += [*_load(f"a{number}", kg), *_look(0.1)]
+    calls += [call("delete_objects", object_id="a4"), *_look(0.1), call("delete_objects", object_id="a3")]
+    for time in (0.2, 0.4, 0.8, 1.0):
+        calls += _look(time)
+    readings = yield calls
+    exchanges = [pair for pair in zip(calls, readings, strict=True) if "error" not in pair[1]]
+    rows = _stretches(exchanges)
+    rows = rows[: next((place for place, row in enumerate(rows) if row[6] > 4), len(rows))]
+    yield [answer(_speed(*np.maximum(_best(rows), [0.05, -0.02, 0.01, 0, 0, 0])))]
+
+
+def structure(knobs):
+    """Which part of the resistance grows with the spin."""
+    return knobs["kind"]
+
+
+def naive(knobs):
+    """Without the part of the resistance that grows; with the radius of the start as well; and free of resistance."""
+    parts = (knobs["radius"], knobs["r1"], knobs["inertia"], knobs["dry"])
+    return {
+        "resistance of slow turning": _speed(*parts, 0.0, 0.0),
+        "even radius": _speed(parts[0], 0.0, parts[2], parts[3], knobs["c"], knobs["k"]),
+    }
 
 
 def theory(knobs):
-    """E = X v² / 2 where 1 m = M (F ln(F / (F - c v)) / c - v) / c; X = I / R², F = m g - τ / R, M = X + m + h."""
-    disk = knobs["inertia"] / ARM**2
-    drag = knobs["drag"] / ARM**2
-    force = BALL_KG * GRAVITY - knobs["torque"] / ARM
-    low, high = 0.0, force / drag
-    for _ in range(60):
-        speed = (low + high) / 2
-        fallen = (disk + BALL_KG + HUNG_KG) / drag * (-force / drag * log(1 - drag * speed / force) - speed)
-        low, high = (speed, high) if fallen < FALL else (low, speed)
-    return disk * speed**2 / 2
+    """The energy over the angle with the drawn values."""
+    return _speed(knobs["radius"], knobs["r1"], knobs["inertia"], knobs["dry"], knobs["c"], knobs["k"])
 
 
 def measure(engine, knobs):
-    """The engine's disk when the pan passes one metre, from its own speeds."""
-    engine.add_ball("load", np.array([0.0, 0.0, PAN_Z + RADIUS]), DENSITY, RADIUS, np.ones(4), {})
+    """The engine's pan with the mass and the weight of the load, without the safety device."""
+    engine = engine.changed({"body[object_2]/inertial.mass": PAN_KG + FAR_KG, "joint[trigger_joint].damping": 1e6})
+    engine.push("object_2", force=np.array([0.0, 0.0, -FAR_KG * GRAVITY]))
     before = (0.0, 0.0)
     while True:
         engine.step(1)
-        fallen = PAN_Z - engine.pose("object_2").position[2]
-        energy = 0.5 * knobs["inertia"] * float(engine.twist("object_1").angular[1]) ** 2
+        fallen, speed = TOP - engine.pose("object_2").position[2], -engine.twist("object_2").linear[2]
         if fallen >= FALL:
-            share = (FALL - before[0]) / (fallen - before[0])
-            return float(before[1] + share * (energy - before[1]))
-        before = (fallen, energy)
+            return float(before[1] + (speed - before[1]) * (FALL - before[0]) / (fallen - before[0]))
+        before = (fallen, speed)
