@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from scenes.protocol import answer, call
 
 HOOK, STRONGEST, TICK_S = 1.0, 1.5, 0.005
-SIGMA = 0.0036
-"""Error of a reading in rad or rad/s: rounding to 0.012."""
+SIGMA = 0.003
+"""Error of a reading in rad or rad/s: rounding to 0.01."""
 BIG_NM, BIG_S, SPUN, HELD_S = 60.0, 0.5, 5.0, 0.5
 PARAMETERS = {"one": 3, "two": 5, "clutch": 3, "spring": 4}
 LOOKS = {
