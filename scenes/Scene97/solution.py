@@ -223,7 +223,7 @@ def batch(task):
     rows = _rows(zip(calls, (yield calls), strict=True))
     try:
         value = _answer(rows)
-    except (ValueError, IndexError, np.linalg.LinAlgError):
+    except (ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError):
         value = float(np.max(np.abs(rows[:, 3])))
     yield [answer(value)]
 
