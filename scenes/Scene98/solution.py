@@ -241,7 +241,7 @@ def _explain(exchanges):
 
 
 def solve(task):
-    """Reveal the partner; push by turns, choosing sense and duration from the present motion; compare all structures."""
+    """Reveal the partner; push by turns, choosing sense and duration from the motion; compare all structures."""
     yield [call("find_objects")]
     exchanges, gains, sign = [], np.array([1.5, 1.5]), 1.0
     for pair in PAIRS:
