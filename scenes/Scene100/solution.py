@@ -1,53 +1,206 @@
-"""Scene 100: halve the row; a block that passes its rest is damped too little."""
-
-from math import sqrt
+"""Scene 100: load each knob as far as its latch allows, let go, load again; fit each kind of works."""
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.protocol import answer, call
 
-PULL_M = 0.5
-WATCH = 12.0
-"""How long a block is watched, in units of one over its natural rate."""
-LOOKS = 40
-STEP_S = 0.005
-FIRST, LAST = 2, 6
+KINDS = ("slow", "flow", "all", "two", "dry")
+KNOBS = [f"object_{number}" for number in range(1, 6)]
+STRONG, PUSH_S, REST_S = 50.0, 100.0, 100.0
+FORCE, LATCH = 8.0, 0.25
+RESOLUTION = 3e-4
+FIRST_FORCE, ROOM = 0.5, 0.17
+SPANS_S = (2.0, 2.0, 2.0, 2.0, 4.0, 8.0, 16.0)
 
 
-def _pull(block):
-    return call("change_position", object_id=block, dx=PULL_M, dy=0, dz=0)
+def _unit(k, time, dry, pushes):
+    """Ways of a spring with dashpot and dry friction beside it, at the end of each push: (force, duration)."""
+    way, ways = 0.0, []
+    for force, span in pushes:
+        net = force - k * way
+        if abs(net) > dry:
+            way += (net - np.sign(net) * dry) / k * -np.expm1(-span / time)
+        ways.append(way)
+    return np.array(ways)
+
+
+def _flow(c, least, pushes):
+    """Ways of a dashpot that yields to more than the least force."""
+    force, span = np.array(pushes).T
+    return np.cumsum(np.sign(force) * np.maximum(np.abs(force) - least, 0) * span / c)
+
+
+def _way(kind, p, pushes):
+    """Ways of a knob of a kind at the end of each push."""
+    if kind == "slow":
+        return _unit(p[0], p[1], 0.0, pushes)
+    if kind == "dry":
+        return _unit(p[0], p[1], p[2], pushes)
+    if kind == "two":
+        return _unit(p[0], p[1], 0.0, pushes) + _unit(p[2], p[3], 0.0, pushes)
+    elastic = np.array(pushes)[:, 0] / p[2] + _flow(p[0], p[1], pushes)
+    return elastic if kind == "flow" else elastic + _unit(p[3], p[4], 0.0, pushes)
+
+
+def _starts(kind, k):
+    """Parameters from which a fit may begin, for a knob of about this stiffness."""
+    if kind == "slow":
+        return [(k, t) for t in (30, 90)]
+    if kind == "dry":
+        return [(k, t, f) for t in (1.5, 5) for f in (1.2, 2.5)]
+    if kind == "two":
+        return [(2 * k, quick, 2 * k, late) for quick in (0.7, 2) for late in (25, 70)]
+    flows = [(c, f, 2 * k) for c in (3000, 10000) for f in (1, 2.5)]
+    return flows if kind == "flow" else [(*flow, 2 * k, t) for flow in flows for t in (4, 14)]
+
+
+def _logs(exchanges):
+    """Of each knob the pushes between readings, which of them end with a reading, and the ways read."""
+    force = dict.fromkeys(KNOBS, 0.0)
+    pushes, read = {knob: [] for knob in KNOBS}, {knob: [] for knob in KNOBS}
+    for made, reading in exchanges:
+        knob = made.arguments.get("object_id")
+        if made.tool == "apply_force":
+            force[knob] = made.arguments["force_vector"][0]
+        elif made.tool == "step":
+            for each in KNOBS:
+                pushes[each].append((force[each], made.arguments["duration"]))
+        elif made.tool == "get_position":
+            read[knob].append((len(pushes[knob]) - 1, reading["position"][0]))
+    return pushes, {knob: tuple(map(np.array, zip(*read[knob], strict=True))) for knob in KNOBS}
+
+
+def _fitted(kind, pushes, read):
+    """Least misfit and parameters of a knob as of a kind. Readings from the latch on do not count."""
+    places, ways = read
+    caught = np.argmax(np.abs(ways) > LATCH) if (np.abs(ways) > LATCH).any() else len(ways)
+    places, ways = places[:caught], ways[:caught]
+
+    def misfit(logs):
+        off = (_way(kind, np.exp(np.clip(logs, -20, 20)), pushes)[places] - ways) / (RESOLUTION / 2)
+        return np.nan_to_num(off, nan=1e6, posinf=1e6, neginf=-1e6)
+
+    stiffness = max(abs(force) for force, _ in pushes) / max(np.abs(ways).max(), 0.01)
+    starts = [np.log(start) for k in (stiffness, 2 * stiffness) for start in _starts(kind, k)]
+    starts.sort(key=lambda logs: float(np.sum(misfit(logs) ** 2)))
+    found = [least_squares(misfit, logs, max_nfev=60) for logs in starts[:3]]
+    best = min(found, key=lambda fitted: fitted.cost)
+    return float(best.cost), np.exp(np.clip(best.x, -20, 20))
+
+
+def _predict(works):
+    """The answer, from kind and parameters of each knob."""
+    ways = [_way(kind, p, [(STRONG, PUSH_S), (0.0, REST_S)]) for kind, p in works]
+    return _pick([way[1] for way in ways], ways[1][0])
+
+
+def _pick(left, pushed):
+    far = int(np.argmax(left))
+    return [far + 1, float(left[far]), float(pushed)]
+
+
+def fit(readings, structure):
+    """The prediction, with the works of a structure: kinds of the knobs in order."""
+    pushes, read = _logs(readings)
+    kinds = structure.split(", ")
+    return _predict([(kind, _fitted(kind, pushes[k], read[k])[1]) for kind, k in zip(kinds, KNOBS, strict=True)])
+
+
+def _guess(exchanges):
+    """The prediction, with the kind of each knob that fits best for its number of parameters."""
+    pushes, read = _logs(exchanges)
+    works = []
+    for knob in KNOBS:
+        tried = []
+        for kind in KINDS:
+            cost, p = _fitted(kind, pushes[knob], read[knob])
+            tried.append((2 * cost + 6 * len(p), kind, p))
+        works.append(min(tried, key=lambda entry: entry[0])[1:])
+    return _predict(works)
+
+
+def _push(forces):
+    return [call("apply_force", object_id=k, force_vector=[f, 0, 0]) for k, f in zip(KNOBS, forces, strict=True)]
+
+
+def _look(spans):
+    """Positions of all knobs after each span."""
+    reads = [call("get_position", object_id=knob) for knob in KNOBS]
+    return [made for span in spans for made in (call("step", duration=span), *reads)]
 
 
 def solve(task):
-    """The first acceleration from rest gives the natural rate, and with it how long to watch; then halve the row."""
-    found = yield [call("find_objects")]
-    blocks = [one["object_id"] for one in found[0]["revealed"]]
-    readings = yield [_pull(blocks[-1]), call("step", duration=STEP_S), call("get_acceleration", object_id=blocks[-1])]
-    rate = sqrt(-readings[-1]["x"] / PULL_M)
-    low, high = FIRST, LAST
-    while low < high:
-        middle = (low + high) // 2
-        block = blocks[middle - 1]
-        look = [call("step", duration=WATCH / rate / LOOKS), call("get_position", object_id=block)]
-        readings = yield [_pull(block), *(look * LOOKS)]
-        passed = any(reading["position"][0] < 0 for reading in readings[2::2])
-        low, high = (middle + 1, high) if passed else (low, middle)
-    yield [answer(str(low))]
+    """Raise the forces knob by knob, hold, let go, pull with less."""
+    log = []
+    forces = np.full(5, FIRST_FORCE)
+    for number, span in enumerate(SPANS_S):
+        calls = [*([call("find_objects")] if number == 0 else []), *_push(forces), *_look([span])]
+        log += zip(calls, (yield calls), strict=True)
+        ways = np.array([abs(reading["position"][0]) for _, reading in log[-5:]])
+        # In proportion to the room that is left in front of the latch, at most twice as much.
+        forces = np.minimum(forces * np.minimum(ROOM / np.maximum(ways, ROOM / 2), 2.0), FORCE)
+    calls = [*_push(np.zeros(5)), *_look([2.0, 5.0, 15.0]), *_push(-0.6 * forces), *_look([3.0, 10.0, 27.0])]
+    calls += [*_push(np.zeros(5)), *_look([5.0, 15.0])]
+    log += zip(calls, (yield calls), strict=True)
+    yield [answer(_guess(log))]
 
 
 def theory(knobs):
-    """The number that was drawn."""
-    return str(knobs["number"])
+    """The strong push on each knob."""
+    parts = {
+        "slow": ("k_slow", "t_slow"),
+        "flow": ("c_flow", "f_flow", "k_flow"),
+        "all": ("c_all", "f_all", "k_all"),
+        "two": ("k_two", "t_quick"),
+        "dry": ("k_dry", "t_dry", "f_dry"),
+    }
+    works = []
+    for place in knobs["contents"]:
+        kind = KINDS[place]
+        p = [knobs[name] for name in parts[kind]]
+        p += [knobs["q_all"] * knobs["k_all"], knobs["t_all"]] if kind == "all" else []
+        p += [knobs["q_two"] * knobs["k_two"], knobs["t_late"]] if kind == "two" else []
+        works.append((kind, p))
+    return _predict(works)
 
 
 def measure(engine, knobs):
-    """All blocks at once in the engine."""
-    bodies = [f"object_{number + 1}" for number in range(1, 8)]
-    for body in bodies:
-        engine.place(body, engine.pose(body).position + np.array([PULL_M, 0.0, 0.0]), {})
-    passed = dict.fromkeys(bodies, False)
-    for _ in range(engine.whole_steps(2 * WATCH / knobs["rate"])):
-        engine.step(1)
-        for body in bodies:
-            passed[body] |= bool(engine.pose(body).position[0] < 0)
-    return str(1 + list(passed.values()).index(False))
+    """The engine's own strong push, without the latches."""
+    engine = engine.changed(without=("custom",))
+    starts = [engine.pose(knob).position[0] for knob in KNOBS]
+    for force, span in ((STRONG, PUSH_S), (0.0, REST_S)):
+        for knob in KNOBS:
+            engine.push(knob, force=np.array([force, 0, 0]))
+        engine.step(engine.whole_steps(span))
+        ways = [engine.pose(knob).position[0] - start for knob, start in zip(KNOBS, starts, strict=True)]
+        if force:
+            pushed = ways[1]
+    return _pick(ways, pushed)
+
+
+def structure(knobs):
+    """What each rod goes into."""
+    return ", ".join(KINDS[place] for place in knobs["contents"])
+
+
+def naive(knobs):
+    """What is left and what is gone, in proportion to a push with 8 N for 10 s."""
+    ratio = STRONG / FORCE
+    works = theory({**knobs, "f_flow": knobs["f_flow"] * ratio, "f_all": knobs["f_all"] * ratio, "f_dry": 0.0})
+    return {"in proportion": works}
+
+
+def batch(task):
+    """One fixed programme of forces that leaves most knobs in front of their latches."""
+    calls = [call("find_objects"), *_push(np.full(5, 4.0)), *_look([2.0, 6.0, 12.0])]
+    calls += [*_push(np.zeros(5)), *_look([2.0, 8.0, 30.0])]
+    log = list(zip(calls, (yield calls), strict=True))
+    yield [answer(_guess(log))]
+
+
+def stage(task):
+    """Push every knob with the asked force for the asked time."""
+    readings = yield [call("find_objects"), *_push(np.full(5, STRONG)), *_look([PUSH_S])]
+    ways = [reading["position"][0] for reading in readings[-5:]]
+    yield [answer(_pick(ways, ways[1]))]
