@@ -1,84 +1,232 @@
-"""Scene 30: launch from the bottom faster or slower, by whether the ball came over the top."""
+"""Scene 30: swing wider little by little, fit mass and potential to place, speed and work, find the humps."""
 
-from math import pi, sin, sqrt
+from math import pi, sqrt
 
 import numpy as np
 
 from scenes.protocol import answer, call
 
-ROD = 1.0
-AXIS_Z = 2.0
-BOTTOM = {"x": 0, "y": 0, "z": AXIS_Z - ROD}
-SLOW, FAST = 2.0, 15.0
-ROUNDS = 13
-LOOK_S = 0.1
-"""The ball cannot go round a quarter in this time."""
-LOOKS = 40
+FORCE, BLOCK_KG = 0.6, 8.0
+PLACE_ERROR, SPEED_ERROR = 0.0005, 0.0012
+UNIT = 0.8
+"""The potential is a polynomial of x over this many metres, from the second power on."""
+POWERS = np.arange(2, 8)
+NEAREST, FARTHEST, STEP, NEAR_TOP = 0.38, 1.05, 0.13, 0.9
+"""Humps lie between; how much wider a swing may become; which share of the way to a hump is enough."""
+CALLS, LAB_S, ITERATIONS = 148, 33.0, 18
+LOOKS, FEW_LOOKS, WIDE = (0.35, 0.7, 1.0), (0.5, 1.0), 0.35
+"""When to look, in shares of a half swing: of a wide one, and of one that does not come so far."""
+UNKNOWN = 0.12
+"""A side on which the carriage has not come farther, in m, is taken for a mirror image of the other."""
+TURNED = 0.03
+"""Nearer to its turning place than this, in m, the carriage counts as turning back."""
 
 
-def _over(places):
-    """Whether the ball, launched towards +x, came to the side of -x above the axis, and not first below it."""
-    beyond = [z for x, _, z in places if x < 0]
-    return bool(beyond) and beyond[0] > AXIS_Z
+def _potential(p, x):
+    return np.power.outer(np.asarray(x) / UNIT, POWERS) @ p[1:]
+
+
+def _slope(p, x):
+    return np.power.outer(np.asarray(x) / UNIT, POWERS - 1) @ (POWERS * p[1:]) / UNIT
+
+
+def _points(readings):
+    """Places, speeds and the work of the pushes up to there, with the forces and the doubt of the work."""
+    place = force = work = doubt = last = 0.0
+    points = []
+    for asked, got in readings:
+        if asked.tool == "apply_force":
+            work += force * (last - place)
+            doubt += (PLACE_ERROR * (asked.arguments["force_vector"][0] - force)) ** 2
+            place, force = last, asked.arguments["force_vector"][0]
+        elif asked.tool == "get_position":
+            last = got["position"][0]
+        elif asked.tool == "get_velocity":
+            points.append((last, got["velocity"][0], work + force * (last - place), force, doubt))
+        if abs(last) > FARTHEST:
+            break
+    kept = [point for point in points if abs(point[0]) <= FARTHEST]
+    return np.array(kept or [(0.0, 0.0, 0.0, 0.0, 0.0)]).T
+
+
+def _fitted(readings):
+    """Mass and polynomial of the potential; high powers are held near zero until the points ask for them."""
+    x, speed, work, force, doubt = _points(readings)
+    p = np.array([1.5, 1.5, *np.zeros(len(POWERS) - 1)])
+    held = np.array([3.0, *np.full(len(POWERS), 6.0)])
+    for _ in range(3):
+        alone = (p[0] * speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-8
+        white = np.linalg.inv(np.linalg.cholesky(np.minimum.outer(doubt, doubt) + np.diag(alone)))
+        rows = np.column_stack([speed**2 / 2, np.power.outer(x / UNIT, POWERS)])
+        full = np.vstack([white @ rows, np.diag(1 / held)])
+        start = np.array([1.5, *np.zeros(len(POWERS))])
+        p = np.linalg.lstsq(full, np.concatenate([white @ work, start / held]), rcond=None)[0]
+        p[0] = max(p[0], 0.1)
+    return p
+
+
+def _top(p, side):
+    """Place of the hump on a side: where the slope first falls to zero."""
+    x = side * np.linspace(0.3, FARTHEST, 751)
+    falling = np.nonzero(side * _slope(p, x) <= 0)[0]
+    return float(x[falling[0]]) if len(falling) else side * FARTHEST
+
+
+def _predict(p, sides=(-1, 1)):
+    """Least speed with the block, and greatest slope, over the humps of these sides."""
+    tops = [_top(p, side) for side in sides]
+    energy = min(float(_potential(p, top)) for top in tops)
+    slopes = [float(np.max(np.abs(_slope(p, np.linspace(0, top, 500))))) for top in tops]
+    return [sqrt(2 * max(energy, 0) / (p[0] + BLOCK_KG)), min(slopes)]
+
+
+def _turn(p, energy, force, start, side):
+    """Where a carriage of this energy turns back on a side under a force; the farthest place if it does not."""
+    grid = np.linspace(start, side * FARTHEST, 801)
+    free = energy + force * grid - _potential(p, grid)
+    turns = np.nonzero((free[:-1] >= 0) & (free[1:] < 0))[0]
+    if len(turns):
+        n = turns[0]
+        return float(grid[n] + (grid[n + 1] - grid[n]) * free[n] / (free[n] - free[n + 1]))
+    return start if free[-1] < 0 else side * FARTHEST
+
+
+def _duration(p, energy, force, start, end, count=400):
+    """Time of the way between two places; the substitution takes care of speeds 0 at its ends."""
+    edges = np.linspace(0, pi, count + 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    x = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
+    speed = np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)) / p[0], 1e-8))
+    return float(np.sum(abs(end - start) / 2 * np.sin(middle) * (pi / count) / speed))
+
+
+def _push(force):
+    return call("apply_force", object_id="object_1", force_vector=[round(force, 4), 0, 0])
+
+
+def _look(length):
+    return [
+        call("step", duration=max(round(length / 0.005), 1) * 0.005),
+        call("get_position", object_id="object_1"),
+        call("get_velocity", object_id="object_1"),
+    ]
+
+
+def _half_swing(p, x, speed, explored):
+    """Push along the motion up to the next turning place, as far as the swing may widen; looks on the way."""
+    side = 1 if speed > 0 else -1
+    still = _turn(p, p[0] * speed**2 / 2 + float(_potential(p, x)), 0.0, x, side)
+    if abs(still - x) < TURNED and side * x > 0:
+        side, speed = -side, 0.0
+    if explored[side] < UNKNOWN:
+        p = np.array([p[0], *p[1:] * (-1.0) ** POWERS])
+    allowed = min(max(explored[side] + STEP, NEAREST), NEAR_TOP * abs(_top(p, side)) + 0.01)
+    for share in (1.0, 0.7, 0.4, 0.2, 0.0, -0.3, -0.6, -1.0):
+        force = side * FORCE * share
+        energy = p[0] * speed**2 / 2 + float(_potential(p, x)) - force * x
+        end = _turn(p, energy, force, x, side)
+        if abs(end) <= allowed:
+            break
+    total = min(_duration(p, energy, force, x, end), 8.0)
+    calls, before = [_push(force)], 0.0
+    for share in LOOKS if abs(end) > WIDE else FEW_LOOKS:
+        calls += _look(total * share - before)
+        before += max(round((total * share - before) / 0.005), 1) * 0.005
+    return calls
 
 
 def solve(task):
-    """Every round launches the ball from the bottom once and looks where it goes."""
-    low, high = SLOW, FAST
-    for _ in range(ROUNDS):
-        speed = sqrt(low * high)
-        readings = yield [
-            call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
-            call("move_object", object_id="object_1", **BOTTOM),
-            call("set_velocity", object_id="object_1", velocity_vector=[speed, 0, 0]),
-            *LOOKS * [call("step", duration=LOOK_S), call("get_position", object_id="object_1")],
-        ]
-        if _over([reading["position"] for reading in readings[4::2]]):
-            high = speed
-        else:
-            low = speed
-    yield [answer(sqrt(low * high))]
+    """A push to begin with, then half swings whose lengths and forces the fit so far tells."""
+    calls = [_push(FORCE)]
+    for length in (0.2, 0.2, 0.3, 0.3):
+        calls += _look(length)
+    seen = list(zip(calls, (yield calls), strict=True))
+    for _ in range(ITERATIONS):
+        p, places = _fitted(seen), _points(seen)[0]
+        x, speed = seen[-2][1]["position"][0], seen[-1][1]["velocity"][0]
+        calls = _half_swing(p, x, speed, {1: np.max(places), -1: -np.min(places)})
+        lasting = sum(asked.arguments.get("duration", 0) for asked in calls)
+        if len(seen) + len(calls) > CALLS or seen[-1][1]["sim_time"] + lasting > LAB_S:
+            break
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(_predict(_fitted(seen)))]
+
+
+def fit(readings, structure):
+    """Both numbers, for the hump that is the lower one in a structure."""
+    p = _fitted(readings)
+    return [_predict(p, (-1,) if structure == "left" else (1,))[0], _predict(p)[1]]
+
+
+def structure(knobs):
+    """Where the lower hump is, and whether the hollow is flat."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    left, right, lean, power = knobs["left"], knobs["right"], knobs["lean"], knobs["e"]
+    factors = [left * right, right - left + lean * left * right, lean * (right - left) - 1, -lean]
+    p = np.zeros(1 + len(POWERS))
+    p[0] = knobs["mass"]
+    for number, factor in enumerate(factors):
+        n = number + power
+        p[1 + n] = knobs["c"] * factor / (n + 2) * UNIT ** (n + 2)
+    return p
+
+
+def naive(knobs):
+    """The speed without the block; the law of the middle carried on to the nearer hump."""
+    p = _true(knobs)
+    bare = _predict(p)[0] * sqrt((p[0] + BLOCK_KG) / p[0])
+    middle = max(float(_slope(p, 0.1)) / 0.1, 0.0)
+    far = min(knobs["left"], knobs["right"])
+    return {
+        "without the block": [bare, _predict(p)[1]],
+        "parabola of the hollow": [sqrt(middle * far**2 / (p[0] + BLOCK_KG)), middle * far],
+    }
+
+
+def stage(task):
+    """Push as hard as possible and read speed and force."""
+    calls = [_push(FORCE)]
+    for _ in range(8):
+        calls += _look(0.4)
+    readings = yield calls
+    speeds = [abs(reading["velocity"][0]) for reading in readings if "velocity" in reading]
+    yield [answer([max(speeds), FORCE])]
+
+
+def batch(task):
+    """Pushes to and fro with a usual period, looked at evenly."""
+    calls = []
+    for number in range(6):
+        calls += [_push(FORCE * (-1) ** number), *_look(0.4), *_look(0.4), *_look(0.4)]
+    readings = yield calls
+    yield [answer(_predict(_fitted(list(zip(calls, readings, strict=True)))))]
 
 
 def theory(knobs):
-    """Follow the launch that just dies out at the top back down to the bottom.
-
-    With x the angle from the top and w = |x'|: w dw/dx = (g / L) sin x + a w, from the unstable rest,
-    near which w = r x with r² = g / L + a r.
-    """
-    pull, slow = knobs["g"] / ROD, knobs["drag"]
-
-    def slope(x, w):
-        return pull * sin(x) / w + slow
-
-    steps = 400
-    x = 0.01
-    w = x * (slow + sqrt(slow**2 + 4 * pull)) / 2
-    h = (pi - x) / steps
-    for _ in range(steps):
-        first = slope(x, w)
-        second = slope(x + h / 2, w + h / 2 * first)
-        third = slope(x + h / 2, w + h / 2 * second)
-        fourth = slope(x + h, w + h * third)
-        w += h / 6 * (first + 2 * second + 2 * third + fourth)
-        x += h
-    return ROD * w
+    """Energy at the lower hump over the mass with the block; the greatest slope."""
+    return _predict(_true(knobs))
 
 
 def measure(engine, knobs):
-    """The same search in the engine, each time from the same rest."""
-    start = engine.save()
-    low, high = SLOW, FAST
-    for _ in range(14):
-        speed = sqrt(low * high)
-        engine.restore(start)
-        engine.set_velocity("object_1", np.array([speed, 0.0, 0.0]))
-        places = []
-        for _ in range(LOOKS):
-            engine.step(engine.whole_steps(LOOK_S))
-            places.append(engine.pose("object_1").position)
-            if places[-1][0] < 0:
-                break
-        over = _over(places)
-        low, high = (low, speed) if over else (speed, high)
-    return sqrt(low * high)
+    """With the block: let go just inside each hump and read in the hollow; the force of the magnets at many places."""
+    speeds, forces = [], []
+    for side, hump in ((-1, knobs["left"]), (1, knobs["right"])):
+        free = engine.changed({"body[object_1]/inertial.mass": knobs["mass"] + BLOCK_KG})
+        free.place("object_1", np.array([side * (hump - 0.004), 0.0, 0.5]), {})
+        now = side * (hump - 0.004)
+        while now * side > 0:
+            free.step(1)
+            now = float(free.pose("object_1").position[0])
+        speeds.append(float(abs(free.twist("object_1").linear[0])))
+        slope = []
+        for share in np.linspace(0.02, 0.98, 97):
+            free.place("object_1", np.array([side * hump * share, 0.0, 0.5]), {})
+            began = float(free.twist("object_1").linear[0])
+            free.step(1)
+            gained = float(free.twist("object_1").linear[0]) - began
+            slope.append(abs(gained) * free.whole_steps(1.0) * (knobs["mass"] + BLOCK_KG))
+        forces.append(max(slope))
+    return [min(speeds), min(forces)]
