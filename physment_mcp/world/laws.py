@@ -117,7 +117,9 @@ class BoundLaw:
         values = [float(data.time)]
         for source in self._sources:
             if source.place:
-                values += data.xipos[source.body].tolist()
+                # The engine gives no meaning to the centre of mass of a body without mass, such as a marker.
+                places = data.xipos if model.body_mass[source.body] > 0 else data.xpos
+                values += places[source.body].tolist()
             if source.motion:
                 velocity = np.zeros(6)
                 mujoco.mj_objectVelocity(model, data, _BODY, source.body, velocity, 0)

@@ -63,6 +63,13 @@ def test_drag_in_proportion_to_the_velocity_makes_it_decay_exponentially() -> No
     assert world.twist("cart").linear[0] == pytest.approx(1.5 * math.exp(-3.0 / 2), rel=1e-9)
 
 
+def test_a_body_without_mass_is_where_its_frame_is() -> None:
+    """MuJoCo's own centre of mass of such a body is twice as far out."""
+    far = {"on": "cart", "with": {"mark": "mark"}, "force": ["mark_x", "mark_y", "0"]}
+    world = run(World(model(CART + '<body name="mark" pos="0.2 0.7 0"/>', far)), 1.0)
+    assert world.twist("cart").linear[0] == pytest.approx(0.2 / 2, rel=1e-9)
+
+
 def test_an_inverse_square_attraction_makes_keplers_ellipse() -> None:
     """Released with v² = 0.6 GM/r, so the half axis is r/1.4 and the period 2π sqrt(a³/GM)."""
     pull = {
