@@ -156,7 +156,9 @@ async def test_a_hard_scene_with_an_easy_protocol_fails_the_difficulty(
 async def test_a_multi_scene_with_a_single_concept_fails_the_difficulty(
     author: Author, laboratory: Callable[[Path], Laboratory]
 ) -> None:
-    found = failed(await proven(author.write(Category.EASY_MULTI), laboratory))
+    files = author.write(Category.EASY_SINGLE)
+    author.edit(files, lambda pack: pack.update(category="easy-multi"))
+    found = failed(await proven(files, laboratory))
     assert "two or more concepts" in found["difficulty"].reasons[0]
 
 
