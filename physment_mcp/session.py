@@ -149,7 +149,7 @@ class Session:
     @property
     def lab_time_left(self) -> float:
         """Simulated time that the episode may still use [s]."""
-        allowed = min(self.limits.lab_time or MAX_SIMULATED_S, MAX_SIMULATED_S)
+        allowed = self.limits.lab_time or MAX_SIMULATED_S
         return round(max(0.0, allowed - self.state.simulated_s), 9)
 
     def find(self, object_id: str) -> LabObject:

@@ -6,8 +6,8 @@ from statistics import median
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
 from evaluator.records import Episode
+from evaluator.scores.experiment_cost import cost_of
 from scenes import Pack
-from scenes.protocol import ANSWER
 
 MOST_CALLS = 150
 _NEEDED_SHARE = 0.5
@@ -24,7 +24,8 @@ def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
     reasons = list(unstated(subject.pack))
     limits = subject.pack.limits
     assert limits is not None
-    calls, times = [_calls(episode) for episode in episodes], [_simulated(episode) for episode in episodes]
+    costs = [cost_of(episode, limits) for episode in episodes]
+    calls, times = [cost.calls for cost in costs], [cost.lab_time_s for cost in costs]
     reasons += [
         f"seed {episode.key.seed}: the reference was refused: {exchange.text}"
         for episode in episodes
@@ -56,13 +57,3 @@ def unstated(pack: Pack) -> Iterator[str]:
     for name in ("position", "velocity", *(name for name, shown in angles if shown)):
         if not getattr(instruments, name, 0.0):
             yield f"instruments.{name} is missing or 0: say how finely it is read"
-
-
-def _calls(episode: Episode) -> int:
-    return sum(exchange.call.tool != ANSWER for turn in episode.turns for exchange in turn.exchanges)
-
-
-def _simulated(episode: Episode) -> float:
-    """Simulated time at the end of an episode [s]."""
-    clocks = [(exchange.content or {}).get("sim_time", 0.0) for turn in episode.turns for exchange in turn.exchanges]
-    return max((clock for clock in clocks if isinstance(clock, int | float)), default=0.0)

@@ -24,6 +24,7 @@ import numpy as np
 
 from physment_mcp.errors import SceneError
 from physment_mcp.world.expressions import ExpressionError, Formulas
+from physment_mcp.world.readings import only_hinge
 
 TEXT = "laws"
 """Name of the text element that holds the laws."""
@@ -77,7 +78,7 @@ class BoundLaw:
         self._body = int(model.body(written.on).id)
         self._reaction = int(model.body(written.others[written.reaction]).id) if written.reaction else None
         bodies = {"": self._body, **{f"{key}_": int(model.body(name).id) for key, name in written.others.items()}}
-        hinges = {prefix: _hinge(model, body) for prefix, body in bodies.items()}
+        hinges = {prefix: only_hinge(model, body) for prefix, body in bodies.items()}
         names = ["t"]
         for prefix, hinge in hinges.items():
             names += [prefix + name for name in (*_PLACE, *_MOTION, *(_HINGE if hinge else ()))]
@@ -222,10 +223,3 @@ def _is_number(value: object) -> bool:
 
 def _has(model: mujoco.MjModel, body: str) -> bool:
     return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body) >= 0
-
-
-def _hinge(model: mujoco.MjModel, body: int) -> tuple[int, int] | None:
-    """Places in qpos and qvel of the only hinge among a body's own joints."""
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    hinges = [joint for joint in range(first, first + count) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
-    return (int(model.jnt_qposadr[hinges[0]]), int(model.jnt_dofadr[hinges[0]])) if len(hinges) == 1 else None

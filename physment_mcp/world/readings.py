@@ -87,12 +87,16 @@ def turn(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> HingeMotion |
 
     Source: MuJoCo `qpos`, `qvel`.
     """
+    hinge = only_hinge(model, body)
+    return hinge and HingeMotion(float(data.qpos[hinge[0]]), float(data.qvel[hinge[1]]))
+
+
+def only_hinge(model: mujoco.MjModel, body: int) -> tuple[int, int] | None:
+    """Index in `qpos` and in `qvel` of the only hinge between a body and its parent; None if there is not exactly one."""
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
     hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
-    if len(hinges) != 1:
-        return None
-    return HingeMotion(float(data.qpos[model.jnt_qposadr[hinges[0]]]), float(data.qvel[model.jnt_dofadr[hinges[0]]]))
+    return (int(model.jnt_qposadr[hinges[0]]), int(model.jnt_dofadr[hinges[0]])) if len(hinges) == 1 else None
 
 
 def inertia(model: mujoco.MjModel, body: int, quaternion: Array) -> Array:
