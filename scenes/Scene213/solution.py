@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.optimize import root
 
+from scenes.courses import Laws, force, position, recorded, velocity
 from scenes.protocol import answer, call
 
 _COMMON = ("c", "d", "more", "steeper", "angle")
@@ -23,9 +24,6 @@ BOX = {
     "middle_x": (1.5, 5.0),
     "middle_y": (-3.5, 3.5),
 }
-PUCKS, AXES, START = ("object_1",), 2, (0.0, 0.0, 0.0, 0.0)
-LONGEST_S, STARTS, TRIED, ROUNDS = 0.1, 300, 8, 15
-SIGMA = (0.004, 0.004, 0.012, 0.012)
 GREATEST_N, LEG_S, LEGS, LOOKS, STIFF, CALM = 2.9, 1.0, 19, 2, 2.5, 1.5
 TARGETS = ((4.8, 1.0), (3.5, -2.0), (4.9, -0.3), (0.5, 1.5), (-1.5, -0.6), (4.7, -1.0), (4.0, 1.5))
 NEAR_M = 0.8
@@ -64,109 +62,33 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] + fx, force[1] + fy])
 
 
-def _advanced(structure, knobs, time, state, duration, force):
-    """The state after a leg (Runge and Kutta); all arguments may be arrays, of legs and of trial knobs."""
-    count = max(1, int(np.ceil(np.max(duration) / LONGEST_S)))
-    h = duration / count
-    for _ in range(count):
-        a = _rates(structure, knobs, time, state, force)
-        b = _rates(structure, knobs, time + h / 2, state + h / 2 * a, force)
-        c = _rates(structure, knobs, time + h / 2, state + h / 2 * b, force)
-        d = _rates(structure, knobs, time + h, state + h * c, force)
-        state, time = state + h / 6 * (a + 2 * b + 2 * c + d), time + h
-    return state
+LAWS = Laws(
+    rates=_rates,
+    structures=STRUCTURES,
+    box=BOX,
+    start=(0.0, 0.0, 0.0, 0.0),
+    sigma=(0.004, 0.004, 0.012, 0.012),
+    longest_s=0.1,
+    starts=300,
+    tried=8,
+    rounds=15,
+)
 
 
-def _course(structure, knobs, legs):
-    """States at the end of each leg, one leg after the other from rest, for arrays of trial knobs."""
-    state = np.array(START)[:, None] + np.zeros(len(next(iter(knobs.values()))))
-    time, states = 0.0, []
-    for duration, force in legs:
-        state, time = _advanced(structure, knobs, time, state, duration, force), time + duration
-        states.append(state)
-    return np.array(states)
-
-
-def _leg_by_leg(structure, knobs, legs, values):
-    """States at the end of each leg, each begun from the readings before it, for arrays of trial knobs."""
-    durations = np.array([duration for duration, _ in legs])[:, None]
-    forces = np.array([force for _, force in legs]).T[:, :, None]
-    starts = np.vstack([START, values[:-1]]).T[:, :, None] + np.zeros(len(next(iter(knobs.values()))))
-    states = _advanced(structure, knobs, np.cumsum(durations, axis=0) - durations, starts, durations, forces)
-    return states.transpose(1, 0, 2)
-
-
-def _record(seen):
-    """Legs (duration, forces) and the readings after each of them."""
-    forces, legs, values = dict.fromkeys(PUCKS, [0.0] * AXES), [], []
-    for request, reading in seen:
-        if request.tool == "apply_force":
-            forces[request.arguments["object_id"]] = request.arguments["force_vector"][:AXES]
-        elif request.tool == "step":
-            legs.append((request.arguments["duration"], [part for push in forces.values() for part in push]))
-            values.append([])
-        else:
-            values[-1] += (reading.get("position") or reading["velocity"])[:AXES]
-    return legs, np.array(values)
-
-
-def _refined(residuals, unit):
-    """Least squares from a start in units of the box (Levenberg and Marquardt), with many trial steps at once."""
-    size = len(unit)
-    for _ in range(ROUNDS):
-        found = residuals(unit[:, None] + 1e-4 * np.column_stack([np.zeros(size), np.eye(size)]))
-        slope = (found[:, 1:] - found[:, :1]) / 1e-4
-        normal, pull, cost = slope.T @ slope, slope.T @ found[:, 0], found[:, 0] @ found[:, 0]
-        brakes = [np.diag(brake * (np.diag(normal) + 1e-6)) for brake in 10.0 ** np.arange(-5, 3)]
-        steps = [np.linalg.lstsq(normal + brake, pull, rcond=None)[0] for brake in brakes]
-        trials = np.clip(unit[:, None] - np.column_stack(steps), -0.1, 1.1)
-        costs = (residuals(trials) ** 2).sum(axis=0)
-        best = int(np.argmin(costs))
-        if costs[best] < cost:
-            unit = trials[:, best]
-        if costs[best] > 0.999 * cost:
-            break
-    return unit
-
-
-def _fitted(seen, structure):
-    """Chi-square and knobs of the best fit of a structure: first leg by leg, then of the whole course."""
-    legs, values = _record(seen)
-    names = STRUCTURES[structure]
-    low, high = np.array([BOX[name] for name in names]).T
-
-    def knobs(units):
-        pairs = zip(names, low, high, units, strict=True)
-        return {name: a * (b / a) ** unit if a > 0 else a + (b - a) * unit for name, a, b, unit in pairs}
-
-    def residuals(units, whole=False):
-        with np.errstate(all="ignore"):
-            states = (
-                _course(structure, knobs(units), legs) if whole else _leg_by_leg(structure, knobs(units), legs, values)
-            )
-            misfit = (states[:, : len(SIGMA)] - values[:, :, None]) / np.array(SIGMA)[:, None]
-        misfit = np.clip(np.nan_to_num(misfit, nan=1e4), -1e4, 1e4)
-        return np.vstack([misfit.reshape(-1, units.shape[1]), 0.3 * (units - 0.5)])
-
-    starts = np.random.default_rng(0).random((len(names), STARTS))
-    order = np.argsort(np.log1p(residuals(starts) ** 2).sum(axis=0))[:TRIED]
-    found = [_refined(residuals, starts[:, start]) for start in order]
-    unit = min(found, key=lambda unit: (residuals(unit[:, None]) ** 2).sum())
-    unit = _refined(lambda units: residuals(units, whole=True), unit)
-    cost = float((residuals(unit[:, None], whole=True) ** 2).sum())
-    return cost, {name: float(value) for name, value in knobs(unit).items()}
+def _course(readings):
+    """Pushes and what was read after them."""
+    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
+    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
 
 
 def fit(readings, structure):
     """Predictions of the best fit of a structure."""
-    return _predictions(structure, _fitted(readings, structure)[1])
+    return _predictions(structure, LAWS.fitted(_course(readings), structure)[1])
 
 
 def _best(readings):
     """Predictions of the structure that fits best, with a penalty for each knob."""
-    fits = {structure: _fitted(readings, structure) for structure in STRUCTURES}
-    structure = min(fits, key=lambda name: fits[name][0] + 4 * len(STRUCTURES[name]))
-    return _predictions(structure, fits[structure][1])
+    return _predictions(*LAWS.best(_course(readings)))
 
 
 def structure(knobs):
