@@ -157,23 +157,37 @@ def _outcomes(group: GroupSummary) -> str:
 
 
 def _suite_lines(summary: RunSummary) -> list[str]:
-    whole = summary.overall
-    lines = [f"strict accuracy {_right(whole)}"]
-    if whole.strict_interval is not None:
-        lines[0] += f", 95 % interval {share(whole.strict_interval.low)} to {share(whole.strict_interval.high)}"
-    lines[0] += f"; normalised accuracy {share(whole.normalised_accuracy)}"
-    if len(summary.by_budget) > 1:
-        parts = (f"{budget}: {_right(group)}" for budget, group in summary.by_budget.items())
-        lines.append("by budget  " + "   ".join(parts))
+    """The suite's totals; with several agents a block for each, since their mean means nothing."""
+    if len(summary.by_agent) > 1:
+        lines = [f"{agent}: {line}" for agent, group in summary.by_agent.items() for line in _group_lines(group)]
+        return [*lines, *_curve_lines(summary)]
+    lines = _group_lines(summary.overall)
+    budgets = {str(budget): group for budget, group in summary.by_budget.items()}
     rungs = {name: group for name, group in summary.by_rung.items() if name != Rung.OPEN}
-    if len(rungs) > 1:
-        lines.append("by rung  " + "   ".join(f"{name}: {_right(group)}" for name, group in rungs.items()))
-    for played in summary.budget_curves:
-        who = f"{played.agent}, {played.prompting}, {played.protocol}: " if len(summary.budget_curves) > 1 else ""
-        lines.append(who + curve_sentence(played.curve))
-    dimensions = (("C", whole.c), ("E", whole.e), ("G", whole.g), ("V", whole.v), ("R", whole.r), ("G′", whole.g_prime))
-    score = "–" if whole.final_score is None else f"{whole.final_score:.1f}"
-    lines.append("   ".join(f"{name} {decimal(value)}" for name, value in dimensions) + f"   Final Score {score}")
-    lines.append(_cost(whole))
-    lines.append(_outcomes(whole))
-    return lines
+    split = [
+        f"by {name}  " + "   ".join(f"{part}: {_right(group)}" for part, group in groups.items())
+        for name, groups in (("budget", budgets), ("rung", rungs))
+        if len(groups) > 1
+    ]
+    return [lines[0], *split, *_curve_lines(summary), *lines[1:]]
+
+
+def _curve_lines(summary: RunSummary) -> list[str]:
+    several = len(summary.budget_curves) > 1
+    return [
+        (f"{played.agent}, {played.prompting}, {played.protocol}: " if several else "") + curve_sentence(played.curve)
+        for played in summary.budget_curves
+    ]
+
+
+def _group_lines(group: GroupSummary) -> list[str]:
+    accuracy = f"strict accuracy {_right(group)}"
+    if group.strict_interval is not None:
+        accuracy += f", 95 % interval {share(group.strict_interval.low)} to {share(group.strict_interval.high)}"
+    accuracy += f"; normalised accuracy {share(group.normalised_accuracy)}"
+    dimensions = {"C": group.c, "E": group.e, "G": group.g, "G+": group.g_plus, "V": group.v, "R": group.r}
+    dimensions["G′"] = group.g_prime
+    parts = [f"{name} {decimal(value)}" for name, value in dimensions.items()]
+    scores = {"Final Score": group.final_score, "FS*": group.final_score_of_defined}
+    parts += [f"{name} {'–' if value is None else f'{value:.1f}'}" for name, value in scores.items()]
+    return [accuracy, "   ".join(parts), _cost(group), _outcomes(group)]

@@ -52,14 +52,23 @@ _SYMBOL_AFTER = re.compile(
 _RANGE_BEFORE = re.compile(
     rf"\b(?:{_COUNTED}|phases?|stages?|parts?|scenes?|equations?)\s[0-9]{{1,3}}\s?(?:[-–—&]|and|to)\s?$"
 )
-_MAGNITUDE_BEFORE = re.compile(r"(?:\bmagnitude|\bspeed)\b[^.;,\n\d]{0,24}$|\|\s?$", re.IGNORECASE)
+_MAGNITUDE_BEFORE = re.compile(
+    r"(?:\b(?:magnitude|speed|deceleration)\b[^.;,\n\d]{0,24}"
+    r"|\b(?:drop|fall|sink|descend|decreas|shrink|los|slow)[a-z]{0,5} (?:\w{1,12} )?(?:by|of|at|with)(?: about)? ?"
+    r"|\| ?)$",
+    re.IGNORECASE,
+)
 _MAGNITUDE_AFTER = re.compile(
-    r"[)\]*$\\ ]{0,4}(?:\((?:in )?magnitude|magnitude|in magnitude|downwards?\b)", re.IGNORECASE
+    r"[)\]*$\\ ]{0,4}(?:\((?:in )?magnitude|magnitude|in magnitude"
+    r"|(?:straight )?(?:down|backward|leftward)(?:wards?|s)?\b|below\b"
+    r"|to the left\b|(?:in|along|towards?) (?:the )?(?:negative|minus|[-−] ?[xyz]\b))",
+    re.IGNORECASE,
 )
 _MAX_DIGITS = 40
 _ENUMERATOR = re.compile(r"(?:^|\n)[ \t>*-]*$")
 _NO_BRACES = str.maketrans("", "", "{}")
-_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_RAISED_DIGITS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
+_RAISED = str.maketrans(_RAISED_DIGITS, "-0123456789")
 
 
 class Spoken(NamedTuple):
@@ -102,8 +111,9 @@ def spoken_numbers(text: str) -> Iterator[Spoken]:
         while next_vector < len(vectors) and vectors[next_vector][1] <= start:
             next_vector += 1
         in_vector = next_vector < len(vectors) and vectors[next_vector][0] < start
-        unit, unit_end = _unit_at(text, end)
-        if unit is None and (text[end : end + 1].isalnum() or text[end : end + 1] == "_"):
+        unit, unit_end = unit_at(text, end)
+        after = text[end : end + 1]
+        if unit is None and (after == "_" or (after.isalnum() and after not in _RAISED_DIGITS)):
             continue  # the start of a word, such as 2D or 3rd
         if not in_vector and _is_count(text, found, has_unit=unit is not None):
             continue
@@ -112,7 +122,7 @@ def spoken_numbers(text: str) -> Iterator[Spoken]:
             continue
         read_to = unit_end
         if in_vector and unit is None:
-            unit = _unit_at(text, vectors[next_vector][1])[0]
+            unit = unit_at(text, vectors[next_vector][1])[0]
         yield _spoken(found, unit_end, unit, is_magnitude=_is_magnitude(text, start, unit_end))
 
 
@@ -145,7 +155,7 @@ def _spoken(found: re.Match[str], end: int, unit: Unit | None, *, is_magnitude: 
     )
 
 
-def _unit_at(text: str, start: int) -> tuple[Unit | None, int]:
+def unit_at(text: str, start: int) -> tuple[Unit | None, int]:
     """The longest unit that starts at a position, and where it ends."""
     found = _UNIT.match(text, start, start + MAX_UNIT_CHARS)
     if found is None:

@@ -10,7 +10,7 @@ from evaluator.records import EpisodeKey, Exchange
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.charts import Chart
 from evaluator.report.motion import motion_charts
-from evaluator.scores.grounding import Support
+from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
 
 _LINE = 92
@@ -18,11 +18,11 @@ _LINE = 92
 
 
 class Passage(NamedTuple):
-    """A piece of reasoning: a number that it states, with the returned value behind it, or the text between numbers."""
+    """A piece of reasoning: a number that it states, or the text between numbers."""
 
     text: str
-    asserted: bool
-    support: Support | None
+    assertion: Assertion | None = None
+    """The number, with what is behind it; None for text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +53,10 @@ class Entry:
         text, end = self.row.episode.turns[turn].reasoning, 0
         for assertion in self.row.grounding.assertions:
             if assertion.turn == turn:
-                yield Passage(text[end : assertion.start], asserted=False, support=None)
-                yield Passage(text[assertion.start : assertion.end], asserted=True, support=assertion.support)
+                yield Passage(text[end : assertion.start])
+                yield Passage(text[assertion.start : assertion.end], assertion)
                 end = assertion.end
-        yield Passage(text[end:], asserted=False, support=None)
+        yield Passage(text[end:])
 
 
 def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:

@@ -94,6 +94,7 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
         results=results,
         suite=suite,
         weights=WEIGHTS,
+        dimensions=tuple(tables.DIMENSIONS.values()),
         entries=found,
         beside=PAGES if beside else "",
         budget_tables=[(name, tables.by_budget(suite, name, wanted)) for name, wanted in picks],

@@ -37,6 +37,18 @@ class Count(NamedTuple):
     of: int
 
 
+DIMENSIONS = {
+    "C": "c",
+    "E": "e",
+    "G": "g",
+    "G+": "g_plus",
+    "V": "v",
+    "V of enabled tools": "v_enabled",
+    "R": "r",
+    "G′": "g_prime",
+}
+"""Titles of the dimensions → fields of a summary."""
+
 Cell = str | int | float | Share | Score | Count | None
 
 
@@ -159,7 +171,7 @@ def main_metrics(results: Sequence[AgentResults]) -> Table:
                 result.whole.n_scored,
                 _strict(result.whole),
                 _normalised(result.whole),
-                _score(result.whole),
+                _score(result.whole.final_score),
                 result.spending.iterations,
                 result.spending.calls,
                 None if cost is None else cost / result.spending.n_priced,
@@ -169,16 +181,17 @@ def main_metrics(results: Sequence[AgentResults]) -> Table:
 
 
 def six_dimensions(results: Sequence[AgentResults]) -> Table:
-    """C, E, G, V, R, G′ and the Final Score, means over episodes."""
-    found = [
+    """The six dimensions, each a mean over the episodes that define it; G+ and V without disabled tools; FS and FS*."""
+    found: list[list[Cell]] = [
         [
             result.label,
-            *(getattr(result.whole, name) for name in ("c", "e", "g", "v", "r", "g_prime")),
-            _score(result.whole),
+            *(getattr(result.whole, name) for name in DIMENSIONS.values()),
+            _score(result.whole.final_score),
+            _score(result.whole.final_score_of_defined),
         ]
         for result in results
     ]
-    return Table("six_dimensions", "Six dimensions", ("agent", "C", "E", "G", "V", "R", "G′", "Final Score"), found)
+    return Table("six_dimensions", "Six dimensions", ("agent", *DIMENSIONS, "Final Score", "FS*"), found)
 
 
 def failure_modes(results: Sequence[AgentResults]) -> Table:
@@ -240,8 +253,8 @@ def share_of(found: Proportion | None) -> Share | None:
     return None if found is None else Share(found.share, found.interval.low, found.interval.high, found.n)
 
 
-def _score(group: GroupSummary) -> Score | None:
-    return None if group.final_score is None else Score(group.final_score)
+def _score(value: float | None) -> Score | None:
+    return None if value is None else Score(value)
 
 
 def _strict(group: GroupSummary | None) -> Share | None:

@@ -7,7 +7,7 @@ G′ depends on the other categories of a run, so `evaluator.scores.metrics` com
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from evaluator.records import Episode, Exchange, Grade, Outcome, Record
 from evaluator.scores.grounding import Grounding
@@ -27,24 +27,39 @@ class EpisodeScores(Record):
     """1 - k / I_max for an answer in k of I_max iterations; 0 without an answer."""
     g: float | None
     """Share of the numbers stated in the reasoning that an earlier return supports; None if it states none."""
+    g_plus: float | None
+    """The same, numbers included that follow by stated arithmetic from known ones."""
     v: float | None
     """Share of calls without error; None without calls."""
+    v_enabled: float | None
+    """The same without calls of tools that the scene disables."""
     r: float | None
     """1 - share of the most frequent repeated pair of words; None without visible reasoning."""
     calls: int
     """Calls that V counts."""
     disabled_calls: int
-    """Calls of tools that the scene disables; V does not count them."""
+    """Those of them that call tools that the scene disables."""
 
 
 def final_score(c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None) -> float:
-    """The Final Score, 0 to 100; undefined dimensions count 0.
+    """FS, the Final Score, 0 to 100; undefined dimensions count 0.
 
     Source: the paper's weights. With the paper's published dimensions they give its published Final Scores to the last
     digit.
     """
-    parts = {"c": c, "e": e, "g": g, "v": v, "r": r, "g_prime": g_prime}
-    return 100 * sum(weight * (parts[name] or 0.0) for name, weight in WEIGHTS.items())
+    return sum(100 * WEIGHTS[name] * (part or 0.0) for name, part in _parts(c, e, g, v, r, g_prime).items())
+
+
+def final_score_of_defined(
+    c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None
+) -> float:
+    """FS*, the Final Score over the defined dimensions alone, with weights that add up to 1 again; 0 to 100."""
+    parts = {name: part for name, part in _parts(c, e, g, v, r, g_prime).items() if part is not None}
+    return sum(100 * WEIGHTS[name] * part for name, part in parts.items()) / sum(WEIGHTS[name] for name in parts)
+
+
+def _parts(*dimensions: float | None) -> dict[str, float | None]:
+    return dict(zip(WEIGHTS, dimensions, strict=True))
 
 
 def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_tools: frozenset[str]) -> EpisodeScores:
@@ -57,16 +72,22 @@ def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_to
         disabled_tools: Names of the tools that the scene disables.
     """
     made = [exchange for turn in episode.turns for exchange in turn.exchanges if _was_made(exchange)]
-    counted = [exchange for exchange in made if exchange.call.tool not in disabled_tools]
+    enabled = [exchange for exchange in made if exchange.call.tool not in disabled_tools]
     return EpisodeScores(
         c=grade.graded,
         e=_efficiency(episode),
         g=grounding.share,
-        v=sum(not exchange.is_error for exchange in counted) / len(counted) if counted else None,
+        g_plus=grounding.share_with_derived,
+        v=_valid_share(made),
+        v_enabled=_valid_share(enabled),
         r=non_repetition([turn.reasoning for turn in episode.turns]),
-        calls=len(counted),
-        disabled_calls=len(made) - len(counted),
+        calls=len(made),
+        disabled_calls=len(made) - len(enabled),
     )
+
+
+def _valid_share(made: Sequence[Exchange]) -> float | None:
+    return sum(not exchange.is_error for exchange in made) / len(made) if made else None
 
 
 def _was_made(exchange: Exchange) -> bool:

@@ -1,59 +1,27 @@
 """G: which numbers in an agent's reasoning were really measured. Pure functions over recorded episodes.
 
 An assertion is a number that the reasoning states. These are no assertions: a number inside a word or an exponent, a
-count of steps, the number of an object, a number from the prompt, and a number that the agent itself put into a call.
+coefficient of a formula, a count of steps, the number of an object, a number from the prompt, and a number that the
+agent itself put into a call.
 
 An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a unit of
-the same kind, and with the same sign unless the text calls it a magnitude.
+the same kind, and with the same sign unless the text calls it a magnitude. It is derived if it follows by arithmetic
+that the text states from numbers that are grounded, given or derived themselves: the arithmetic is evaluated, with the
+numbers as written and with the values behind them.
 """
 
 import bisect
-import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from evaluator.quantities.spoken import Spoken, spoken_numbers
-from evaluator.quantities.units import Unit, conversion, parse_unit
-from evaluator.records import Episode, Exchange, Record
+from evaluator.quantities.units import Unit, conversion
+from evaluator.records import Episode, Record
+from evaluator.scores.derivations import Derivation, Derived, TurnText
+from evaluator.scores.returned_values import ReturnedValue, exact, numbers_in, returned_values
 
 _ANSWER = "answer"
-
-_FIELD_UNITS = {
-    name: parse_unit(unit)
-    for name, unit in {
-        "sim_time": "s",
-        "position": "m",
-        "new_position": "m",
-        "displacement": "m",
-        "bounding_box": "m",
-        "center_of_mass": "m",
-        "contact_point": "m",
-        "velocity": "m/s",
-        "approach_speed": "m/s",
-        "force": "N",
-        "torque": "N*m",
-        "mass": "kg",
-        "density": "kg/m^3",
-        "kinetic_energy": "J",
-        "potential_energy": "J",
-        "rotational_energy": "J",
-        "momentum": "kg*m/s",
-        "angular_momentum": "kg*m^2/s",
-        "impulse": "N*s",
-        "orientation": "1",
-        "normal": "1",
-        "rotation_matrix": "1",
-        "angle": "rad",
-        "angular_velocity": "rad/s",
-        "steps": "1",
-        "lab_time_left": "s",
-        "calls_left": "1",
-    }.items()
-}
-"""Units of result fields, from the tools' contract. A field that is not listed matches a number in any unit."""
-_COMPONENT_UNITS = {"get_acceleration": parse_unit("m/s^2"), "compute_force": parse_unit("N")}
-"""Units of the tools that return bare `x`, `y` and `z`."""
 
 
 class Support(Record):
@@ -82,6 +50,8 @@ class Assertion(Record):
     """As written, unit included."""
     support: Support | None
     """The latest returned value that supports it; None if none does."""
+    derivation: Derivation | None = None
+    """The stated arithmetic that it follows from; None if it is supported, or follows from none."""
 
 
 class Grounding(Record):
@@ -91,39 +61,62 @@ class Grounding(Record):
 
     @property
     def share(self) -> float | None:
-        """Share of supported assertions; None without any."""
-        if not self.assertions:
-            return None
-        return sum(assertion.support is not None for assertion in self.assertions) / len(self.assertions)
+        """G: share of supported assertions; None without any."""
+        return self._share(len(self._supported))
 
+    @property
+    def share_with_derived(self) -> float | None:
+        """G+: share of supported and derived assertions; None without any."""
+        derived = sum(assertion.derivation is not None for assertion in self.assertions)
+        return self._share(len(self._supported) + derived)
 
-class _Returned(NamedTuple):
-    value: float
-    unit: Unit | None
-    turn: int
-    exchange: int
-    path: str
+    @property
+    def _supported(self) -> list[Assertion]:
+        return [assertion for assertion in self.assertions if assertion.support is not None]
+
+    def _share(self, count: int) -> float | None:
+        return count / len(self.assertions) if self.assertions else None
 
 
 def grounding_of(episode: Episode) -> Grounding:
-    """Find the assertions of an episode and what supports them."""
+    """Find the assertions of an episode, what supports them, and what they are derived from."""
     given = _PromptNumbers.of(episode.prompt)
     own: list[Fraction] = []
-    returned: list[_Returned] = []
+    returned: list[ReturnedValue] = []
+    derived: list[Derived] = []
     assertions: list[Assertion] = []
     for index, turn in enumerate(episode.turns):
         for exchange in turn.exchanges:
             if exchange.call.tool != _ANSWER:
-                for _, value in _numbers_in(exchange.call.arguments):
-                    bisect.insort(own, abs(_exact(value)))
-        for spoken in spoken_numbers(turn.reasoning):
-            if not _is_given(spoken, given, own):
-                start, end, support = spoken.start, spoken.end, _support(spoken, returned)
-                text = turn.reasoning[start:end]
-                assertions.append(Assertion(turn=index, start=start, end=end, text=text, support=support))
+                for _, value in numbers_in(exchange.call.arguments):
+                    bisect.insort(own, abs(exact(value)))
+        text = TurnText(index, turn.reasoning, derived)
+        for spoken in text.numbers():
+            if _is_given(spoken, given, own):
+                text.know(spoken, float(spoken.value))
+            else:
+                assertions.append(_assertion(spoken, index, text, returned))
         for position, exchange in enumerate(turn.exchanges):
-            returned.extend(_returned(exchange, index, position))
+            returned.extend(returned_values(exchange, index, position))
     return Grounding(assertions=tuple(assertions))
+
+
+def _assertion(spoken: Spoken, turn: int, text: TurnText, returned: Sequence[ReturnedValue]) -> Assertion:
+    support, derivation = None, None
+    found = _support(spoken, returned)
+    if found is None:
+        derivation = text.derivation(spoken)
+    else:
+        support, value = found
+        text.know(spoken, value)
+    return Assertion(
+        turn=turn,
+        start=spoken.start,
+        end=spoken.end,
+        text=text.text[spoken.start : spoken.end],
+        support=support,
+        derivation=derivation,
+    )
 
 
 def _is_given(spoken: Spoken, given: "_PromptNumbers", own: Sequence[Fraction]) -> bool:
@@ -177,15 +170,16 @@ def _holds(values: Sequence[Fraction], wanted: Fraction, margin: Fraction) -> bo
     return nearest < len(values) and values[nearest] <= wanted + margin
 
 
-def _support(spoken: Spoken, returned: Sequence[_Returned]) -> Support | None:
-    """The latest returned value that agrees with a number."""
+def _support(spoken: Spoken, returned: Sequence[ReturnedValue]) -> tuple[Support, float] | None:
+    """The latest returned value that agrees with a number, and the same in the unit in which the number is written."""
     bands: dict[Unit | None, _Band | None] = {}
     for found in reversed(returned):
         if found.unit not in bands:
             bands[found.unit] = _band(spoken, found.unit)
         band = bands[found.unit]
         if band is not None and band.holds(found.value):
-            return Support(turn=found.turn, exchange=found.exchange, path=found.path, value=found.value)
+            support = Support(turn=found.turn, exchange=found.exchange, path=found.path, value=found.value)
+            return support, found.value / band.factor
     return None
 
 
@@ -197,6 +191,8 @@ class _Band(NamedTuple):
     low: float
     high: float
     """Bounds a little too wide, to reject most values without exact arithmetic."""
+    factor: float
+    """Factor from the written unit to that of the values."""
     is_magnitude: bool
     """Whether the text calls the number a magnitude, so that the sign of the value does not matter."""
 
@@ -204,8 +200,8 @@ class _Band(NamedTuple):
         value = abs(value) if self.is_magnitude else value
         if not self.low <= value <= self.high:
             return False
-        exact = _exact(value)
-        return abs(self.stated - exact) <= self.half_unit and self.stated * exact >= 0
+        returned = exact(value)
+        return abs(self.stated - returned) <= self.half_unit and self.stated * returned >= 0
 
 
 def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
@@ -221,29 +217,5 @@ def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
             return None
         factor = converted
     stated, half_unit = spoken.value * factor, spoken.half_unit * factor
-    return _Band(stated, half_unit, float(stated - 2 * half_unit), float(stated + 2 * half_unit), spoken.is_magnitude)
-
-
-def _returned(exchange: Exchange, turn: int, position: int) -> Iterator[_Returned]:
-    if not exchange.returned or exchange.is_error or exchange.content is None:
-        return
-    for path, value in _numbers_in(exchange.content):
-        name = path.removeprefix("$.").partition(".")[0].partition("[")[0]
-        unit = _COMPONENT_UNITS.get(exchange.call.tool) if name in {"x", "y", "z"} else _FIELD_UNITS.get(name)
-        yield _Returned(value, unit, turn, position, path)
-
-
-def _numbers_in(value: Any, path: str = "$") -> Iterator[tuple[str, float]]:
-    """The numbers inside a JSON value, however deep, in order, each with its JSON path."""
-    if isinstance(value, dict):
-        for name, inner in value.items():  # pyright: ignore[reportUnknownVariableType] - JSON
-            yield from _numbers_in(inner, f"{path}.{name}")
-    elif isinstance(value, (list, tuple)):
-        for index, inner in enumerate(value):  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
-            yield from _numbers_in(inner, f"{path}[{index}]")
-    elif isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e300:
-        yield path, float(value)
-
-
-def _exact(value: float) -> Fraction:
-    return Fraction(repr(value)) if math.isfinite(value) else Fraction(0)
+    low, high = float(stated - 2 * half_unit), float(stated + 2 * half_unit)
+    return _Band(stated, half_unit, low, high, float(factor), spoken.is_magnitude)

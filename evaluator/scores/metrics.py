@@ -3,8 +3,9 @@
 Open worlds are a track of their own: they are in `by_rung`, as `open`, and in no other number.
 
 Every number comes with its number of episodes. A dimension that an episode does not define (no calls, no stated
-numbers, no visible reasoning) is None for that episode, counts 0 in means and in the Final Score, and its share is
-reported. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
+numbers, no visible reasoning) is None for that episode. The mean of a dimension is over the episodes that define it. In
+the Final Score an undefined dimension counts 0, as in the paper; FS* leaves it out. Unscored episodes (infrastructure
+errors) count as outcomes and nowhere else.
 """
 
 from collections import Counter, defaultdict
@@ -15,7 +16,7 @@ from typing import Literal, NamedTuple, TypeVar
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.findings import FailureMode
 from evaluator.records import Grade, Outcome, Record, Verdict
-from evaluator.scores.dimensions import final_score
+from evaluator.scores.dimensions import final_score, final_score_of_defined
 from evaluator.scores.experiment_cost import MedianCost, median_cost
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -52,19 +53,24 @@ class GroupSummary(Record):
     e: float | None
     """Mean efficiency, 0 to 1."""
     g: float | None
-    """Mean grounding, undefined values counted as 0; None if no episode defines it. The same holds for V and R."""
+    """Mean grounding of the episodes that define it; None if none does. The same holds for all that follow."""
+    g_plus: float | None
+    """Mean grounding with derived numbers."""
     v: float | None
+    """Mean share of valid calls."""
+    v_enabled: float | None
+    """Mean share of valid calls, calls of disabled tools left out."""
     r: float | None
+    """Mean non-repetition."""
     g_prime: float | None
-    """Mean held-out category accuracy; None if an agent of the group played only one category."""
+    """Mean held-out category accuracy."""
+    n_defined: dict[str, int]
+    """Scored episodes that define each dimension, by name of its field."""
     final_score: float | None
-    """0 to 100; None if G′ is None, because a score without one of its six parts is not comparable."""
-    g_undefined: float | None
-    """Share of scored episodes whose reasoning states no number."""
-    v_undefined: float | None
-    """Share of scored episodes without a call."""
-    r_undefined: float | None
-    """Share of scored episodes without visible reasoning."""
+    """Mean FS, 0 to 100; None if an agent of the group has no G′, because a score without one of its six parts is not
+    comparable."""
+    final_score_of_defined: float | None
+    """Mean FS*, 0 to 100: over the dimensions that an episode defines."""
     disabled_calls: int
     """Calls of tools that the scene disables."""
     experiment_cost: MedianCost
@@ -97,7 +103,7 @@ class ConditionAttempts(Record):
 class RunSummary(Record):
     """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
 
-    format: Literal[1] = 1
+    format: Literal[2] = 2
     """Version of this record; fields are added without changing it, none is changed or taken away."""
     overall: GroupSummary
     """All scenes but open worlds."""
@@ -210,18 +216,24 @@ def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> 
     return {name: _summary(groups[name]) for name in sorted(groups)}
 
 
+_DIMENSIONS = ("c", "e", "g", "g_plus", "v", "v_enabled", "r")
+
+
 def _summary(table: Sequence[_Row]) -> GroupSummary:
     counted = [row for row in table if row.source.is_scored]
     scored = [row.source for row in counted]
     strict = _proportion(scored, lambda grade: grade.strict)
     normalised = _proportion(scored, lambda grade: grade.normalised)
-    c = _mean([row.scores.c for row in scored])
-    e = _mean([row.scores.e for row in scored])
-    g, g_undefined = _mean_with_undefined([row.scores.g for row in scored])
-    v, v_undefined = _mean_with_undefined([row.scores.v for row in scored])
-    r, r_undefined = _mean_with_undefined([row.scores.r for row in scored])
-    g_prime = None if any(row.g_prime is None for row in counted) else _mean([row.g_prime for row in counted])
-    whole = None if c is None or e is None or g_prime is None else final_score(c, e, g, v, r, g_prime)
+    dimensions = {name: [getattr(row.scores, name) for row in scored] for name in _DIMENSIONS}
+    dimensions["g_prime"] = [row.g_prime for row in counted]
+    defined = {name: [value for value in values if value is not None] for name, values in dimensions.items()}
+    means = {name: fmean(values) if values else None for name, values in defined.items()}
+    scores, scores_of_defined = list[float](), list[float]()
+    for row in counted:
+        own = row.source.scores
+        parts = (own.c or 0.0, own.e, own.g, own.v, own.r, row.g_prime)
+        scores.append(final_score(*parts))
+        scores_of_defined.append(final_score_of_defined(*parts))
     return GroupSummary(
         n=len(table),
         n_scored=len(scored),
@@ -232,16 +244,10 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         normalised_accuracy=normalised and normalised.share,
         normalised_interval=normalised and normalised.interval,
         interval_method=strict and strict.method,
-        c=c,
-        e=e,
-        g=g,
-        v=v,
-        r=r,
-        g_prime=g_prime,
-        final_score=whole,
-        g_undefined=g_undefined,
-        v_undefined=v_undefined,
-        r_undefined=r_undefined,
+        **means,
+        n_defined={name: len(values) for name, values in defined.items()},
+        final_score=fmean(scores) if scores and len(defined["g_prime"]) == len(scores) else None,
+        final_score_of_defined=fmean(scores_of_defined) if scores else None,
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
         experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),
@@ -252,17 +258,3 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
 def _proportion(scored: Sequence[ScoredEpisode], verdict: Callable[[Grade], Verdict]) -> Proportion | None:
     rows = [(row.key.scene, verdict(row.grade) is Verdict.CORRECT) for row in scored]
     return proportion(rows) if rows else None
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    """The mean of the defined values."""
-    defined = [value for value in values if value is not None]
-    return fmean(defined) if defined else None
-
-
-def _mean_with_undefined(values: Sequence[float | None]) -> tuple[float | None, float | None]:
-    """The mean, undefined values counted as 0, or None if all are undefined; and the share of undefined values."""
-    if not values:
-        return None, None
-    undefined = sum(value is None for value in values) / len(values)
-    return (None if undefined == 1 else fmean(value or 0.0 for value in values)), undefined

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from enum import StrEnum
 
-from physment_mcp.serving.examples import EXAMPLES
+from physment_mcp.serving.examples import EXAMPLES, shown
 from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
@@ -73,7 +73,7 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         *laboratory_blocks(scene),
         _tools(session, listing=text),
         _returns(text=text),
-        *_examples(options.prompting),
+        *_examples(options.prompting, text=text),
         answer_block(scene.answer_form, scene.problem_type),
         "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
         " again. Assume nothing that you can measure. You can answer once; the answer ends the episode.",
@@ -151,8 +151,9 @@ def _returns(*, text: bool) -> str:
     )
 
 
-def _examples(prompting: Prompting) -> list[str]:
+def _examples(prompting: Prompting, *, text: bool) -> list[str]:
     count = {Prompting.ZERO_SHOT: 0, Prompting.ONE_SHOT: 1, Prompting.FEW_SHOT: len(EXAMPLES)}[prompting]
     if not count:
         return []
-    return ["# Worked examples from other scenes\n\n" + "\n\n".join(EXAMPLES[:count])]
+    examples = [shown(example, as_json=text) for example in EXAMPLES[:count]]
+    return ["# Worked examples from other scenes\n\n" + "\n\n".join(examples)]

@@ -92,7 +92,7 @@ def turn(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> HingeMotion |
 
 
 def only_hinge(model: mujoco.MjModel, body: int) -> tuple[int, int] | None:
-    """Index in `qpos` and in `qvel` of the only hinge between a body and its parent; None if there is not exactly one."""
+    """Index in `qpos` and in `qvel` of the only hinge between a body and its parent; None if it is not the only one."""
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
     hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]

@@ -183,7 +183,7 @@ def test_an_undefined_number_is_shown_as_a_dash() -> None:
     text = page(row(7, None, "easy-single"))
     assert "None" not in text
     assert re.search(r"<dt>Strict accuracy</dt><dd>–", text)
-    assert "C –, E –, G –, V –, R –" in text
+    assert "C –, E –, G –, G+ –, V –, R –" in text
 
 
 def test_a_return_that_is_no_json_or_not_encodable_is_shown_as_received() -> None:

@@ -110,7 +110,8 @@ def test_validity_counts_error_results_and_rejected_calls_but_not_the_calls_skip
 def test_calls_to_disabled_tools_are_counted_apart() -> None:
     played = episode(turn("", exchange(), exchange("detect_collision", error=True), exchange("answer")))
     scores = scores_of(played, RIGHT, frozenset({"detect_collision"}))
-    assert (scores.v, scores.calls, scores.disabled_calls) == (1.0, 2, 1)
+    assert (scores.v, scores.calls, scores.disabled_calls) == (pytest.approx(2 / 3), 3, 1)
+    assert scores.v_enabled == 1
 
 
 def test_without_calls_words_or_assertions_the_dimensions_are_undefined() -> None:
@@ -173,9 +174,11 @@ def test_held_out_accuracy_is_not_pooled_over_agents_or_budgets() -> None:
     ]
     summary = summarise(rows)
     assert summary.by_agent["a"].g_prime == 1
-    assert summary.by_agent["b"].g_prime is None
+    assert (summary.by_agent["b"].g_prime, summary.by_agent["b"].n_defined["g_prime"]) == (0, 2)
+    assert summary.by_agent["b"].final_score is None
     assert summary.by_budget[20].g_prime == pytest.approx(0.5)
     assert summary.by_budget[5].g_prime is None
+    assert summary.by_budget[5].n_defined["g_prime"] == 0
 
 
 def test_a_run_of_one_category_has_no_held_out_accuracy_and_no_final_score() -> None:
@@ -204,16 +207,28 @@ def test_a_whole_run_computed_by_hand() -> None:
     assert overall.c == pytest.approx((0.5 + 1 + 0) / 3)
     assert overall.e == pytest.approx((0.9 + 0.95 + 0) / 3)
     assert overall.g == 0
-    assert overall.g_undefined == pytest.approx(2 / 3)
-    assert overall.v == pytest.approx((2 / 3 + 1 + 0) / 3)
-    assert overall.v_undefined == pytest.approx(1 / 3)
-    assert overall.r == pytest.approx((1 + 0 + 1) / 3)
-    assert overall.r_undefined == pytest.approx(1 / 3)
+    assert overall.v == pytest.approx((2 / 3 + 1) / 2)
+    assert overall.r == 1
+    assert overall.n_defined == {
+        "c": 3,
+        "e": 3,
+        "g": 1,
+        "g_plus": 1,
+        "v": 2,
+        "v_enabled": 2,
+        "r": 2,
+        "g_prime": 3,
+    }
     # Easy-single is 1/2 right, easy-multi 0: held out, the three episodes have 0, 0 and 1/2.
     assert overall.g_prime == pytest.approx(0.5 / 3)
     assert overall.final_score == pytest.approx(
         100 * (0.40 * 0.5 + 0.15 * 1.85 / 3 + 0.10 * (5 / 9) + 0.10 * (2 / 3) + 0.10 * 0.5 / 3)
     )
+    # Defined are all six in the first episode, all but G and R in the second, all but G and V in the third.
+    first = 0.40 * 0.5 + 0.15 * 0.9 + 0.10 * 2 / 3 + 0.10
+    second = (0.40 + 0.15 * 0.95 + 0.10) / 0.75
+    third = (0.10 + 0.10 * 0.5) / 0.75
+    assert overall.final_score_of_defined == pytest.approx(100 * (first + second + third) / 3)
     assert overall.outcomes == {
         Outcome.ANSWERED: 2,
         Outcome.BUDGET_EXHAUSTED: 1,
@@ -228,6 +243,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         "n_scenes": 0,
         "n_correct": 0,
         "disabled_calls": 0,
+        "n_defined": dict.fromkeys(overall.n_defined, 0),
     }
     assert {name: group.n for name, group in summary.by_quadrant.items()} == {"easy-multi": 2, "easy-single": 2}
     assert {name: group.n for name, group in summary.by_problem_type.items()} == {"comparison": 3, "computation": 1}
@@ -236,8 +252,9 @@ def test_a_whole_run_computed_by_hand() -> None:
 
 def test_a_dimension_that_no_episode_defines_is_undefined() -> None:
     overall = summarise([row(RIGHT, "easy-single"), row(RIGHT, "hard-single")]).overall
-    assert (overall.g, overall.g_undefined) == (None, 1.0)
+    assert (overall.g, overall.n_defined["g"]) == (None, 0)
     assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10 + 0.10 + 0.10))
+    assert overall.final_score_of_defined == pytest.approx((overall.final_score or 0) / 0.85)
 
 
 def test_normalised_accuracy_is_reported_with_strict_accuracy() -> None:

@@ -1,6 +1,5 @@
 """The worked examples of the prompt, run in the engine: each return they show is what the tool returns."""
 
-import ast
 import json
 import math
 import re
@@ -10,7 +9,7 @@ from typing import Any
 import pytest
 
 from physment_mcp.scene import Scene
-from physment_mcp.serving.examples import EXAMPLES
+from physment_mcp.serving.examples import EXAMPLES, PromptExample, shown
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call_async
 from scenes import Permissions, PublicObject
@@ -36,22 +35,6 @@ def session(world: str) -> Session:
     return Session(Scene(public_pack((thing,)), f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>"))
 
 
-def steps(example: str) -> list[tuple[str, dict[str, Any], str | None]]:
-    """Tool, arguments and shown return of each call; None where no return is shown."""
-    found: list[tuple[str, dict[str, Any], str | None]] = []
-    for calls, _, shown in re.findall(
-        r"^Calls: (.*)$(\nReturns: ((?:.*\n)*?)(?=Reasoning|Calls))?", example, re.MULTILINE
-    ):
-        written = [ast.parse(written_call, mode="eval").body for written_call in calls.split("; ")]
-        returns = [part.strip() for part in shown.split("; ")] if shown else [None] * len(written)
-        for node, text in zip(written, returns, strict=True):
-            assert isinstance(node, ast.Call)
-            assert isinstance(node.func, ast.Name)
-            arguments = {keyword.arg or "": ast.literal_eval(keyword.value) for keyword in node.keywords}
-            found.append((node.func.id, arguments, text))
-    return found
-
-
 def unlike(shown: Any, returned: Any, path: str = "") -> list[str]:
     """Differences between a shown and a returned result, at the digits shown."""
     if isinstance(shown, dict) and isinstance(returned, dict):
@@ -72,23 +55,34 @@ def unlike(shown: Any, returned: Any, path: str = "") -> list[str]:
 
 
 @pytest.mark.parametrize(("example", "world"), list(zip(EXAMPLES, WORLDS, strict=True)), ids=["ball", "box", "ramp"])
-async def test_every_return_shown_is_true(example: str, world: str) -> None:
+async def test_every_return_shown_is_true(example: PromptExample, world: str) -> None:
     lab = session(world)
-    played = steps(example)
-    assert played[-1][0] == "answer"
-    assert sum(shown is not None for *_, shown in played) == len(played) - 1
-    assert example.count("Returns: ") == example.count("Calls: ") - 1
-    for tool, arguments, shown in played:
-        result = json.loads((await call_async(lab, tool, arguments)).model_dump_json())
-        if shown is not None:
-            assert unlike(json.loads(shown, parse_float=Decimal), result, tool) == []
+    played = [call for turn in example.turns for call in turn.calls]
+    assert [call.tool for call in played if not call.returned] == ["answer"] == [played[-1].tool]
+    for call in played:
+        result = json.loads((await call_async(lab, call.tool, call.arguments)).model_dump_json())
+        if call.returned:
+            assert unlike(json.loads(call.returned, parse_float=Decimal), result, call.tool) == []
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_every_calculation_in_the_reasoning_is_right(example: str) -> None:
+def test_the_calls_of_an_example_are_written_in_the_protocol_of_the_prompt(example: PromptExample) -> None:
+    in_text = shown(example, as_json=True)
+    written = re.findall(r"```json\n(.*)\n```", in_text)
+    assert [[(call["tool"], call["parameters"]) for call in json.loads(calls)] for calls in written] == [
+        [(call.tool, call.arguments) for call in turn.calls] for turn in example.turns
+    ]
+    assert "Calls:" not in in_text
+    assert "```" not in shown(example, as_json=False)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_every_calculation_in_the_reasoning_is_right(example: PromptExample) -> None:
     """Each `a / b = c`, `2 · a / b = c` and `√(a² + b²) = c`, to the digits shown."""
     checked = 0
-    for written, result in re.findall(r"(√\([^)]*\)|[\d.]+(?: [·/] [\d.]+)+) = ([\d.]+\d)", example):
+    for written, result in re.findall(
+        r"(√\([^)]*\)|[\d.]+(?: [·/] [\d.]+)+) = ([\d.]+\d)", shown(example, as_json=False)
+    ):
         spoken = written.replace("·", "*").replace("²", "**2").replace("√", "math.sqrt")
         value = eval(spoken, {"math": math})
         places = len(result.partition(".")[2])

@@ -1,0 +1,287 @@
+"""Finds formulas in prose: which numbers are coefficients of symbols, and which results follow from stated arithmetic.
+
+A formula is a run of numbers, units, symbols and operators without a word in between; `=` and `≈` divide it into sides.
+A side with a symbol is symbolic (`2 E / L`), a side of numbers alone is arithmetic (`2 · 0.88 / 0.084`).
+"""
+
+import math
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from evaluator.quantities.arithmetic import FUNCTIONS, Token, TokenKind, evaluate
+from evaluator.quantities.spoken import unit_at
+
+_MAX_TOKENS = 120
+"""Longer formulas are not evaluated."""
+_MAX_COEFFICIENT = 12
+"""Largest whole number that is a coefficient: the 12 of a rod's moment of inertia."""
+
+_SCAN = re.compile(
+    r"""
+      (?P<space>[ \t]+|\*\*(?!\s?[-+(0-9{])|(?<![\w)\]}])\*\*|\\[,;!]|\\q?quad\b|\$|\\[()\[\]](?=.)
+        |\\(?:left|right)(?=[\\()\[\]{}|]))
+    | (?P<equal>=|≈|≃|\\approx(?![a-z])|\\simeq(?![a-z]))
+    | (?P<number>(?:[0-9]+(?:\.[0-9]+)?|\.[0-9]+)(?:[eE][-+−]?[0-9]{1,2}(?![0-9]))?)
+    | (?P<raised>[⁰¹²³⁴⁵⁶⁷⁸⁹]+|⁻[¹²³⁴⁵⁶⁷⁸⁹]+)
+    | (?P<power>\^|\*\*(?=\s?[-+(0-9{]))
+    | (?P<half>[½¼¾])
+    | (?P<fraction>\\[dt]?frac(?![a-z]))
+    | (?P<pi>π|\\pi(?![a-z])|\bpi\b)
+    | (?P<function>√|\\?(?:sin|cos|tan)(?:⁻¹|\^\{?-1\}?)(?![a-z])
+        |\\?(?:sqrt|arcsin|arccos|arctan|asin|acos|atan|sin|cos|tan|exp|ln)(?![a-z]))
+    | (?P<times>[*·×⋅]|\\cdot(?![a-z])|\\times(?![a-z]))
+    | (?P<over>[/÷])
+    | (?P<plus>\+)
+    | (?P<minus>[-−–])
+    | (?P<open>[(\[{])
+    | (?P<close>[)\]}])
+    | (?P<word>\\?[^\W\d_]+(?:_(?:\{[^{}\s]{1,12}\}|[A-Za-z0-9]+)|[0-9₀-₉]+)?['′]?)
+    """,
+    re.VERBOSE,
+)
+_OPERATORS = {
+    "power": TokenKind.POWER,
+    "times": TokenKind.TIMES,
+    "over": TokenKind.OVER,
+    "plus": TokenKind.PLUS,
+    "minus": TokenKind.MINUS,
+    "open": TokenKind.OPEN,
+    "close": TokenKind.CLOSE,
+    "equal": TokenKind.EQUAL,
+}
+_KINDS = {
+    **_OPERATORS,
+    "space": TokenKind.SPACE,
+    "number": TokenKind.NUMBER,
+    "raised": TokenKind.RAISED,
+    "half": TokenKind.CONSTANT,
+    "pi": TokenKind.CONSTANT,
+    "fraction": TokenKind.FRACTION,
+    "function": TokenKind.FUNCTION,
+}
+_INVERSE = re.compile(r"⁻¹|\^\{?-1\}?")
+_HALVES = {"½": 0.5, "¼": 0.25, "¾": 0.75}
+_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_TIES = {
+    TokenKind.POWER,
+    TokenKind.TIMES,
+    TokenKind.OVER,
+    TokenKind.PLUS,
+    TokenKind.MINUS,
+    TokenKind.EQUAL,
+    TokenKind.CONSTANT,
+    TokenKind.FUNCTION,
+}
+"""What ties a short word to a formula, so that it is a symbol."""
+
+
+_OPERATIONS = {
+    TokenKind.POWER,
+    TokenKind.RAISED,
+    TokenKind.TIMES,
+    TokenKind.OVER,
+    TokenKind.FUNCTION,
+    TokenKind.FRACTION,
+}
+_RESULT = {TokenKind.NUMBER, TokenKind.UNIT, TokenKind.MINUS, TokenKind.PLUS}
+
+
+class Statement(NamedTuple):
+    """A result with the arithmetic that it is said to follow from."""
+
+    start: int
+    """Position of the arithmetic."""
+    result: int
+    """Position of the result's first digit."""
+    operands: tuple[int, ...]
+    """Positions of the first digits of the numbers in the arithmetic, coefficients left out."""
+    squared: frozenset[int]
+    """Those of them that are squared, so that their sign does not matter."""
+    tokens: tuple[Token, ...]
+    """The arithmetic."""
+
+    @property
+    def has_units(self) -> bool:
+        """Whether a number in the arithmetic has a unit."""
+        return any(token.kind is TokenKind.UNIT for token in self.tokens)
+
+    def outcome(self, values: Mapping[int, float], *, in_si: bool) -> float | None:
+        """What the arithmetic gives; None if it has no finite value.
+
+        Args:
+            values: Values to take for the numbers at some positions, in the written unit, instead of the written ones.
+            in_si: Whether units are converted to coherent SI; else they are left out.
+        """
+        tokens = [token._replace(value=values.get(token.start, token.value)) for token in self.tokens]
+        return evaluate(tokens if in_si else [token for token in tokens if token.kind is not TokenKind.UNIT])
+
+
+class StatedFormulas(NamedTuple):
+    """What the formulas of a text say about its numbers."""
+
+    coefficients: frozenset[int]
+    """Positions of the first digits of numbers that belong to a formula and measure nothing."""
+    statements: tuple[Statement, ...]
+    """In order."""
+
+
+def formulas_in(text: str) -> StatedFormulas:
+    """The coefficients and the arithmetic of a text, in time that grows linearly with its length."""
+    coefficients, statements = set[int](), list[Statement]()
+    for run in _runs(text):
+        sides = _sides(run)
+        own = _coefficients(sides)
+        coefficients |= own
+        statements += _statements(sides, own)
+    return StatedFormulas(frozenset(coefficients), tuple(statements))
+
+
+def _runs(text: str) -> Iterator[list[Token]]:
+    """Runs of tokens that no word and no other character divides."""
+    for line in re.finditer(r"[^\n]+", text):
+        run, end = list[Token](), line.start()
+        for token in _tokens(text, line.start(), line.end()):
+            if token.kind is TokenKind.BREAK or token.start != end:
+                yield from [run] if len(run) > 1 else []
+                run = []
+            if token.kind not in {TokenKind.BREAK, TokenKind.SPACE}:
+                run.append(token)
+            end = token.end
+        yield from [run] if len(run) > 1 else []
+
+
+def _tokens(text: str, start: int, stop: int) -> Iterator[Token]:
+    """The tokens of a line. What is no token is skipped, which leaves a gap in the positions."""
+    position, before = start, TokenKind.BREAK
+    while position < stop:
+        found = _SCAN.match(text, position, stop)
+        if found is None:
+            position, before = position + 1, TokenKind.BREAK
+            continue
+        token = _token(text, found, before)
+        yield token
+        position = token.end
+        if token.kind in {TokenKind.NUMBER, TokenKind.CLOSE}:
+            unit, end = unit_at(text, token.end)
+            if unit is not None and end <= stop:
+                yield Token(TokenKind.UNIT, token.end, end, float(unit.scale * unit.angle_scale))
+                position = end
+        before = token.kind if token.kind is not TokenKind.SPACE else before
+
+
+def _token(text: str, found: re.Match[str], before: TokenKind) -> Token:
+    name, (start, end) = str(found.lastgroup), found.span()
+    value, is_whole, function, kind = 0.0, False, None, _KINDS.get(name, TokenKind.BREAK)
+    if name == "number":
+        value, is_whole = float(found[0].replace("−", "-")), found[0].isdecimal()
+    elif name == "raised":
+        value = float(found[0].translate(_RAISED))
+    elif name in {"half", "pi"}:
+        value = _HALVES.get(found[0], math.pi)
+    elif name == "function":
+        function = _function(found[0].lstrip("\\"))
+    elif name == "word" and _is_symbol(text, found, before):
+        kind = TokenKind.SYMBOL
+    return Token(kind, start, end, value, is_whole, function)
+
+
+def _function(written: str) -> Callable[[float], float]:
+    name = _INVERSE.sub("", written)
+    return FUNCTIONS[f"arc{name}" if name != written else name]
+
+
+def _is_symbol(text: str, found: re.Match[str], before: TokenKind) -> bool:
+    """Whether a short word is a symbol: it stands beside an operator, or right after a number."""
+    word = found[0]
+    if word.startswith("\\") or not word.isascii():
+        return True
+    if len(re.sub(r"[_0-9].*", "", word)) > 3:
+        return False
+    if before in _TIES or (before is TokenKind.NUMBER and text[found.start() - 1].isdigit()):
+        return True
+    after = _SCAN.match(text, _after_space(text, found.end()))
+    return after is not None and str(after.lastgroup) in {"equal", "power", "times", "over", "plus", "raised"}
+
+
+def _after_space(text: str, position: int) -> int:
+    while text[position : position + 1] == " ":
+        position += 1
+    return position
+
+
+def _sides(run: Sequence[Token]) -> list[list[Token]]:
+    sides: list[list[Token]] = [[]]
+    for token in run:
+        if token.kind is TokenKind.EQUAL:
+            sides.append([])
+        else:
+            sides[-1].append(token)
+    return sides
+
+
+def _is_symbolic(side: Sequence[Token]) -> bool:
+    return len(side) > 1 and any(token.kind is TokenKind.SYMBOL for token in side)
+
+
+def _coefficients(sides: Sequence[Sequence[Token]]) -> set[int]:
+    """Positions of the numbers of a chain that measure nothing.
+
+    These are exponents, whole numbers up to 12 and 0.5 in a symbolic side, and the same numbers in its arithmetic.
+    """
+    found = set[int]()
+    for token, after in (pair for side in sides for pair in pairwise(side)):
+        if token.kind is TokenKind.POWER and after.kind is TokenKind.NUMBER:
+            found.add(after.start)
+        if _may_be_coefficient(token) and after.kind is TokenKind.CONSTANT:
+            found.add(token.start)
+    values = set[float]()
+    for side in sides:
+        if _is_symbolic(side):
+            constants = [token for token in side if _may_be_coefficient(token)]
+            found.update(token.start for token in constants)
+            values.update(token.value for token in constants)
+            values.update(token.value for token in side if token.kind is TokenKind.CONSTANT)
+    for side in sides:
+        if len(side) > 1 and not _is_symbolic(side):
+            found.update(
+                token.start
+                for token, after in zip(side, [*side[1:], None], strict=True)
+                if _may_be_coefficient(token)
+                and token.value in values
+                and (after is None or after.kind is not TokenKind.UNIT)
+            )
+    return found
+
+
+def _may_be_coefficient(token: Token) -> bool:
+    return token.kind is TokenKind.NUMBER and (
+        token.value == 0.5 or (token.is_whole and token.value <= _MAX_COEFFICIENT)
+    )
+
+
+def _statements(sides: Sequence[Sequence[Token]], coefficients: Collection[int]) -> Iterator[Statement]:
+    """Each single number of a chain, with the last arithmetic before it."""
+    for index, side in enumerate(sides):
+        if not (index and side and side[-1].kind in {TokenKind.NUMBER, TokenKind.UNIT}):
+            continue
+        numbers = [token for token in side if token.kind is TokenKind.NUMBER]
+        if len(numbers) != 1 or any(token.kind not in _RESULT for token in side):
+            continue
+        for earlier in reversed(sides[:index]):
+            statement = _statement(earlier, numbers[0].start, coefficients)
+            if statement is not None:
+                yield statement
+                break
+
+
+def _statement(side: Sequence[Token], result: int, coefficients: Collection[int]) -> Statement | None:
+    """The arithmetic of a side; None if it has a symbol, is a single number, or cannot be evaluated."""
+    numbers = [token for token in side if token.kind is TokenKind.NUMBER]
+    is_arithmetic = len(numbers) > 1 or any(token.kind in _OPERATIONS for token in side)
+    if not numbers or not is_arithmetic or len(side) > _MAX_TOKENS or _is_symbolic(side):
+        return None
+    operands = tuple(token.start for token in numbers if token.start not in coefficients)
+    squared = {token.start for token, after in pairwise(side) if after.kind is TokenKind.RAISED and after.value == 2}
+    return Statement(side[0].start, result, operands, frozenset(squared), tuple(side))

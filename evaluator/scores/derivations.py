@@ -1,0 +1,124 @@
+"""Which numbers of a text follow, by arithmetic that the text states, from numbers that are known."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from evaluator.quantities.formulas import Statement, formulas_in
+from evaluator.quantities.spoken import Spoken, spoken_numbers
+from evaluator.quantities.units import Unit, conversion
+from evaluator.records import Record
+
+_ROUNDING = 1e-9
+"""Relative error of the arithmetic itself."""
+
+
+class Derivation(Record):
+    """Stated arithmetic that gives an assertion."""
+
+    turn: int
+    """Index of the turn that states it, from 0."""
+    start: int
+    """Its first character in the turn's reasoning, from 0."""
+    end: int
+    """The character after its result."""
+    value: float
+    """What it gives, in the unit in which the result is written."""
+
+
+class Derived(NamedTuple):
+    """A number that was derived, for later use."""
+
+    unit: Unit | None
+    derivation: Derivation
+
+
+class TurnText:
+    """The reasoning of a turn, read from start to end."""
+
+    def __init__(self, turn: int, text: str, derived: list[Derived]) -> None:
+        """Read a text.
+
+        Args:
+            turn: Index of the turn, from 0.
+            text: Its reasoning.
+            derived: What earlier turns derived; what this one derives is added.
+        """
+        self.text = text
+        self._turn, self._derived = turn, derived
+        found = formulas_in(text)
+        self._coefficients = found.coefficients
+        self._statements = {statement.result: statement for statement in found.statements}
+        self._known = dict[int, float]()
+
+    def numbers(self) -> Iterator[Spoken]:
+        """The numbers that the text states, without coefficients of formulas.
+
+        A number that is squared, or that stands in arithmetic whose result is told as a magnitude, is a magnitude.
+        """
+        spoken = [number for number in spoken_numbers(self.text) if self._digits(number) not in self._coefficients]
+        unsigned = {at for statement in self._statements.values() for at in statement.squared}
+        for number in spoken:
+            statement = self._statements.get(self._digits(number))
+            if statement is not None and number.is_magnitude:
+                unsigned.update(statement.operands)
+        for number in spoken:
+            is_magnitude = number.is_magnitude or (number.value > 0 and self._digits(number) in unsigned)
+            yield number._replace(is_magnitude=is_magnitude)
+
+    def know(self, number: Spoken, value: float) -> None:
+        """Take a value for a number, in its written unit: it is given, or a call returned it."""
+        # The sign before the digits is an operator of the arithmetic.
+        self._known[self._digits(number)] = abs(value) if number.value < 0 or number.is_magnitude else value
+
+    def derivation(self, number: Spoken) -> Derivation | None:
+        """The arithmetic that gives a number: that before it, or that of an earlier number with its value."""
+        statement = self._statements.get(self._digits(number))
+        found = self._evaluated(statement, number) if statement is not None else None
+        if found is None:
+            found = next((before.derivation for before in reversed(self._derived) if _agrees(number, before)), None)
+        else:
+            self._derived.append(Derived(number.unit, found))
+        if found is not None:
+            self.know(number, found.value)
+        return found
+
+    def _evaluated(self, statement: Statement, number: Spoken) -> Derivation | None:
+        """The derivation if all operands are known, and their arithmetic rounds to the number."""
+        if any(at not in self._known for at in statement.operands):
+            return None
+        stated, margin = float(number.value), float(number.half_unit) + _ROUNDING * abs(number.value)
+        for values in ({at: self._known[at] for at in statement.operands}, {}):
+            for value in _in_unit_of(number, statement, values):
+                size = abs(value) if number.is_magnitude else value
+                if abs(size - stated) <= margin:
+                    return Derivation(turn=self._turn, start=statement.start, end=number.end, value=size)
+        return None
+
+    def _digits(self, number: Spoken) -> int:
+        """Position of a number's first digit."""
+        return number.start + (not self.text[number.start].isdigit() and self.text[number.start] != ".")
+
+
+def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float]) -> Iterator[float]:
+    """What arithmetic gives, in the unit of its result; also with units left out where one side has none."""
+    in_si = statement.outcome(values, in_si=True)
+    if in_si is not None:
+        yield in_si / float(number.si_factor)
+    if number.unit is None or not statement.has_units:
+        plain = statement.outcome(values, in_si=False)
+        if plain is not None:
+            yield plain
+
+
+def _agrees(number: Spoken, before: Derived) -> bool:
+    """Whether a number states a derived value again, at its own precision."""
+    if number.unit is None or before.unit is None:
+        factor = 1.0
+    else:
+        converted = conversion(before.unit, number.unit)
+        if converted is None:
+            return False
+        factor = float(converted)
+    value = factor * before.derivation.value
+    size = abs(value) if number.is_magnitude else value
+    return abs(size - float(number.value)) <= float(number.half_unit) + _ROUNDING * abs(size)
