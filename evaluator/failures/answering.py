@@ -1,11 +1,13 @@
 """Detectors that examine the answer: given too early, in the wrong form, or after too little simulated time."""
 
 import re
+from collections.abc import Sequence
 
 from pydantic import JsonValue
 
 from evaluator.answers.forms import Item, as_item, plain_number, strict_items
 from evaluator.failures.course import (
+    ACTIONS,
     MOTION_READINGS,
     PUSHES,
     Place,
@@ -26,31 +28,46 @@ LEAST_TIME_S = 0.1
 """Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""
 
 _PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
+_PERIOD_BY_FORMULA = re.compile(r"\bT ?(?:=|≈)[^\n]{0,80}(?:=|≈|\\approx) ?$")
 _SECOND = parse_unit("s")
 _OBJECT_ID = re.compile(r"object_\d+|\d+")
 
 
-def premature_answer(episode: Episode) -> Failure | None:
-    """Answered before it had seen the result of any successful reading, with iterations left.
+def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
+    """Answered with iterations left, before any reading; or wrongly, with half of them left, from the start alone.
 
-    Readings in the same batch as the answer do not count, because the agent had not seen them.
+    The first case: it had seen the result of no successful reading. The second case: it was strictly wrong, changed
+    nothing, let time pass, and had read nothing since. Readings in the same batch as the answer do
+    not count, because the agent had not seen them.
     """
-    if not has_answered(episode) or len(episode.turns) >= episode.allowance or read_before_answer(episode):
+    left = episode.allowance - len(episode.turns)
+    if not has_answered(episode) or left <= 0:
+        return None
+    readings = read_before_answer(episode)
+    is_early = 2 * left >= episode.allowance and grade.strict is Verdict.INCORRECT
+    if readings and not (is_early and _knows_only_the_start(episode, readings)):
         return None
     turn = answering_turn(episode)
-    left = episode.allowance - len(episode.turns)
     turns = "iterations" if episode.max_calls is None else "calls"
+    when = "from readings of the start alone" if readings else "before any reading"
     return Failure(
         mode=FailureMode.PREMATURE_ANSWER,
-        explanation=f"It answered with {left} of {episode.allowance} {turns} left, before any reading.",
+        explanation=f"It answered with {left} of {episode.allowance} {turns} left, {when}.",
         evidence=(
             Evidence(
                 turn=turn,
                 quote=quote_at(episode.turns[turn].reasoning),
-                numbers={f"{turns}_used": len(episode.turns), "budget": episode.allowance, "readings": 0},
+                numbers={f"{turns}_used": len(episode.turns), "budget": episode.allowance, "readings": len(readings)},
             ),
         ),
     )
+
+
+def _knows_only_the_start(episode: Episode, readings: Sequence[Place]) -> bool:
+    """Whether it changed nothing, let time pass, and read nothing after that."""
+    steps = [(place.turn, place.position) for place in exchanges(episode) if step_duration(place)]
+    acted = any(place.tool in ACTIONS and succeeded(place) for place in exchanges(episode))
+    return bool(steps) and not acted and all((place.turn, place.position) < steps[0] for place in readings)
 
 
 def too_little_time(episode: Episode) -> Failure | None:
@@ -58,7 +75,7 @@ def too_little_time(episode: Episode) -> Failure | None:
 
     The first case: less than `LEAST_TIME_S` was simulated in total, and either every reading of motion was 0, or
     something was pushed or given a velocity and no motion was read. The second case: the reasoning of the answering
-    turn states a period that is longer than the total simulated time.
+    turn states a period (as T = … only if nothing moved) that is longer than the total simulated time.
     """
     if not has_answered(episode):
         return None
@@ -71,7 +88,10 @@ def too_little_time(episode: Episode) -> Failure | None:
     ]
     if simulated < LEAST_TIME_S and about_motion and not any(map(shows_motion, about_motion)):
         return _before_motion(simulated, about_motion[-1])
-    return _before_a_period(episode, simulated) if simulated > 0 else None
+    patterns = [_PERIOD]
+    if about_motion and not any(map(shows_motion, about_motion)):
+        patterns.append(_PERIOD_BY_FORMULA)
+    return _before_a_period(episode, simulated, patterns) if simulated > 0 else None
 
 
 def _before_motion(simulated: float, last: Place) -> Failure:
@@ -92,12 +112,16 @@ def _before_motion(simulated: float, last: Place) -> Failure:
     )
 
 
-def _before_a_period(episode: Episode, simulated: float) -> Failure | None:
+def _before_a_period(episode: Episode, simulated: float, patterns: Sequence[re.Pattern[str]]) -> Failure | None:
     turn = answering_turn(episode)
     text = episode.turns[turn].reasoning
     for number in spoken_numbers(text):
         period = float(number.value)
-        if number.unit == _SECOND and period > simulated and _PERIOD.search(text[: number.start]):
+        if (
+            number.unit == _SECOND
+            and period > simulated
+            and any(pattern.search(text[: number.start]) for pattern in patterns)
+        ):
             return Failure(
                 mode=FailureMode.TOO_LITTLE_TIME,
                 explanation=f"It stated a period of {period:.3g} s after {simulated:.3g} s of simulated time.",
@@ -116,7 +140,7 @@ def answer_format(episode: Episode, grade: Grade, expected: ExpectedForm) -> Fai
     """Answered in a form that the question does not ask for, and was strictly wrong.
 
     The forms: a right value that only normalised grading accepts, a wrong number of values, words where numbers were
-    requested, or a choice that is not among the options.
+    requested, a choice that is not among the options, or a quantity in place of the number of an object or a case.
     """
     if not has_answered(episode) or grade.strict is not Verdict.INCORRECT:
         return None
@@ -140,14 +164,22 @@ def _difference(episode: Episode, grade: Grade, expected: ExpectedForm) -> str:
     if items is None:
         return "one value was asked for" if expected.parts is None else f"{expected.parts} values were asked for"
     said = [str(item).strip().lower() for item in items]
-    if expected.options:
-        options = {option.strip().lower() for option in expected.options}
-        return "" if options.issuperset(said) else "none of the options"
-    if expected.kind is AnswerKind.OBJECTS:
-        return "" if all(map(_OBJECT_ID.fullmatch, said)) else "no id of an object"
-    if expected.is_numeric and any(plain_number(item) is None for item in items):
-        return "words, where a number was asked for"
-    return ""
+    options = {option.strip().lower() for option in expected.options}
+    numbers = [plain_number(item) for item in items]
+    is_quantity = any(number is not None and number.value != int(number.value) for number in numbers)
+    reasons = (
+        ("none of the options", bool(options) and not options.issuperset(said)),
+        (
+            "a quantity, where the number of an object or a case was asked for",
+            expected.kind is AnswerKind.CHOICE and not options and is_quantity,
+        ),
+        ("no id of an object", expected.kind is AnswerKind.OBJECTS and not all(map(_OBJECT_ID.fullmatch, said))),
+        (
+            "words, where a number was asked for",
+            not options and expected.kind is not AnswerKind.OBJECTS and expected.is_numeric and None in numbers,
+        ),
+    )
+    return next((reason for reason, holds in reasons if holds), "")
 
 
 def _items(answer: JsonValue, expected: ExpectedForm) -> list[Item] | None:

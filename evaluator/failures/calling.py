@@ -5,9 +5,20 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import islice
 
-from evaluator.failures.course import ANSWER, Place, exchanges, objects_named, succeeded
-from evaluator.failures.findings import Evidence, Failure, FailureMode, quote_at
-from evaluator.records import Episode
+from evaluator.failures.course import (
+    ANSWER,
+    Place,
+    exchanges,
+    has_answered,
+    objects_named,
+    read_before_answer,
+    succeeded,
+)
+from evaluator.failures.findings import Evidence, ExpectedForm, Failure, FailureMode, answering_turn, quote_at
+from evaluator.quantities.spoken import Spoken, spoken_numbers
+from evaluator.quantities.units import Unit, parse_unit
+from evaluator.records import Episode, Grade, Verdict
+from scenes.pack import AnswerKind
 
 MASS_TOLERANCE = 0.05
 """Relative difference above which a mass in a call counts as different from the measured mass."""
@@ -23,17 +34,29 @@ _REFUSED_BY_OTHERS = re.compile(
     r"\bmust be a\b|unexpected keyword argument|missing \d+ required|can't multiply|could not convert"
 )
 """How the authors' program reports a bad argument; our laboratory starts such a refusal with the name of the tool."""
+_PLACE_READINGS = frozenset({"get_position", "get_displacement", "get_center_of_mass"})
+_PREFERS_MEASURED = re.compile(
+    r"\b(?:actual|true|real|verified|simulat\w+|returned|measured)\b[^.\n]{0,60}\bmass\b|"
+    r"\bmass\b[^.\n]{0,60}\b(?:verified|(?:in|by|from|per) the simulat\w+)",
+    re.IGNORECASE,
+)
+_KILOGRAM = parse_unit("kg")
 _TEXT_ARGUMENTS = frozenset({"name", "joint", "shape", "type", "answer", "reasoning", "label"})
 """Arguments whose value is a text; a text in any other argument is a placeholder for a value the agent did not have."""
 
 
-def object_id_confusion(episode: Episode, objects: Mapping[str, str]) -> Failure | None:
-    """Used an object id that it had not been given, or gave an object the id of another one.
+def object_id_confusion(episode: Episode, grade: Grade, expected: ExpectedForm) -> Failure | None:
+    """Used an object id that it had not been given, gave an object the id of another one, or answered with a wrong one.
+
+    A wrong id in the answer: the answer names an object, is strictly wrong, and of this object it measured nothing but
+    its place, while it measured at least two others.
 
     Args:
         episode: As recorded.
-        objects: Object id → public name. A name that several objects share is ignored.
+        grade: Its grade.
+        expected: The form of answer that was asked for. A name that several objects share is ignored.
     """
+    objects = expected.objects
     unknown = [
         Evidence(
             turn=place.turn,
@@ -44,16 +67,37 @@ def object_id_confusion(episode: Episode, objects: Mapping[str, str]) -> Failure
         if place.exchange.is_error and _names_an_unknown(place, episode)
     ]
     mistaken = list(islice(_mistaken(episode, objects), MAX_EVIDENCE))
-    if not unknown and not mistaken:
+    answered = list(_answered_unmeasured(episode, expected)) if grade.strict is Verdict.INCORRECT else []
+    if not unknown and not mistaken and not answered:
         return None
     # An unknown object may exist and be hidden, so the explanation does not say whether it exists.
     calls = f"named an object that it did not know of in {len(unknown)} {'call' if len(unknown) == 1 else 'calls'}"
     mistakes = [calls] * bool(unknown) + ["took one object for another"] * bool(mistaken)
+    mistakes += ["answered with an object that it had not measured, unlike others"] * bool(answered)
     return Failure(
         mode=FailureMode.OBJECT_ID,
         explanation=f"It {' and '.join(mistakes)}.",
-        evidence=(*unknown[:MAX_EVIDENCE], *mistaken),
+        evidence=(*unknown[:MAX_EVIDENCE], *mistaken, *answered),
     )
+
+
+def _answered_unmeasured(episode: Episode, expected: ExpectedForm) -> Iterator[Evidence]:
+    """The answer, if it names an object of which only the place was read, while two others were measured."""
+    asks_for_an_object = expected.kind is AnswerKind.OBJECTS or (
+        expected.kind is AnswerKind.CHOICE and not expected.options
+    )
+    if not has_answered(episode) or not asks_for_an_object:
+        return
+    said = str(episode.answer).strip().lower()
+    answered = said if _ID.fullmatch(said) else f"object_{said}"
+    measured = {
+        name
+        for place in read_before_answer(episode)
+        if place.tool not in _PLACE_READINGS
+        for name in objects_named(place)
+    }
+    if answered in expected.objects and answered not in measured and len(measured & set(expected.objects)) > 1:
+        yield Evidence(turn=answering_turn(episode), quote=quote_at(episode.turns[-1].reasoning))
 
 
 def _names_an_unknown(place: Place, episode: Episode) -> bool:
@@ -91,11 +135,12 @@ def _mistaken(episode: Episode, objects: Mapping[str, str]) -> Iterator[Evidence
         )
 
 
-def wrong_parameter(episode: Episode) -> Failure | None:
+def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
     """Called a tool with arguments that do not fit its schema, with a text in place of a value, or with a wrong mass.
 
     A wrong mass differs by more than `MASS_TOLERANCE` from the mass that `get_parameters` returned for the same object,
-    earlier or later. Tools that take a mass use it without checking it.
+    earlier or later. Tools that take a mass use it without checking it. Or it answered, strictly wrong, with a mass
+    that it measured where the task states another one.
     """
     masses = _measured_masses(episode)
     evidence: list[Evidence] = []
@@ -115,14 +160,50 @@ def wrong_parameter(episode: Episode) -> Failure | None:
                     numbers={"given_kg": mass, "measured_kg": measured},
                 )
             )
+    adopted = list(_adopted_mass(episode, masses)) if grade.strict is Verdict.INCORRECT else []
+    if not evidence and adopted:
+        return Failure(
+            mode=FailureMode.WRONG_PARAMETER,
+            explanation="It took a measured mass where the task states another one.",
+            evidence=tuple(adopted),
+        )
     if not evidence:
         return None
     calls = "a call" if len(evidence) == 1 else f"{len(evidence)} calls"
     return Failure(
         mode=FailureMode.WRONG_PARAMETER,
         explanation=f"It made {calls} with arguments that do not fit the tool or the object.",
-        evidence=tuple(evidence[:MAX_EVIDENCE]),
+        evidence=(*evidence[:MAX_EVIDENCE], *adopted),
     )
+
+
+def _adopted_mass(episode: Episode, measured: Mapping[str, float]) -> Iterator[Evidence]:
+    """The place where the answering turn prefers a measured mass to that of the task."""
+    if not has_answered(episode) or not measured:
+        return
+    stated = [float(number.value * number.si_factor) for number in _masses_in(episode.prompt)]
+    other = [mass for mass in measured.values() if not any(_is_near(mass, given) for given in stated)]
+    turn = answering_turn(episode)
+    text = episode.turns[turn].reasoning
+    for number in _masses_in(text) if stated else ():
+        value = float(number.value * number.si_factor)
+        near = [mass for mass in other if abs(mass - value) <= float(number.half_unit * number.si_factor)]
+        if near and _PREFERS_MEASURED.search(text[max(0, number.start - 100) : number.end + 100]):
+            numbers = {"stated_kg": stated[0], "measured_kg": near[0]}
+            yield Evidence(turn=turn, quote=quote_at(text, number.start), numbers=numbers)
+            return
+
+
+def _masses_in(text: str) -> Iterator[Spoken]:
+    return (number for number in spoken_numbers(text) if number.unit is not None and _is_mass(number.unit))
+
+
+def _is_mass(unit: Unit) -> bool:
+    return _KILOGRAM is not None and unit.dimensions == _KILOGRAM.dimensions and not unit.angle
+
+
+def _is_near(mass: float, other: float) -> bool:
+    return abs(mass - other) <= MASS_TOLERANCE * max(abs(mass), abs(other))
 
 
 def _does_not_fit(place: Place) -> bool:

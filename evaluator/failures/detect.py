@@ -18,11 +18,11 @@ def failures_of(episode: Episode, grade: Grade, expected: ExpectedForm) -> tuple
     if grade.strict is Verdict.UNSCORED:
         return ()
     found = (
-        premature_answer(episode),
+        premature_answer(episode, grade),
         too_little_time(episode),
         answer_format(episode, grade, expected),
-        object_id_confusion(episode, expected.objects),
-        wrong_parameter(episode),
+        object_id_confusion(episode, grade, expected),
+        wrong_parameter(episode, grade),
         theory_or_simulation(episode),
     )
     return tuple(failure for failure in found if failure is not None)
