@@ -10,7 +10,7 @@ from functools import partial
 import anyio
 
 from physment_mcp.commands import bundle, config, export, serve
-from physment_mcp.commands.base import common_options, observations
+from physment_mcp.commands.base import common_options, observations, timestep
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.version import __version__
 
@@ -52,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
     words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
     words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
     observations(words)
+    timestep(words)
     words.set_defaults(run=_stdio)
     commands = words.add_subparsers(metavar="COMMAND")
     for command in (serve, export, config, bundle):
@@ -69,7 +70,7 @@ def _stdio(args: argparse.Namespace) -> int:
     watch = watching(args.observations, args.scenes_dir)
 
     def reopen(scene_id: int) -> Session:
-        return Session(load_scene(scene_id, args.seed, args.scenes_dir))
+        return Session(load_scene(scene_id, args.seed, args.scenes_dir, args.timestep))
 
     if args.scene is None:
         ids = scene_ids(args.scenes_dir)

@@ -20,15 +20,18 @@ class Scene:
     public: PublicPack
     mjcf: str = field(repr=False)
     """For the world alone: it contains the hidden values."""
+    timestep: float | None = None
+    """Time step that replaces the one of the model [s]."""
 
 
-def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scene:
+def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
     """Read the public half of a scene and draw its hidden values.
 
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.
         seed: 0 for the scene as written, any other whole number for a variant of it.
         folder: Folder of packs, whole or exported; the installed suite by default.
+        timestep: Time step that replaces the one of the model [s].
 
     Raises:
         SceneError: There is no such scene, or its pack is malformed or outside the folder.
@@ -41,7 +44,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None) -> Scen
         public, mjcf = read_hosted(files, seed)
     except PackError as error:
         raise SceneError(str(error)) from error
-    return Scene(public, mjcf)
+    return Scene(public, mjcf, timestep)
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:

@@ -3,6 +3,8 @@
 Every tool reaches the world through the gates here. Knows no MCP, no JSON, no paths and no answers.
 """
 
+import logging
+import math
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,6 +19,10 @@ from physment_mcp.world import World
 from physment_mcp.world.readings import Array
 from scenes import LabLimits, Permissions, PublicObject
 
+logger = logging.getLogger(__name__)
+
+USUAL_TIMESTEP_S = 0.005
+"""Time step of the paper and of the suite [s]."""
 Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "angle", "velocity", "spin"]
 
 MAX_SIMULATED_S = 3600.0
@@ -82,8 +88,13 @@ class Session:
     """Calls the episode may use, refused ones included; None for no limit."""
 
     def __post_init__(self) -> None:
-        self.world = World(self.scene.mjcf, readout=readout_of(self.scene.public))
+        self.world = World(self.scene.mjcf, self.scene.timestep, readout=readout_of(self.scene.public))
         public, bodies = self.scene.public, set(self.world.bodies)
+        if self.scene.timestep is None and not math.isclose(self.world.timestep, USUAL_TIMESTEP_S):
+            logger.warning(
+                "scene %d runs with the time step of its model, %g s; the suite has %g s (--timestep %g forces it)",
+                *(public.scene_id, self.world.timestep, USUAL_TIMESTEP_S, USUAL_TIMESTEP_S),
+            )
         missing = [listed.object_id for listed in public.objects if listed.object_id not in bodies]
         if missing:
             raise SceneError(f"scene {public.scene_id}: its XML has no body named {', '.join(missing)}")

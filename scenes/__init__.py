@@ -9,7 +9,7 @@ from scenes.errors import PackError
 from scenes.export import export_packs
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
 from scenes.laboratory import Instruments, LabLimits, Noise
-from scenes.model import changed_mjcf, drawn_mjcf
+from scenes.model import changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
 from scenes.pack import (
     CANARY,
@@ -57,5 +57,6 @@ __all__ = [
     "read_public",
     "same_pack",
     "same_packs",
+    "timestep_of",
     "write_new_scene",
 ]

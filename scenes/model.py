@@ -58,6 +58,20 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
     return ET.tostring(root, encoding="unicode")
 
 
+def timestep_of(files: PackFiles) -> float:
+    """The time step that a model states, or MuJoCo's own [s].
+
+    Raises:
+        PackError: The model cannot be read.
+    """
+    try:
+        root = ET.fromstring(files.mjcf.read_text(encoding="utf-8"))  # noqa: S314 - packs are local files the operator named
+        option = root.find("option")
+        return float("0.002" if option is None else option.get("timestep", "0.002"))
+    except (OSError, ET.ParseError, ValueError) as error:
+        raise PackError(files.mjcf, f"no time step can be read: {error}") from error
+
+
 def changed_mjcf(mjcf: str, changes: Mapping[str, Scalar | tuple[Scalar, ...]], without: Collection[str] = ()) -> str:
     """A model with other values, or without some of its elements: a change of the apparatus.
 

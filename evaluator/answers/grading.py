@@ -14,7 +14,7 @@ from evaluator.answers.words import is_object_id
 from evaluator.records import Episode, Grade, Outcome, Verdict
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
 
-GRADER_VERSION = "1"
+GRADER_VERSION = "2"
 """Stored with each grade; raised whenever a verdict can change."""
 
 ZERO_ABS_TOL = 0.01
@@ -24,6 +24,14 @@ It equals 5 % of the smallest other published key, 0.2 (scenes 93 and 99).
 """
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
+
+
+def listed_numbers(answer: Scalar | tuple[Scalar, ...]) -> Scalar | tuple[Scalar, ...]:
+    """A published key with several numbers in one string, such as `4.0, 79.6`, as a list; any other key as it is."""
+    if not isinstance(answer, str) or "," not in answer:
+        return answer
+    parts = tuple(part.strip() for part in answer.strip().removeprefix("[").removesuffix("]").split(","))
+    return parts if all(plain_number(part) is not None for part in parts) else answer
 
 
 def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> AnswerSpec:

@@ -4,7 +4,7 @@ import functools
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.answers.grading import infer_spec
+from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
@@ -48,10 +48,11 @@ class KeyRing:
             UsageError: The pack is malformed, or gives no key for this seed.
         """
         files, pack = self._open(scene)
-        spec = pack.answer_spec or infer_spec(pack.answer, pack.metadata.problem_type)
+        stored = listed_numbers(pack.answer) if pack.answer_spec is None else pack.answer
+        spec = pack.answer_spec or infer_spec(stored, pack.metadata.problem_type)
         names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}
         # A pack without knobs is the same at every seed.
-        value = pack.answer if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
+        value = stored if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
         return AnswerKey(value=tuple(value) if isinstance(value, list) else value, spec=spec, objects=names)
 
     def _facts(self, scene: int) -> SceneFacts:

@@ -4,7 +4,8 @@ import argparse
 import contextlib
 import functools
 import sys
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections import Counter
+from collections.abc import AsyncGenerator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,7 +30,9 @@ from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
-from scenes import PackFiles, same_packs
+from scenes import PackFiles, same_packs, timestep_of
+
+_USUAL_TIMESTEP_S = 0.005
 
 
 def add(commands: Commands, description: str) -> None:
@@ -74,6 +77,8 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     if options.executor == "ray":
         require_ray()
+    for note in _timestep_notes(options.packs):
+        print(f"physment-eval: {note}", file=sys.stderr)
     folder = _create_folder(options, contenders)
     answers, console = KeyRing(options.team.scenes_dir), Console(stderr=options.as_json)
     run = _Run(options, contenders, plan, keys, folder, answers, Meter(options.limits), console)
@@ -86,6 +91,21 @@ def _run(args: argparse.Namespace) -> int:
     if stopped:
         print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
     return finish(folder, answers, console, as_json=options.as_json, wanted=len(keys))
+
+
+def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
+    """One note for each time step other than that of the paper and the suite."""
+    counts = Counter(timestep_of(files) for files in packs if files.mjcf.is_file())
+    for step, count in sorted(counts.items()):
+        if step != _USUAL_TIMESTEP_S:
+            scenes = "1 scene runs" if count == 1 else f"{count} scenes run"
+            command = (
+                f"physment-mcp --timestep {_USUAL_TIMESTEP_S:g} --scenes-dir DIR --scene {{scene}} --seed {{seed}}"
+            )
+            yield (
+                f"{scenes} with the time step of the model, {step:g} s; the paper has {_USUAL_TIMESTEP_S:g} s. To force"
+                f" it: --server '{command}'"
+            )
 
 
 def _create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> RunFolder:

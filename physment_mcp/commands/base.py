@@ -55,6 +55,17 @@ def observations(command: argparse.ArgumentParser, *, again: bool = False) -> No
     )
 
 
+def timestep(command: argparse.ArgumentParser, *, again: bool = False) -> None:
+    """Declare `--timestep`; `again` as in `common_options`."""
+    command.add_argument(
+        "--timestep",
+        type=positive(float),
+        metavar="S",
+        default=argparse.SUPPRESS if again else None,
+        help="time step in s, such as 0.005, instead of the one in the scene's model",
+    )
+
+
 @contextmanager
 def writing(target: Path) -> Generator[None]:
     """Report in one sentence why something could not be written.

@@ -8,7 +8,7 @@ import socket
 from importlib.util import find_spec
 from threading import Thread
 
-from physment_mcp.commands.base import Commands, common_options, observations, port, positive
+from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
 from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
@@ -58,6 +58,7 @@ def add(commands: Commands) -> None:
         help="end when stdin does: for a program that starts a host and must leave none behind, however it dies",
     )
     observations(serve, again=True)
+    timestep(serve, again=True)
     serve.set_defaults(run=run)
 
 
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
         exposed,
         names,
         watching(args.observations, args.scenes_dir),
+        args.timestep,
     )
     _allow_open_files()
     try:

@@ -93,6 +93,8 @@ class Host:
     """Names that it accepts besides its addresses and loopback."""
     watch: Callable[[Session], Frames] | None = None
     """Makes the frames for results; None for results without frames."""
+    timestep: float | None = None
+    """Time step that replaces those of the models [s]."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _opening: int = 0
     """Episodes that are being opened; they count towards the limit."""
@@ -157,7 +159,8 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        slot = EpisodeSlot(Session(load_scene(scene, seed, self.scenes_dir), max_calls=max_calls), watch=self.watch)
+        loaded = load_scene(scene, seed, self.scenes_dir, self.timestep)
+        slot = EpisodeSlot(Session(loaded, max_calls=max_calls), watch=self.watch)
         server = build_server(slot)
         manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
         episode_id = secrets.token_urlsafe(18)
