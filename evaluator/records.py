@@ -78,6 +78,9 @@ class Turn(Record):
     """One iteration: what the agent said, its calls, and their returns."""
 
     reasoning: str
+    thought_chars: int = 0
+    """Characters at the start of `reasoning` that are not the reply, but what the provider shows of the model's own
+    reasoning."""
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
     """What the loop told the agent besides returns: malformed reply, call that fits no schema, no call at all."""

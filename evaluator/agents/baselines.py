@@ -1,7 +1,7 @@
 """Baselines: guess at once; act at random, then guess; or play as another agent with only one batch of calls."""
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
@@ -98,7 +98,7 @@ class _OracleOncePlayer:
         if len(self.replies) == 1:
             return reply
         answers = tuple(call for call in reply.calls if call.tool == ANSWER)
-        return Reply(reply.reasoning, answers, reply.malformed, reply.usage)
+        return replace(reply, calls=answers)
 
 
 def random_arguments(schema: Any, ids: list[str], source: random.Random) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -100,6 +100,7 @@ async def _take_turn(
     batch = await _run_batch(client, reply, toolbox)
     turn = Turn(
         reasoning=reply.reasoning,
+        thought_chars=reply.thought_chars,
         exchanges=batch.exchanges,
         note=batch.note,
         usage=reply.usage,
@@ -128,7 +129,8 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 def _recordable(reply: Reply) -> Reply:
     """The reply; or a malformed reply in its place, if a record could not hold its calls and be read again."""
     problem = next(filter(None, [reply.malformed, *(unrecordable(call) for call in reply.calls)]), "")
-    return Reply(as_text(reply.reasoning), () if problem else reply.calls, as_text(problem), reply.usage)
+    calls = () if problem else reply.calls
+    return replace(reply, reasoning=as_text(reply.reasoning), calls=calls, malformed=as_text(problem))
 
 
 def unrecordable(call: ToolCall) -> str:

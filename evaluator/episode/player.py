@@ -54,6 +54,9 @@ class Reply:
     malformed: str = ""
     """Why the reply could not be read; if set, no call is run."""
     usage: Usage | None = None
+    thought_chars: int = 0
+    """Characters at the start of `reasoning` that are not the reply, but what the provider shows of the model's own
+    reasoning."""
 
 
 class Player(Protocol):

@@ -127,14 +127,16 @@ class _ModelPlayer:
         problem = _cut_off(response) or _unwritten(response)
         text = _joined(response, TextPart)
         if problem:
-            return Reply(_paragraphs(thought, text), malformed=problem, usage=usage)
+            return Reply(_paragraphs(thought, text), malformed=problem, usage=usage, thought_chars=len(thought))
         if self.text:
             reply = parse_reply(text)
             if response.tool_calls and not reply.calls:
-                return Reply(_paragraphs(thought, text), malformed=_NATIVE_IN_TEXT, usage=usage)
-            return Reply(_paragraphs(thought, reply.reasoning), reply.calls, reply.malformed, usage)
+                said = _paragraphs(thought, text)
+                return Reply(said, malformed=_NATIVE_IN_TEXT, usage=usage, thought_chars=len(thought))
+            said = _paragraphs(thought, reply.reasoning)
+            return Reply(said, reply.calls, reply.malformed, usage, thought_chars=len(thought))
         calls, problem = _calls(response)
-        return Reply(_paragraphs(thought, text), calls, problem, usage)
+        return Reply(_paragraphs(thought, text), calls, problem, usage, thought_chars=len(thought))
 
     def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
         """What the model is shown next: the prompt, or the returns of its calls."""

@@ -35,6 +35,8 @@ class EpisodeScores(Record):
     """The same without calls of tools that the scene disables."""
     r: float | None
     """1 - share of the most frequent repeated pair of words; None without visible reasoning."""
+    silent_turns: int
+    """Turns without visible reasoning."""
     calls: int
     """Calls that V counts."""
     disabled_calls: int
@@ -81,6 +83,7 @@ def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_to
         v=_valid_share(made),
         v_enabled=_valid_share(enabled),
         r=non_repetition([turn.reasoning for turn in episode.turns]),
+        silent_turns=sum(not turn.reasoning.strip() for turn in episode.turns),
         calls=len(made),
         disabled_calls=len(made) - len(enabled),
     )

@@ -71,6 +71,8 @@ class GroupSummary(Record):
     comparable."""
     final_score_of_defined: float | None
     """Mean FS*, 0 to 100: over the dimensions that an episode defines."""
+    silent_turns: float | None
+    """Share of all turns that have no visible reasoning; None without turns."""
     disabled_calls: int
     """Calls of tools that the scene disables."""
     experiment_cost: MedianCost
@@ -234,6 +236,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         parts = (own.c or 0.0, own.e, own.g, own.v, own.r, row.g_prime)
         scores.append(final_score(*parts))
         scores_of_defined.append(final_score_of_defined(*parts))
+    turns = sum(len(row.episode.turns) for row in scored)
     return GroupSummary(
         n=len(table),
         n_scored=len(scored),
@@ -248,6 +251,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         n_defined={name: len(values) for name, values in defined.items()},
         final_score=fmean(scores) if scores and len(defined["g_prime"]) == len(scores) else None,
         final_score_of_defined=fmean(scores_of_defined) if scores else None,
+        silent_turns=sum(row.scores.silent_turns for row in scored) / turns if turns else None,
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
         experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),

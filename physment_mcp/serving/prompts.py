@@ -3,15 +3,14 @@
 It is made from what is public at the start of the episode, so it never depends on hidden values.
 """
 
-import json
 from dataclasses import dataclass
 from enum import StrEnum
 
 from physment_mcp.serving.examples import EXAMPLES, shown
 from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks
+from physment_mcp.serving.tool_listing import tool_listing
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
-from physment_mcp.tools.base import Arguments
 
 
 class Prompting(StrEnum):
@@ -76,13 +75,16 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         *_examples(options.prompting, text=text),
         answer_block(scene.answer_form, scene.problem_type),
         "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
-        " again. Assume nothing that you can measure. You can answer once; the answer ends the episode.",
+        " again. Assume nothing that you can measure. You can answer once; the answer ends the episode."
+        + ("" if text else " Before each set of calls, say in a sentence or two why you make them."),
     ]
     if text:
         blocks.append(
             "# Format\n\nWrite your reasoning as prose, then exactly one JSON list of calls in a ```json block:\n\n"
             '```json\n[{"tool": "step", "parameters": {"duration": 0.1}}]\n```\n\n'
-            "Calls run in order. A reply without a list that can be read runs nothing and still counts as an iteration."
+            "Calls run in order. A call that fits no tool stops the list: the calls before it stand, the call and those"
+            " after it are not run. A reply without a list that can be read runs nothing and still counts as an"
+            " iteration."
         )
     if options.budget is not None:
         blocks.append(
@@ -123,7 +125,7 @@ def _tools(session: Session, *, listing: bool) -> str:
     disabled = [tool.name for tool in TOOLS if tool.name in session.scene.public.disabled_tools]
     parts = ["# Tools"]
     if listing:
-        parts.append("\n".join(f"- `{tool.name}({_signature(tool.arguments)})`: {tool.description}" for tool in TOOLS))
+        parts += [tool_listing(TOOLS), _ID_AND_CLOCK]
     else:
         parts.append(f"You have {len(TOOLS)} tools; each says what it does, in which units.")
     if disabled:
@@ -131,11 +133,10 @@ def _tools(session: Session, *, listing: bool) -> str:
     return "\n\n".join(parts)
 
 
-def _signature(arguments: type[Arguments]) -> str:
-    return ", ".join(
-        name if field.is_required() else f"{name}={json.dumps(field.default)}"
-        for name, field in arguments.model_fields.items()
-    )
+_ID_AND_CLOCK = (
+    "An `object_id` is an id such as object_1; 1 means object_1. Every result also has `sim_time`, the simulation clock"
+    " after the call [s]."
+)
 
 
 def _returns(*, text: bool) -> str:
