@@ -133,7 +133,7 @@ class AnswerSpec(_PackModel):
     labels: tuple[str, ...] = ()
     """What each of several numbers is, in order; shown to the agent."""
     abs_tol: float = Field(default=0.0, ge=0)
-    """Absolute tolerance, in the unit of the answer; adds to the relative one."""
+    """Absolute tolerance, in the unit of the answer; adds to the relative one. 0.01 where it is 0 and the key is 0."""
     rel_tol: float = Field(default=0.05, ge=0)
     """Relative tolerance: |answer - key| <= abs_tol + rel_tol |key|."""
     options: tuple[str, ...] = ()

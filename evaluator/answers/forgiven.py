@@ -6,6 +6,7 @@ the answer must be strictly right or have exactly one reason; reasons do not com
 
 import re
 from collections.abc import Sequence
+from fractions import Fraction
 
 from pydantic import JsonValue
 
@@ -38,6 +39,8 @@ from scenes.pack import AnswerKind
 
 _MAX_PATTERN_CHARS = 300
 """Longer answers are not matched against a pack's patterns, which may be slow on long text."""
+_MOST_ROUNDED = Fraction(1, 10)
+"""Largest relative error of a rounded answer that is trivial: twice the tolerance of the paper."""
 _ANSWER_LABEL = frozenset({"the", "my", "final", "answer", "result"})
 
 
@@ -92,7 +95,13 @@ def _right_part(item: Item, key: AnswerKey, index: int) -> Finding | None:
 
 
 def _forgive_rounding(got: PlainNumber, wanted: PlainNumber) -> Finding | None:
-    if got.significant_digits < 2 or abs(got.value - wanted.value) > got.half_unit:
+    """Forgive the key rounded to the digits written, up to 10 % off.
+
+    A number needs a decimal point or two significant digits, so that a guessed small whole number is not forgiven.
+    """
+    is_rounded = got.significant_digits > 1 or "." in got.text
+    allowed = min(got.half_unit, _MOST_ROUNDED * abs(wanted.value))
+    if not is_rounded or abs(got.value - wanted.value) > allowed:
         return None
     return Finding(
         right=True,

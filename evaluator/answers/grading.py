@@ -9,19 +9,13 @@ from pydantic import JsonValue
 
 from evaluator.answers.forgiven import forgive
 from evaluator.answers.forms import MAX_CHARS, is_too_long, plain_number
-from evaluator.answers.strict import AnswerKey, Finding, joined_reasons, strict_finding, strict_parts
+from evaluator.answers.strict import ZERO_ABS_TOL, AnswerKey, Finding, joined_reasons, strict_finding, strict_parts
 from evaluator.answers.words import is_object_id
 from evaluator.records import Episode, Grade, Outcome, Verdict
 from scenes.pack import AnswerKind, AnswerSpec, Scalar
 
 GRADER_VERSION = "2"
 """Stored with each grade; raised whenever a verdict can change."""
-
-ZERO_ABS_TOL = 0.01
-"""Absolute tolerance for published keys that are 0, because 5 % of 0 is 0.
-
-It equals 5 % of the smallest other published key, 0.2 (scenes 93 and 99).
-"""
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
 

@@ -58,7 +58,7 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
 
 
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
-    """The stored certificates that need not be made again: of sound packs, unchanged, on as many seeds.
+    """The stored certificates that need not be made again: of sound packs, unchanged, on as many seeds or more.
 
     A certificate that was made with another engine version, or that lacks a check, does not count.
     """
@@ -71,7 +71,7 @@ def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[S
         for files in packs
         if (certificate := certificates.get(files.scene_id)) is not None
         and certificate.passed
-        and certificate.seeds == seeds
+        and certificate.seeds >= seeds
         and certificate.pack == pack_hash(files)
         and tuple(check.name for check in certificate.checks) == _needed(files)
     ]
@@ -87,7 +87,8 @@ def _needed(files: PackFiles) -> tuple[str, ...]:
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
     """Write `certificates.json` into a folder of packs.
 
-    Scenes that were not certified now keep their stored certificate, unless it was made with another engine version.
+    Scenes that were not certified now keep their stored certificate, unless it was made with another engine version. So
+    does a scene whose stored certificate proves the same on more seeds.
 
     Raises:
         StoreError: The file cannot be written.
@@ -96,7 +97,10 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
     before = read_certificates(folder)
     kept = before.scenes if before and before.engine == engine else ()
     present = {files.scene_id for files in list_packs(folder)}
-    scenes = {certificate.scene: certificate for certificate in (*kept, *proven) if certificate.scene in present}
+    scenes = {certificate.scene: certificate for certificate in kept if certificate.scene in present}
+    for certificate in proven:
+        if certificate.scene in present and not _proves_more(scenes.get(certificate.scene), certificate):
+            scenes[certificate.scene] = certificate
     certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
     try:
         # Written beside it first: a process that is killed now must not leave half a file.
@@ -105,3 +109,13 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
     except OSError as error:
         raise StoreError(f"{file} cannot be written: {error.strerror}") from error
     return file
+
+
+def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
+    """Whether a stored certificate proves what the new one does, on more seeds."""
+    return (
+        stored is not None
+        and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)
+        and stored.seeds > new.seeds
+        and {check.name for check in stored.checks} >= {check.name for check in new.checks}
+    )

@@ -101,6 +101,7 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
         budget_charts=_budget_charts(suite),
         heat=tables.by_category(suite),
         groupings=_groupings(suite),
+        forgiven=tables.forgiven(suite),
         rungs=tables.by_rung(results),
         experiment_cost=tables.experiment_cost(results),
         spent=list(_spent(results)),

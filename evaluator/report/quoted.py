@@ -22,4 +22,4 @@ PAPER = (
     Quoted("Qwen 3.5", (26.7, 24.8, 35.2, 27.6)),
     Quoted("Gemini 3.1 Pro", (29.5, 50.4, 51.4, 66.7)),
 )
-"""Overall accuracy by iteration budget [%], after the authors re-graded by hand."""
+"""Overall accuracy by iteration budget [%], after the authors re-graded by rules of their own."""

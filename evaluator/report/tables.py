@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from evaluator.failures.findings import FailureMode
+from evaluator.records import NormalisationClass
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, PAPER
 from evaluator.scores.grouping import NO_RUNG, quadrant
@@ -68,7 +69,7 @@ class Table:
 def tables(results: Sequence[AgentResults]) -> list[Table]:
     """All tables: those of the suite in the paper's order, the paper's own, and those by rung."""
     suite = [result for result in results if result.suite]
-    of_suite = (by_budget, by_category, main_metrics, six_dimensions, failure_modes)
+    of_suite = (by_budget, by_category, main_metrics, six_dimensions, forgiven, failure_modes)
     return [*(table(suite) for table in of_suite if suite), quoted(), by_rung(results), experiment_cost(results)]
 
 
@@ -192,6 +193,22 @@ def six_dimensions(results: Sequence[AgentResults]) -> Table:
         for result in results
     ]
     return Table("six_dimensions", "Six dimensions", ("agent", *DIMENSIONS, "Final Score", "FS*"), found)
+
+
+def forgiven(results: Sequence[AgentResults]) -> Table:
+    """Number of scored episodes that normalised grading forgives, by the reason."""
+    found = [
+        [
+            reason.value.replace("_", " "),
+            *(Count(result.whole.forgiven[reason], result.whole.n_scored) for result in results),
+        ]
+        for reason in NormalisationClass
+    ]
+    return Table("forgiven", "Answers that only normalised grading accepts", ("reason", *_labels(results)), found)
+
+
+def _labels(results: Sequence[AgentResults]) -> list[str]:
+    return [result.label for result in results]
 
 
 def failure_modes(results: Sequence[AgentResults]) -> Table:

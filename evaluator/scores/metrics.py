@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.findings import FailureMode
-from evaluator.records import Grade, Outcome, Record, Verdict
+from evaluator.records import Grade, NormalisationClass, Outcome, Record, Verdict
 from evaluator.scores.dimensions import final_score, final_score_of_defined
 from evaluator.scores.experiment_cost import MedianCost, median_cost
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
@@ -48,6 +48,8 @@ class GroupSummary(Record):
     """95 %."""
     interval_method: IntervalMethod | None
     """Method of both intervals; None if nothing is scored."""
+    forgiven: dict[NormalisationClass, int]
+    """Scored episodes that normalised grading accepts and strict grading does not, by the reason."""
     c: float | None
     """Mean graded correctness, 0 to 1."""
     e: float | None
@@ -247,6 +249,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         normalised_accuracy=normalised and normalised.share,
         normalised_interval=normalised and normalised.interval,
         interval_method=strict and strict.method,
+        forgiven={reason: sum(row.grade.normalisation is reason for row in scored) for reason in NormalisationClass},
         **means,
         n_defined={name: len(values) for name, values in defined.items()},
         final_score=fmean(scores) if scores and len(defined["g_prime"]) == len(scores) else None,

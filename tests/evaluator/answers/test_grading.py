@@ -195,7 +195,7 @@ FORMS = [
     Case("exactly on the lower bound", 0.684, number(0.72), STRICT),
     Case("just outside the bound", "0.7560001", number(0.72), WRONG),
     Case("absolute tolerance for zero", 0.009, published(0), STRICT),
-    Case("zero without tolerance", 1e-9, number(0), WRONG),
+    Case("zero with the default tolerance", 1e-9, number(0), STRICT),
     Case("unit", "4.905 m/s", number(4.905, "m/s"), FORMAT),
     Case("unit stuck to the number", "4.905m/s", number(4.905, "m/s"), FORMAT),
     Case("converted length", "49 cm", number(0.49, "m"), FORMAT),
@@ -628,3 +628,27 @@ def test_the_answer_type_of_a_published_key_is_inferred(
 def test_a_key_that_no_answer_can_match_is_refused(value: Scalar | tuple[Scalar, ...], spec: AnswerSpec) -> None:
     with pytest.raises(ValueError, match=r"."):
         AnswerKey(value, spec)
+
+
+@pytest.mark.parametrize(
+    ("answer", "value", "forgiven"),
+    [
+        ("0.3", 0.28, True),
+        (0.3, 0.28, True),
+        ("1.0", 1.05, False),  # strictly right
+        ("0.3", 0.26, False),  # rounded, but more than twice the tolerance off
+        ("3", 3.2, False),  # a small whole number may be a guess
+        ("0.4", 0.36, False),
+        ("0.2", 0.28, False),  # wrongly rounded
+    ],
+)
+def test_a_key_rounded_to_the_digits_written_is_forgiven(answer: JsonValue, value: float, *, forgiven: bool) -> None:
+    found = grade(answer, AnswerKey(value, AnswerSpec(kind=AnswerKind.NUMBER)))
+    assert (found.normalisation is NormalisationClass.TRIVIAL_ROUNDING) == forgiven
+
+
+@pytest.mark.parametrize(("answer", "right"), [(0, True), (0.009, True), (-0.01, True), (0.011, False)])
+def test_a_key_of_0_has_a_tolerance_of_its_own(answer: float, *, right: bool) -> None:
+    found = grade(answer, AnswerKey(0, AnswerSpec(kind=AnswerKind.NUMBER)))
+    assert (found.strict is Verdict.CORRECT) == right
+    assert grade(0.001, AnswerKey(0, AnswerSpec(kind=AnswerKind.NUMBER, abs_tol=1e-4))).strict is Verdict.INCORRECT

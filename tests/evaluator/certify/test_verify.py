@@ -31,7 +31,29 @@ def test_a_sound_and_unchanged_pack_stays_proven(files: PackFiles) -> None:
     certificate = proven(files, certificates_of(read_pack(files)))
     write_certificates(files.folder.parent, [certificate])
     assert still_proven(files.folder.parent, [files], 20) == [certificate]
-    assert still_proven(files.folder.parent, [files], 6) == []
+    assert still_proven(files.folder.parent, [files], 6) == [certificate]
+    assert still_proven(files.folder.parent, [files], 40) == []
+
+
+def test_fewer_seeds_do_not_replace_a_stronger_certificate_unless_they_find_a_fault(
+    files: PackFiles, tmp_path: Path
+) -> None:
+    names = certificates_of(read_pack(files))
+    strong = proven(files, names)
+    write_certificates(tmp_path, [strong])
+    write_certificates(tmp_path, [proven(files, names).model_copy(update={"seeds": 2})])
+    assert still_proven(tmp_path, [files], 20) == [strong]
+    write_certificates(tmp_path, [proven(files, names, ("it gains energy",)).model_copy(update={"seeds": 2})])
+    assert still_proven(tmp_path, [files], 2) == []
+
+
+def test_a_changed_pack_gets_the_certificate_on_fewer_seeds(files: PackFiles, tmp_path: Path) -> None:
+    names = certificates_of(read_pack(files))
+    write_certificates(tmp_path, [proven(files, names)])
+    Author(tmp_path).edit(files, lambda pack: pack.update(version="2"))
+    weaker = proven(files, names).model_copy(update={"seeds": 2})
+    write_certificates(tmp_path, [weaker])
+    assert still_proven(tmp_path, [files], 2) == [weaker]
 
 
 def test_a_changed_pack_is_proven_again(files: PackFiles, tmp_path: Path) -> None:

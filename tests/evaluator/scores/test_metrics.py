@@ -235,7 +235,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         Outcome.INFRASTRUCTURE_ERROR: 1,
     }
     assert list(summary.by_category) == ["easy-multi", "easy-multi-hidden", "easy-single"]
-    counted = {"outcomes", "failures", "experiment_cost"}
+    counted = {"outcomes", "failures", "experiment_cost", "forgiven"}
     assert summary.by_category["easy-multi-hidden"].model_dump(exclude=counted) == {
         **dict.fromkeys(summary.overall.model_dump(exclude=counted)),
         "n": 1,
