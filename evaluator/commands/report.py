@@ -9,7 +9,8 @@ from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.export import csv_text, latex, markdown
-from evaluator.report.page import write_report
+from evaluator.report.page import paper_page, write_report
+from evaluator.report.paper_tables import paper_tables
 from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -51,6 +52,9 @@ def add(commands: Commands) -> None:
         help="folder of scene packs that a run was played on (may be repeated; default: the suite)",
     )
     command.add_argument("--export", choices=("md", "csv", "latex"), help="write the tables in this form, too")
+    command.add_argument(
+        "--paper", action="store_true", help="write the tables in the paper's layout, too: paper.html and paper.tex"
+    )
     command.add_argument("--figures", choices=("svg", "pdf"), help="write the figures, too; needs the extra `report`")
 
 
@@ -91,6 +95,8 @@ def _report(args: argparse.Namespace) -> int:
     written = [write_report(target, runs)]
     if args.export:
         written += _export(target, agent_results(runs), args.export)
+    if args.paper:
+        written += _paper(target, [result for result in agent_results(runs) if result.suite])
     if args.figures:
         from evaluator.report.figures import write_figures  # noqa: PLC0415 - matplotlib is an extra
 
@@ -127,6 +133,15 @@ def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], packs: Sequenc
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
     return Run(name, record, rows, pictures(record.packs, keys.folder))
+
+
+def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:
+    """Write the paper's tables as a page and in LaTeX."""
+    found = paper_tables(results)
+    texts = {"paper.html": paper_page(target.path.resolve().name, found), "paper.tex": latex(found)}
+    for name, text in texts.items():
+        target.write_text(target.path / name, text)
+    return [target.path / name for name in texts]
 
 
 def _export(target: RunFolder, results: Sequence[AgentResults], form: str) -> list[Path]:

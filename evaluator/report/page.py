@@ -22,6 +22,7 @@ from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
+from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import curve_sentence, decimal, share
@@ -114,6 +115,17 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
     return Report(page, _scripts(environment, found) if beside else iter(()))
+
+
+def paper_page(title: str, found: Sequence[tables.Table]) -> str:
+    """The page of the paper's tables.
+
+    Args:
+        title: Name of the run.
+        found: The tables.
+    """
+    template = _environment().get_template("paper.html.j2")
+    return template.render(title=title, found=found, buckets=BUCKETS, bucket=bucket, shown=shown)
 
 
 def _scripts(environment: Environment, found: Sequence[Entry]) -> Iterator[str]:

@@ -1,0 +1,110 @@
+"""The tables of the paper, in its layout: our agents, and beside them the paper's models on the paper's scenes."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from evaluator.records import NormalisationClass
+from evaluator.report.agent_results import AgentResults
+from evaluator.report.quoted import BUDGETS, CATEGORIES, PAPER, REGRADED
+from evaluator.report.tables import Cell, Score, Share, Table
+
+MARK = " †"
+"""Behind the name of a model whose results are the paper's."""
+
+
+class Bucket(NamedTuple):
+    """A colour of the paper's heat map."""
+
+    below: float
+    """Accuracies below this share have it, if no earlier bucket does."""
+    name: str
+    title: str
+
+
+BUCKETS = (
+    Bucket(0.2, "low", "<20"),
+    Bucket(0.4, "mid-low", "20–39"),
+    Bucket(0.6, "mid", "40–59"),
+    Bucket(0.8, "high", "60–79"),
+    Bucket(float("inf"), "top", "≥80"),
+)
+
+
+def bucket(share: float) -> Bucket:
+    """The bucket of an accuracy, 0 to 1."""
+    # The paper's cells have one decimal; 0.1999… is 20.0 there.
+    return next(found for found in BUCKETS if round(share, 3) < found.below)
+
+
+def paper_tables(results: Sequence[AgentResults]) -> list[Table]:
+    """The paper's tables in its order. Open worlds are in none of them."""
+    return [_budgets(results), _metrics(results), heat_map(results), _dimensions(results), _regraded(results)]
+
+
+def _budgets(results: Sequence[AgentResults]) -> Table:
+    budgets = sorted({*BUDGETS, *(row.key.budget for result in results for row in result.suite)})
+    rows: list[list[Cell]] = []
+    for budget in budgets:
+        groups = [result.summary.by_budget.get(budget) for result in results]
+        ours: list[Cell] = [group and _plain(group.strict_accuracy) for group in groups]
+        place = BUDGETS.index(budget) if budget in BUDGETS else None
+        theirs: list[Cell] = [None if place is None else _plain(model.accuracy[place] / 100) for model in PAPER]
+        rows.append([str(budget), *ours, *theirs])
+    return Table("paper_overall", "Overall accuracy (%) by iteration budget", ("I_max", *_models(results)), rows)
+
+
+def _metrics(results: Sequence[AgentResults]) -> Table:
+    rows: list[list[Cell]] = []
+    for result in results:
+        whole = result.whole
+        rows.append([result.label, _plain(whole.strict_accuracy), _score(whole.final_score), whole.g, whole.v])
+    for model in PAPER:
+        _, _, g, v, _, _ = model.dimensions
+        rows.append([model.model + MARK, _plain(model.mean_accuracy / 100), Score(model.final_score), g, v])
+    columns = ("Model", "Acc. (%)", "Avg. FS", "Ground.", "Act. Val.")
+    return Table("paper_metrics", "Metrics of each model over all iteration budgets", columns, rows)
+
+
+def heat_map(results: Sequence[AgentResults]) -> Table:
+    """Accuracy by category, in the paper's order of categories."""
+    rows: list[list[Cell]] = []
+    for place, (category, title) in enumerate(CATEGORIES.items()):
+        groups = [result.summary.by_category.get(category) for result in results]
+        ours: list[Cell] = [group and _plain(group.strict_accuracy) for group in groups]
+        rows.append([title, *ours, *(_plain(model.by_category[place] / 100) for model in PAPER)])
+    return Table("paper_heat_map", "Accuracy (%) by category", ("Category", *_models(results)), rows)
+
+
+def _dimensions(results: Sequence[AgentResults]) -> Table:
+    rows: list[list[Cell]] = []
+    for result in results:
+        whole = result.whole
+        means = (whole.c, whole.e, whole.g, whole.v, whole.r, whole.g_prime)
+        rows.append([result.label, _plain(whole.strict_accuracy), *means, _score(whole.final_score)])
+    for model in PAPER:
+        cells = (_plain(model.mean_accuracy / 100), *model.dimensions, Score(model.final_score))
+        rows.append([model.model + MARK, *cells])
+    columns = ("Model", "Acc. (%)", "C", "E", "G", "V", "R", "G′", "FS")
+    return Table("paper_dimensions", "Six scoring dimensions", columns, rows)
+
+
+def _regraded(results: Sequence[AgentResults]) -> Table:
+    rows: list[list[Cell]] = []
+    for reason in NormalisationClass:
+        forgiven = [row for result in results for row in result.suite if row.grade.normalisation is reason]
+        scenes = len({row.key.scene for row in forgiven})
+        rows.append([reason.value.replace("_", " "), len(forgiven), scenes, *REGRADED[reason.value]])
+    columns = ("Class", "cases", "scenes", "cases" + MARK, "scenes" + MARK)
+    return Table("paper_regraded", "Re-graded answers by class of normalisation", columns, rows)
+
+
+def _models(results: Sequence[AgentResults]) -> list[str]:
+    return [*(result.label for result in results), *(model.model + MARK for model in PAPER)]
+
+
+def _plain(share: float | None) -> Share | None:
+    return None if share is None else Share(share, None, None, None)
+
+
+def _score(value: float | None) -> Score | None:
+    return None if value is None else Score(value)
