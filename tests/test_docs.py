@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
+from pydantic import BaseModel
 
 from evaluator.markdown import markdown_table
 from evaluator.records import Episode, GradeRecord, Record, RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from physment_mcp.serving.server import published_tools
-from scenes import Pack, list_packs
+from scenes import Instruments, LabLimits, Pack, Permissions, list_packs
+from scenes.pack import AnswerSpec, Metadata
 from tests.builders.paths import DOCS, ROOT
 
 
@@ -116,6 +118,13 @@ def test_the_schemas_of_results_are_current(name: str, record: type[Record], upd
     if update_goldens:
         file.write_text(text, encoding="utf-8")
     assert file.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("part", [Pack, AnswerSpec, Metadata, Permissions, LabLimits, Instruments])
+def test_the_page_of_the_format_names_every_field(part: type[BaseModel]) -> None:
+    page = (DOCS / "reference" / "scene-format.md").read_text(encoding="utf-8")
+    code = " ".join(re.findall(r"`[^`]*`", page))
+    assert [name for name in part.model_fields if not re.search(rf"\b{name}\b", code)] == []
 
 
 def test_every_pack_fits_the_published_schema() -> None:
