@@ -28,7 +28,7 @@ LEAST_TIME_S = 0.1
 """Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""
 
 _PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
-_PERIOD_BY_FORMULA = re.compile(r"\bT ?(?:=|≈)[^\n]{0,80}(?:=|≈|\\approx) ?$")
+_PERIOD_BY_FORMULA = re.compile(r"\bT ?(?:=|≈)[^\n=≈]{0,24}(?:(?:=|≈)[^\n=≈]{0,24})?(?:=|≈|\\approx) ?$")
 _SECOND = parse_unit("s")
 _OBJECT_ID = re.compile(r"object_\d+|\d+")
 

@@ -36,8 +36,8 @@ _REFUSED_BY_OTHERS = re.compile(
 """How the authors' program reports a bad argument; our laboratory starts such a refusal with the name of the tool."""
 _PLACE_READINGS = frozenset({"get_position", "get_displacement", "get_center_of_mass"})
 _PREFERS_MEASURED = re.compile(
-    r"\b(?:actual|true|real|verified|simulat\w+|returned|measured)\b[^.\n]{0,60}\bmass\b|"
-    r"\bmass\b[^.\n]{0,60}\b(?:verified|(?:in|by|from|per) the simulat\w+)",
+    r"\b(?:actual|true|real|verified|simulat\w+|returned|measured)\b[^.\n]{0,16}\bmass\b|"
+    r"\bmass\b[^.\n]{0,16}\b(?:verified|(?:in|by|from|per) the simulat\w+)",
     re.IGNORECASE,
 )
 _KILOGRAM = parse_unit("kg")

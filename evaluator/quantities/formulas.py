@@ -75,8 +75,6 @@ _TIES = {
     TokenKind.FUNCTION,
 }
 """What ties a short word to a formula, so that it is a symbol."""
-
-
 _OPERATIONS = {
     TokenKind.POWER,
     TokenKind.RAISED,
@@ -263,25 +261,19 @@ def _may_be_coefficient(token: Token) -> bool:
 
 def _statements(sides: Sequence[Sequence[Token]], coefficients: Collection[int]) -> Iterator[Statement]:
     """Each single number of a chain, with the last arithmetic before it."""
-    for index, side in enumerate(sides):
-        if not (index and side and side[-1].kind in {TokenKind.NUMBER, TokenKind.UNIT}):
-            continue
+    arithmetic: Sequence[Token] = ()
+    for side in sides:
         numbers = [token for token in side if token.kind is TokenKind.NUMBER]
-        if len(numbers) != 1 or any(token.kind not in _RESULT for token in side):
-            continue
-        for earlier in reversed(sides[:index]):
-            statement = _statement(earlier, numbers[0].start, coefficients)
-            if statement is not None:
-                yield statement
-                break
+        is_result = len(numbers) == 1 and all(token.kind in _RESULT for token in side)
+        if arithmetic and is_result and side[-1].kind in {TokenKind.NUMBER, TokenKind.UNIT}:
+            yield _statement(arithmetic, numbers[0].start, coefficients)
+        is_calculated = len(numbers) > 1 or any(token.kind in _OPERATIONS for token in side)
+        if numbers and is_calculated and len(side) <= _MAX_TOKENS and not _is_symbolic(side):
+            arithmetic = side
 
 
-def _statement(side: Sequence[Token], result: int, coefficients: Collection[int]) -> Statement | None:
-    """The arithmetic of a side; None if it has a symbol, is a single number, or cannot be evaluated."""
+def _statement(side: Sequence[Token], result: int, coefficients: Collection[int]) -> Statement:
     numbers = [token for token in side if token.kind is TokenKind.NUMBER]
-    is_arithmetic = len(numbers) > 1 or any(token.kind in _OPERATIONS for token in side)
-    if not numbers or not is_arithmetic or len(side) > _MAX_TOKENS or _is_symbolic(side):
-        return None
     operands = tuple(token.start for token in numbers if token.start not in coefficients)
     squared = {token.start for token, after in pairwise(side) if after.kind is TokenKind.RAISED and after.value == 2}
     return Statement(side[0].start, result, operands, frozenset(squared), tuple(side))

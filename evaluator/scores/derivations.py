@@ -10,6 +10,8 @@ from evaluator.records import Record
 
 _ROUNDING = 1e-9
 """Relative error of the arithmetic itself."""
+_REMEMBERED = 100
+"""Derived numbers that are remembered; older ones are forgotten, so that the work grows no faster than the text."""
 
 
 class Derivation(Record):
@@ -78,6 +80,7 @@ class TurnText:
             found = next((before.derivation for before in reversed(self._derived) if _agrees(number, before)), None)
         else:
             self._derived.append(Derived(number.unit, found))
+            del self._derived[:-_REMEMBERED]
         if found is not None:
             self.know(number, found.value)
         return found

@@ -21,7 +21,7 @@ from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import expected_form
 from evaluator.protocols import lenient_json, text
 from evaluator.protocols.text import parse_reply
-from evaluator.quantities import spoken
+from evaluator.quantities import formulas, spoken
 from evaluator.scores import dimensions
 from evaluator.scores.grounding import grounding_of
 from scenes.pack import AnswerKind, AnswerSpec
@@ -37,6 +37,7 @@ ANSWERS = [
 PROSE = [
     *("1", "1 ", "(1,", "1.", "-", "1e", "1 m ", "[1,2]", "{", " ", "1 m/s/s*", "cart (object_2), ", "the name 1"),
     *("object_1 (wall) ", "match ", "period 1", "expected ", "assume ", "given the ", "x"),
+    *("=1", "2*3=6 ", "2*3=", "x=2*", "√(", "\\frac{", "a ", "should ", "T = ", "real ", "mass ", "0.37*2=0.74 "),
 ]
 REPLIES = [
     '[{"tool":"a"},',
@@ -63,7 +64,7 @@ KEYS = [
     AnswerKey("rises", AnswerSpec(kind=AnswerKind.CHOICE, options=("rises", "falls"))),
     AnswerKey("it tips", AnswerSpec(kind=AnswerKind.TEXT, accept=("it (?:tips|falls) over",))),
 ]
-MATCHED = {"_LABEL", "_TWO_NAMES", "_NUMBERS", "_MORE", "_CLOSING"}
+MATCHED = {"_LABEL", "_TWO_NAMES", "_NUMBERS", "_MORE", "_CLOSING", "_SCAN"}
 """Patterns that are matched at one place. All others are searched for in the whole text."""
 Steps = Callable[[re.Pattern[str], str], int]
 
@@ -91,7 +92,7 @@ PATTERNS = [
     pytest.param(pattern, match_steps if name in MATCHED else steps_of_search, pieces, id=f"{module.__name__}.{place}")
     for pieces, modules in (
         (ANSWERS, (forms, words)),
-        (PROSE, (spoken, dimensions, answering, calling, findings, reasoning)),
+        (PROSE, (spoken, formulas, dimensions, answering, calling, findings, reasoning)),
         (REPLIES, (lenient_json, text)),
     )
     for module in modules
