@@ -1,0 +1,131 @@
+"""Leads a puck over a floor whose laws are unknown, and predicts from them. For reference protocols of open worlds."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenes.courses import Array, Course, Laws, force, position, recorded, velocity
+from scenes.protocol import AnswerValue, Call, Exchanges, Protocol, answer, call
+
+PUCK = "object_1"
+AXES = (0, 1)
+_HEAVY_KG = 1e6
+_SIZES = (0.25, 0.5, 0.75, 1.0)
+"""Sizes of the pushes that are considered, as shares of the largest."""
+
+
+@dataclass(frozen=True, slots=True)
+class PuckFloor:
+    """How a solution leads the puck, fits its laws and predicts. Masses in kg, SI units throughout."""
+
+    laws: Laws
+    """The state begins with x, y, vx and vy; the controls are the forces along x and y; one of the constants is `m`."""
+    predict: Callable[[str, Mapping[str, Any]], AnswerValue]
+    """The answer from a structure and its constants."""
+    targets: Sequence[tuple[float, float]]
+    """Places that the puck is led to, round and round."""
+    near_m: float
+    """How near to a target is near enough."""
+    safe_m: float
+    """Distance from the middle that the puck should not exceed."""
+    haste: float
+    """Largest push per kilogram [m/s²]."""
+    leg_s: float
+    """How long a push is held."""
+    slowed: float
+    """Share of the speed that is left after a leg, about."""
+    coasts_s: float
+    """How long the puck coasts after a leg, about."""
+    fixed_pushes: Sequence[tuple[float, float, float]]
+    """Pushes of the fixed batch: fx, fy, duration."""
+    legs: int = 19
+    looks: int = 2
+    """Readings during each push."""
+    lightest_kg: float = 0.3
+    heaviest_kg: float = 6.0
+
+    def solve(self, _: str) -> Protocol:
+        """Begin gently, then lead the puck to and fro with forces that suit its mass; fit every law to the course."""
+        seen, place, speed = list[tuple[Call, Any]](), np.zeros(2), np.zeros(2)
+        targets, mass = list(self.targets), self.lightest_kg
+        for _leg in range(self.legs):
+            if np.hypot(*(np.array(targets[0]) - place)) < self.near_m:
+                targets = targets[1:] + targets[:1]
+            calls = self.push(mass * self.aimed(place, speed, np.array(targets[0])), self.leg_s)
+            readings = yield calls
+            seen += zip(calls, readings, strict=True)
+            place, speed = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
+            mass = min(self.mass(seen), 3 * mass)
+        yield [answer(self.best(seen))]
+
+    def batch(self, _: str) -> Protocol:
+        """Pushes to and fro of fixed sizes and lengths, and the same fit."""
+        calls = [asked for x, y, lasting in self.fixed_pushes for asked in self.push(np.array([x, y]), lasting)]
+        readings = yield calls
+        yield [answer(self.best(list(zip(calls, readings, strict=True))))]
+
+    def fit(self, readings: Exchanges, structure: str) -> AnswerValue:
+        """The answer of the best fit of a structure."""
+        return self.predict(structure, self.laws.fitted(_course(readings), structure)[1])
+
+    def best(self, readings: Exchanges) -> AnswerValue:
+        """The answer of the structure that fits best."""
+        return self.predict(*self.laws.best(_course(readings)))
+
+    def push(self, newtons: Array, duration: float) -> list[Call]:
+        """A push that is held, looked at in even intervals."""
+        look = round(duration / self.looks / 0.005) * 0.005
+        eyes = [call("get_position", object_id=PUCK), call("get_velocity", object_id=PUCK)]
+        pushed = call("apply_force", object_id=PUCK, force_vector=[*np.round(newtons, 3).tolist(), 0.0])
+        return [pushed, *([call("step", duration=look), *eyes] * self.looks)]
+
+    def mass(self, readings: Exchanges) -> float:
+        """Mass so far, as if there were a drag and a force across in proportion to the speed, and a uniform force."""
+        course, sigma = _course(readings), self.laws.sigma[2]
+        durations, after = course.durations, course.readings[:, 2:4]
+        before = np.vstack([[0.0, 0.0], after[:-1]])
+        (fx, fy), (vx, vy) = course.controls[:, :2].T, (before + after).T / 2
+        ones, none = np.ones_like(durations), np.zeros_like(durations)
+        rows = np.concatenate([np.array([fx, -vx, vy, ones, none]).T, np.array([fy, -vy, -vx, none, ones]).T])
+        rows *= np.tile(durations, 2)[:, None] / sigma
+        changes = (after - before).T.ravel() / sigma
+        weak = 0.5 * np.eye(5)
+        found = np.linalg.lstsq(np.vstack([rows, weak]), np.concatenate([changes, np.zeros(5)]), rcond=None)[0]
+        return float(1 / np.clip(found[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
+
+    def aimed(self, place: Array, speed: Array, target: Array) -> Array:
+        """Of many pushes per kilogram, the one that brings the puck to rest nearest to a target, but not far out."""
+        angles = np.linspace(0, 2 * np.pi, 25)[:-1]
+        ways = np.array([np.cos(angles), np.sin(angles)]).T
+        pushes = np.concatenate([size * self.haste * ways for size in _SIZES])
+        after = self.slowed * (speed + self.leg_s * pushes)
+        rest = place + self.leg_s * (speed + after) / 2 + self.coasts_s * after
+        out = np.maximum(np.hypot(*rest.T) - self.safe_m, 0.0)
+        return pushes[np.argmin(np.hypot(*(rest - target).T) + 10 * out)]
+
+
+def _course(readings: Exchanges) -> Course:
+    """Pushes and what was read after them."""
+    seen = [*(position(PUCK, axis) for axis in AXES), *(velocity(PUCK, axis) for axis in AXES)]
+    return recorded(readings, [force(PUCK, axis) for axis in AXES], seen)
+
+
+def force_on_puck(
+    engine: Any, place: tuple[float, float], speed: tuple[float, float] = (0.0, 0.0), time: float = 0.0
+) -> Array:
+    """Force on the puck at a place, a velocity and a time, in the engine [N].
+
+    A huge inertia keeps place and velocity during the time step in which the force is read. The body `gate` is put
+    away, so that the rim holds nothing.
+    """
+    heavy = engine.changed({f"joint[{PUCK}_{axis}].armature": _HEAVY_KG for axis in "xy"})
+    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy.step(heavy.whole_steps(time))
+    half = np.array(speed) * heavy.timestep / 2
+    heavy.place(PUCK, np.array([*(np.array(place) - half), 0.05]), {})
+    heavy.set_velocity(PUCK, np.array([*speed, 0.0]))
+    before = heavy.twist(PUCK).linear
+    heavy.step(1)
+    return (heavy.twist(PUCK).linear - before)[:2] * _HEAVY_KG / heavy.timestep
