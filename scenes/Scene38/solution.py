@@ -1,78 +1,297 @@
-"""Scene 38: turn the shaft faster or slower until the arm stands at 45°."""
+"""Scene 38: map the pull of the cords with a puck that drifts, fit three cords, predict the balance at 70 N."""
 
-from math import acos, cos, radians, sin, sqrt
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
+from scipy.optimize import least_squares, minimize
 
 from scenes.protocol import answer, call
 
-LENGTH = 0.5
-HINGE_X = 0.1
-WANTED = radians(45)
-FIRST_TORQUE = 80.0
-PULSE_S = 1.0
-SETTLE_S = 6.0
-SLOW, FAST = 1.0, 20.0
-"""Rates [rad/s] far below and far above that sought."""
-PROBES = 12
-SHAFT_INERTIA = 40.0
+PUCK = "object_1"
+FAR_N = ((0.0, -70.0), (70.0, 0.0))
+LIMIT_N, EDGE_M = 12.0, 0.185
+FIRST_N, FIRST_S, FIRST_M_S = 0.2, 0.2, 0.02
+PAIRS = 7
+LOOKS = 3
+LONGEST_S = 2.0
+LAB_S = 26.0
+"""Lab time of which each push takes at most the half of what is left."""
+ALL_ROUND = (0.0, pi, pi / 2, 3 * pi / 2)
+KINKS_M = (0.03, 0.06)
+BEAM = 3
+"""Fits that are carried on to more kinks."""
+PENALTY, LATE = 12.0, 1000.0
+"""Score of each parameter of a kink, and of a kink that comes later than it can."""
+VALUES = {"E": 0, "W": 1, "S": 2}
+"""Kind of a cord → parameters of its kink: elastic throughout, lifts a weight, gets stiffer."""
+LAST_KINK_M = 0.09
+"""A little more than the stretch before which, as told, the law of a cord has changed if it does."""
 
 
-def _turn(torque):
-    """Turn the shaft for a second, let the arm settle; read torque, energy, momentum (per kg) and the bob's height."""
-    return [
-        call("apply_torque", object_id="object_1", torque_vector=[0, 0, torque]),
-        call("get_torque", object_id="object_1"),
-        call("step", duration=PULSE_S),
-        call("apply_torque", object_id="object_1", torque_vector=[0, 0, 0]),
-        call("step", duration=SETTLE_S),
-        call("get_rotational_energy", object_id="object_1", mass=1.0),
-        call("get_angular_momentum", object_id="object_1", mass=1.0),
-        call("get_potential_energy", object_id="object_2", mass=1.0, gravity=1.0),
-    ]
+def _pull(places, cords):
+    """Sum of the pulls at places (n, 2); a cord is x, y, k, length, kink (stretch), stiffness beyond over k."""
+    total = np.zeros_like(places)
+    for x, y, k, length, kink, beyond in cords:
+        away = np.array([x, y]) - places
+        distance = np.hypot(away[:, 0], away[:, 1]) + 1e-12
+        stretch = np.maximum(distance - length, 0.0)
+        tension = k * stretch + k * (beyond - 1.0) * np.maximum(stretch - kink, 0.0)
+        total += (tension / distance)[:, None] * away
+    return total
 
 
-def _rate(readings):
-    """The shaft's rate: twice the energy over the angular momentum."""
-    return 2 * readings[5]["rotational_energy"] / readings[6]["angular_momentum"]["z"]
+def _rest(cords, force):
+    """Where force and pulls balance: the lowest place of a convex energy."""
+    push = np.array(force)
+
+    def energy(place):
+        total = -push @ place
+        for x, y, k, length, kink, beyond in cords:
+            stretch = max(hypot(x - place[0], y - place[1]) - length, 0.0)
+            total += k * stretch**2 / 2 + k * (beyond - 1.0) * max(stretch - kink, 0.0) ** 2 / 2
+        return total
+
+    def slope(place):
+        return -push - _pull(place[None, :], cords)[0]
+
+    start = push / sum(k for _, _, k, _, _, _ in cords)
+    return minimize(energy, start, jac=slope, method="BFGS", options={"gtol": 1e-7}).x
 
 
-def _angle(readings):
-    """The arm's angle from the vertical."""
-    return acos(min(max(-readings[7]["potential_energy"] / LENGTH, -1.0), 1.0))
+def _answers(cords):
+    return [float(np.hypot(*_rest(cords, force))) for force in FAR_N]
+
+
+def _field(exchanges):
+    """Pushes, places and velocities of all pairs of readings inside the edge, each (n, 2)."""
+    push, place, rows = (0.0, 0.0), None, []
+    for asked, reading in exchanges:
+        if asked.tool == "apply_force" and "error" not in reading:
+            push = asked.arguments["force_vector"][:2]
+        elif asked.tool == "get_position":
+            place = reading["position"][:2]
+        elif asked.tool == "get_velocity":
+            rows.append((*push, *place, *reading["velocity"][:2]))
+    table = np.array(rows)
+    table = table[np.hypot(table[:, 2], table[:, 3]) < EDGE_M + 0.01]
+    return table[:, :2], table[:, 2:4], table[:, 4:]
+
+
+def _cords(values, kinds):
+    """The cords of a vector of parameters: three times x, y, log k, length, then a kink, with its stiffness ratio."""
+    cords, extra = [], 13
+    for number, kind in enumerate(kinds):
+        x, y, log_k, length = values[1 + 4 * number : 5 + 4 * number]
+        kink, beyond = 1.0, 1.0
+        if kind != "E":
+            kink, beyond = values[extra], 0.0
+            extra += 1
+        if kind == "S":
+            beyond = np.exp(min(values[extra], 5.0))
+            extra += 1
+        cords.append((x, y, np.exp(min(log_k, 9.0)), length, kink, beyond))
+    return cords
+
+
+def _fitted(field, kinds, start):
+    """Cords of these kinds fitted to the field from a start: a score, which is low for few and small misfits."""
+    push, place, velocity = field
+
+    def misfit(values):
+        return (push + _pull(place, _cords(values, kinds)) - np.exp(values[0]) * velocity).ravel()
+
+    found = least_squares(misfit, start, x_scale="jac", max_nfev=60)
+    late = any(kink > LAST_KINK_M for *_, kink, beyond in _cords(found.x, kinds) if beyond != 1.0)
+    return push.size * np.log(2 * found.cost) + PENALTY * (len(start) - 13) + LATE * late, kinds, found.x
+
+
+def _plain(field):
+    """The best fit by three cords without kinks, from starts all round."""
+    push, place, velocity = field
+    (oil,), *_ = np.linalg.lstsq(velocity[:2].reshape(-1, 1), push[:2].ravel(), rcond=None)
+    radius = np.hypot(place[:, 0], place[:, 1])
+    pull = np.hypot(*(oil * velocity - push).T)
+    scale = float(np.median(pull[radius > 0.04] / (radius[radius > 0.04] - 0.03)))
+    fits = []
+    for turn in np.arange(0, 2 * pi / 3, pi / 9):
+        start = [np.log(oil)]
+        for bearing in (turn, turn + 2 * pi / 3, turn + 4 * pi / 3):
+            start += [0.7 * cos(bearing), 0.7 * sin(bearing), np.log(scale), 0.73]
+        fits.append(_fitted(field, "EEE", np.array(start)))
+    return min(fits, key=lambda fit: fit[0])
+
+
+def _away(fitted):
+    """The bearings along the cords, away from their pegs."""
+    _, kinds, values = fitted
+    return [atan2(-cord[1], -cord[0]) for cord in _cords(values, kinds)]
+
+
+def _with_kink(field, fitted, number, kind):
+    """The best fit when one more cord has a kink."""
+    _, kinds, values = fitted
+    before = 13 + sum(VALUES[earlier] for earlier in kinds[:number])
+    more = kinds[:number] + kind + kinds[number + 1 :]
+    starts = [np.insert(values, before, [kink, 0.9] if kind == "S" else [kink]) for kink in KINKS_M]
+    if kind == "S":  # the stiffness found so far may be that beyond the kink
+        late = starts[0].copy()
+        late[3 + 4 * number : 5 + 4 * number] -= (0.9, 0.03)
+        starts.append(late)
+    return min((_fitted(field, more, start) for start in starts), key=lambda fit: fit[0])
+
+
+def _without_kink(field, fitted, number):
+    """The fit when a cord has its kink no longer."""
+    _, kinds, values = fitted
+    before = 13 + sum(VALUES[earlier] for earlier in kinds[:number])
+    less = np.delete(values, range(before, before + VALUES[kinds[number]]))
+    return _fitted(field, kinds[:number] + "E" + kinds[number + 1 :], less)
+
+
+def _structures(field):
+    """The best fit of each structure: kinks are added one by one to the best fits with fewer, and taken away again."""
+    level, best = [_plain(field)], {}
+    for _ in range(3):
+        level = [
+            _with_kink(field, fitted, number, kind)
+            for fitted in level
+            for number in range(3)
+            if fitted[1][number] == "E"
+            for kind in "SW"
+            if kind == "S" or "W" not in fitted[1]
+        ]
+        level.sort(key=lambda fit: fit[0])
+        for fitted in level:
+            best.setdefault(_label(fitted), fitted)
+        level = level[:BEAM]
+    for fitted in sorted(best.values(), key=lambda fit: -len(_label(fit))):
+        for number in range(3):
+            if fitted[1][number] != "E" and len(_label(fitted)) > 1:
+                less = _without_kink(field, fitted, number)
+                best[_label(less)] = min(best.get(_label(less), less), less, key=lambda fit: fit[0])
+    return best
+
+
+def _label(fitted):
+    return "".join(sorted(fitted[1])).replace("E", "")
+
+
+def _prediction(fitted):
+    _, kinds, values = fitted
+    return _answers(_cords(values, kinds))
+
+
+def fit(readings, structure):
+    """The two distances by the model of a structure."""
+    return _prediction(_structures(_field(readings))[structure])
+
+
+def _look(seconds):
+    return [call("step", duration=seconds), call("get_position", object_id=PUCK), call("get_velocity", object_id=PUCK)]
+
+
+def _push(force):
+    return call("apply_force", object_id=PUCK, force_vector=[float(force[0]), float(force[1]), 0.0])
+
+
+def _way_left(place, velocity):
+    """Way from a place to the edge, straight on."""
+    ahead = velocity / (np.hypot(*velocity) + 1e-12)
+    along = float(place @ ahead)
+    return -along + np.sqrt(max(along**2 + EDGE_M**2 - float(place @ place), 0.0))
+
+
+def _plan(place, pull, oil, direction, longest):
+    """The hardest push, and a pause between looks, that end before the edge: under a steady push no speed grows."""
+    for size in np.geomspace(LIMIT_N, 0.2, 40):
+        velocity = (size * direction + pull) / oil
+        pause = min(longest, _way_left(place, velocity) / np.hypot(*velocity) / LOOKS)
+        if pause > 0.35:
+            return size * direction, max(0.005 * int(pause / 0.005), 0.005)
+    return np.zeros(2), 0.35
 
 
 def solve(task):
-    """Halve the range of rates; the torque for a change of rate follows from what the last torque did."""
-    readings = yield _turn(FIRST_TORQUE)
-    rate = _rate(readings)
-    inertia = readings[1]["torque"]["z"] * PULSE_S / rate
-    low, high = (rate, FAST) if _angle(readings) < WANTED else (SLOW, rate)
-    for _ in range(PROBES):
-        readings = yield _turn(inertia * (sqrt(low * high) - rate) / PULSE_S)
-        rate = _rate(readings)
-        low, high = (rate, high) if _angle(readings) < WANTED else (low, rate)
-    yield [answer(sqrt(low * high))]
+    """Push as hard as is safe in four directions, then along each cord; fit all structures, predict by the best."""
+    exchanges = []
+    calls = [_push((FIRST_N, 0)), *_look(FIRST_S)]
+    readings = yield calls
+    exchanges += zip(calls, readings, strict=True)
+    size = FIRST_N * FIRST_M_S / max(readings[-1]["velocity"][0], 5e-4)
+    push = np.array([min(size, LIMIT_N), 0.0])
+    calls = [_push(push), *_look(FIRST_S)]
+    readings = yield calls
+    exchanges += zip(calls, readings, strict=True)
+    oil = push[0] / readings[-1]["velocity"][0]
+    bearings = list(ALL_ROUND)
+    for pair in range(PAIRS):
+        if pair == len(ALL_ROUND):
+            bearings += _away(_plain(_field(exchanges)))
+        direction = np.array([cos(bearings[pair]), sin(bearings[pair])])
+        for _ in range(2):
+            place, velocity = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
+            left = LAB_S - readings[-1]["sim_time"]
+            longest = max(min(LONGEST_S, left / 2 / LOOKS), 0.36)
+            push, pause = _plan(place, oil * velocity - push, oil, direction, longest)
+            calls = [_push(push), *(_look(pause) * LOOKS)]
+            readings = yield calls
+            exchanges += zip(calls, readings, strict=True)
+    best = _structures(_field(exchanges))
+    yield [answer(_prediction(min(best.values(), key=lambda fit: fit[0])))]
+
+
+def _drawn(knobs):
+    cords = []
+    for i in "123":
+        x, y, k, length, kink, extra = (knobs[name + i] for name in ("x", "y", "k", "L", "s", "extra"))
+        cords.append((x, y, k, length, kink, 1 + extra / k))
+    return cords
+
+
+def structure(knobs):
+    """Which kinks there are."""
+    return knobs["kind"]
 
 
 def theory(knobs):
-    """ω² r L m cos θ = m g L sin θ + band, at θ = 45°, with r = 0.1 m + L sin θ."""
-    radius = HINGE_X + LENGTH * sin(WANTED)
-    weight = knobs["g"] * sin(WANTED)
-    return sqrt(weight * (1 + knobs["pull"]) / (radius * cos(WANTED)))
+    """The balance of forces."""
+    return _answers(_drawn(knobs))
 
 
 def measure(engine, knobs):
-    """The engine's own rate: a torque of known size for a second, a long wait, and the arm's angle."""
-    start = engine.save()
-    low, high = 1.0, 30.0
-    for _ in range(18):
-        middle = sqrt(low * high)
-        engine.restore(start)
-        engine.push("object_1", torque=np.array([0.0, 0.0, SHAFT_INERTIA * middle / PULSE_S]))
-        engine.step(engine.whole_steps(PULSE_S))
-        engine.push("object_1", torque=np.zeros(3))
-        engine.step(engine.whole_steps(2 * SETTLE_S))
-        below = engine.pose("object_2").position[2] < -LENGTH * cos(WANTED)
-        low, high = (middle, high) if below else (low, middle)
-    return float(engine.twist("object_1").angular[2])
+    """The puck without the edge, pushed until it rests."""
+    found = []
+    for force in FAR_N:
+        free = engine.changed({"body[rim].pos": (1000.0, 0.0, 0.0)})
+        free.push(PUCK, force=np.array([*force, 0.0]))
+        free.step(free.whole_steps(60.0))
+        found.append(float(np.hypot(*free.pose(PUCK).position[:2])))
+    return found
+
+
+def naive(knobs):
+    """All cords elastic throughout; or the rest at 4 N in proportion."""
+    cords = _drawn(knobs)
+    weak = [float(np.hypot(*_rest(cords, np.array(force) * 4 / 70))) * 70 / 4 for force in FAR_N]
+    return {"elastic throughout": _answers([(*cord[:4], 1.0, 1.0) for cord in cords]), "in proportion": weak}
+
+
+def stage(task):
+    """Ask for 70 N, and answer with where the puck is then."""
+    found = []
+    for force in FAR_N:
+        readings = yield [_push(force), *_look(6.0)]
+        found.append(float(np.hypot(*readings[2]["position"][:2])))
+    yield [answer(found)]
+
+
+def batch(task):
+    """Fifteen looks under pushes that grow, in directions all round."""
+    calls = []
+    for turn in range(15):
+        size = 0.3 * (12 / 0.3) ** (turn / 14)
+        bearing = 0.7 * pi * turn
+        calls += [_push((size * cos(bearing), size * sin(bearing))), *_look(2.2)]
+    readings = yield calls
+    best = _structures(_field(list(zip(calls, readings, strict=True))))
+    yield [answer(_prediction(min(best.values(), key=lambda fit: fit[0])))]
