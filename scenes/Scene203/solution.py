@@ -58,8 +58,8 @@ LAWS = Laws(
     start=START,
     sigma=(SIGMA_M, SIGMA_M, SIGMA_M_S, SIGMA_M_S),
     longest_s=0.25,
-    starts=200,
-    tried=3,
+    starts=500,
+    tried=4,
     rounds=15,
 )
 
