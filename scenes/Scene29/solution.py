@@ -1,79 +1,167 @@
-"""Scene 29: find from both sides how far the bar must be shifted before the cradle tips over."""
-
-from math import cos, radians, sin
+"""Scene 29: lead the arm to many steady spins, read the slider, fit the springs' pull, balance it at 9 rad/s."""
 
 import numpy as np
+from scipy.optimize import least_squares, nnls
 
 from scenes.protocol import answer, call
 
-TILT = radians(4)
-EDGE_Z = 1.0
-FAR_LEFT, FAR_RIGHT = -1.18, -0.02
-"""Places of the marked end [m] at which the bar surely tips the cradle to the left or to the right."""
-ROUNDS = 10
-TIP_S, LOOK_S = 1.5, 2.0
+START_M, ASKED, GUARD = 0.2, 9.0, 6.0
+PLACE_ERROR, SPIN_ERROR = 0.0007, 0.003
+WAIT_S, FIRST, GROWTH = 2.5, 0.01, 6.0
+SPINS = ((2.0, 3.0), (4.0, 4.5), (4.8, 5.1), (5.3, 5.5), (5.6, 5.75), (5.8, 5.4, 5.0), (4.3, 3.7, 5.2))
+MORE = ((5.85, 5.6, 5.3), (4.6, 5.8, 5.4), (3.3, 5.1, 5.7), (5.85, 4.8, 5.5), (5.85, 4.0, 5.2), (5.85, 5.85, 5.0))
+CALLS = 149
+NAMES = ("s0", "s1", "s2", "r1", "b", "power")
+FREE = {"two": (1, 2, 3), "stiffening": (1, 4, 5), "preload": (0, 1)}
+"""Which of the parameters a structure has; the others are 0."""
+LOW, HIGH = np.array([0.0, 5.0, 0.0, 0.21, 0.0, 1.7]), np.array([20.0, 500.0, 3000.0, 0.6, 2e4, 8.0])
+STARTS = (np.array([2.0, 120.0, 200.0, 0.3, 30.0, 3.0]), np.array([4.0, 60.0, 150.0, 0.38, 5.0, 4.0]))
 
 
-def _at(place, side):
-    """Where the marked end is, at a place along a cradle that the bar has tipped from a side."""
-    tilt = TILT if side == FAR_RIGHT else -TILT
-    return [place * cos(tilt), 0.0, EDGE_Z - place * sin(tilt)]
+def _pull(p, r):
+    """Pull over the mass of the slider."""
+    y = r - START_M
+    return (
+        p[0] * np.tanh(y / 1e-3) + p[1] * y + p[2] * np.maximum(r - p[3], 0) + p[4] * (np.maximum(y, 0) / 0.2) ** p[5]
+    )
 
 
-def _put(x, y, z):
-    return call("move_object", object_id="object_1", x=x, y=y, z=z)
-
-
-def _trial(side, place):
-    """Tip the cradle to one side, put the bar to a place, and look which side is down."""
-    return [
-        _put(side, 0, EDGE_Z),
-        call("step", duration=TIP_S),
-        _put(*_at(place, side)),
-        call("step", duration=LOOK_S),
-        call("get_position", object_id="object_1"),
-    ]
-
-
-def _left_is_down(reading, place):
-    """The marked end, left of the edge, goes down with the left side."""
-    return (reading["position"][2] < EDGE_Z) == (place < 0)
-
-
-def solve(task):
-    """Halve two ranges at once: where the tipped-right cradle goes over to the left, and the reverse."""
-    to_left, to_right = [FAR_LEFT, FAR_RIGHT], [FAR_LEFT, FAR_RIGHT]
-    for _ in range(ROUNDS):
-        first, second = sum(to_left) / 2, sum(to_right) / 2
-        readings = yield [*_trial(FAR_RIGHT, first), *_trial(FAR_LEFT, second)]
-        to_left[0 if _left_is_down(readings[4], first) else 1] = first
-        to_right[0 if _left_is_down(readings[9], second) else 1] = second
-    yield [answer(-(sum(to_left) + sum(to_right)) / 4)]
-
-
-def theory(knobs):
-    """The distance that was drawn."""
-    return knobs["c"]
-
-
-def _limit(engine, side):
-    """The place of the marked end at which the cradle tips over from one side, from a fresh state each time."""
-    start = engine.save()
-    low, high = FAR_LEFT, FAR_RIGHT
-    for _ in range(14):
-        place = (low + high) / 2
-        engine.restore(start)
-        for target, seconds in (([side, 0.0, EDGE_Z], TIP_S), (_at(place, side), LOOK_S)):
-            engine.place("object_1", np.array(target), {})
-            engine.step(engine.whole_steps(seconds))
-        if (engine.pose("object_1").position[2] < EDGE_Z) == (place < 0):
-            low = place
-        else:
-            high = place
-    engine.restore(start)
+def _distance(p, spin):
+    """Distance of the slider at steady spins, by halving."""
+    spin = np.asarray(spin, dtype=float)
+    low, high = np.full(spin.shape, START_M), np.full(spin.shape, 5.0)
+    for _ in range(45):
+        middle = (low + high) / 2
+        out = spin**2 * middle > _pull(p, middle)
+        low, high = np.where(out, middle, low), np.where(out, high, middle)
     return (low + high) / 2
 
 
+def _points(readings):
+    """Spins and distances in steady states, until the guard grips."""
+    points, distance = [], START_M
+    for asked, got in readings:
+        if asked.tool == "get_position":
+            distance = float(np.hypot(*got["position"][:2]))
+        elif asked.tool == "get_velocity":
+            if points and got["angular_velocity"] < 0.1 < points[-1][0]:
+                break
+            points.append((got["angular_velocity"], distance))
+    return np.array(points).T
+
+
+def _fitted(kind, readings):
+    """Misfit and the parameters of a structure that fit best."""
+    spin, distance = _points(readings)
+    free = list(FREE[kind])
+    best = None
+    for start in STARTS:
+        p = np.where(np.isin(np.arange(len(NAMES)), free), start, 0.0)
+
+        def off(q, p=p):
+            full = p.copy()
+            full[free] = np.exp(q)
+            here, next_to = _distance(full, spin), _distance(full, spin + 0.01)
+            return (here - distance) / np.hypot(PLACE_ERROR, (next_to - here) / 0.01 * SPIN_ERROR)
+
+        bounds = np.log(np.maximum(LOW[free], 1e-3)), np.log(HIGH[free])
+        got = least_squares(off, np.log(p[free]), bounds=bounds, max_nfev=40)
+        if best is None or got.cost < best[0]:
+            p[free] = np.exp(got.x)
+            best = (got.cost, p)
+    return 2 * best[0], best[1]
+
+
+def _best(readings):
+    """The parameters of the structure that fits best, with a price for each."""
+    fits = {kind: _fitted(kind, readings) for kind in FREE}
+    kind = min(fits, key=lambda name: fits[name][0] + 4 * len(FREE[name]))
+    return fits[kind][1]
+
+
+def _predict(p):
+    return float(_distance(p, ASKED))
+
+
+def _turn(torque):
+    return [
+        call("apply_torque", object_id="object_1", torque_vector=[0, 0, float(f"{torque:.5g}")]),
+        call("step", duration=WAIT_S),
+        call("get_position", object_id="object_2"),
+        call("get_velocity", object_id="object_1"),
+    ]
+
+
+def _torque(seen, spin):
+    """Torque for a spin, by a resistance with the spin and its square as so far."""
+    spins = _points(seen)[0]
+    torques = np.array([asked.arguments["torque_vector"][2] for asked, _ in seen if asked.tool == "apply_torque"])
+    sizes = nnls(np.column_stack([spins, spins**2]) / torques[:, None], np.ones(len(torques)))[0]
+    return float(sizes @ (spin, spin**2))
+
+
+def solve(task):
+    """A weak torque, growing until the arm turns; then spins up to the guard, two or three at a time."""
+    seen, torque = [], FIRST
+    while not seen or seen[-1][1]["angular_velocity"] < 0.2:
+        calls = _turn(torque)
+        torque *= GROWTH
+        seen += zip(calls, (yield calls), strict=True)
+    for spins in ((1.0,), *SPINS, *MORE):
+        calls = []
+        for spin in spins[: (CALLS - len(seen)) // 4]:
+            calls += _turn(_torque(seen, spin))
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(_predict(_best(seen)))]
+
+
+def fit(readings, structure):
+    """The distance by the springs of a structure."""
+    return _predict(_fitted(structure, readings)[1])
+
+
+def structure(knobs):
+    """Which springs there are."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    return np.array([knobs[name] for name in NAMES], dtype=float)
+
+
+def naive(knobs):
+    """One spring for all, by the distance near the guard; a way in proportion to the square of the spin."""
+    p = _true(knobs)
+    near = float(_distance(p, GUARD))
+    single = np.array([0, GUARD**2 * near / (near - START_M), 0, START_M, 0, 1])
+    return {
+        "one spring": _predict(single),
+        "way as the square of the spin": START_M + (near - START_M) * (ASKED / GUARD) ** 2,
+    }
+
+
+def stage(task):
+    """Turn as fast as possible."""
+    readings = yield [*_turn(5.0), *_turn(90.0)]
+    yield [answer(float(np.hypot(*readings[6]["position"][:2])))]
+
+
+def batch(task):
+    """Torques in even ratios over the whole range, and the same fit."""
+    calls = [asked for n in range(15) for asked in _turn(0.08 * 1.6**n)]
+    readings = yield calls
+    yield [answer(_predict(_best(list(zip(calls, readings, strict=True)))))]
+
+
+def theory(knobs):
+    """Balance of pull and spin at the spin that is asked."""
+    return _predict(_true(knobs))
+
+
 def measure(engine, knobs):
-    """Half-way between the engine's two limits."""
-    return -(_limit(engine, FAR_LEFT) + _limit(engine, FAR_RIGHT)) / 2
+    """The arm in the engine, without the guard, under the torque for the asked spin."""
+    free = engine.changed({"body[most].pos": (100.0, 0.0, 0.0)})
+    torque = knobs["drag"] * (ASKED + knobs["bend"] * ASKED**2 / 5)
+    free.push("object_1", torque=np.array([0.0, 0.0, torque]))
+    free.step(free.whole_steps(25.0))
+    return float(np.hypot(*free.pose("object_2").position[:2]))
