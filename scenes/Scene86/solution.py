@@ -1,94 +1,180 @@
-"""Scene 86: throw, read how high the ball came, and correct the speed until it comes to the height asked for."""
+"""Scene 86: weigh the glider with a weak push, drive it fast and slow between the nets, fit each gas and each law."""
 
-from math import sqrt
+from itertools import product
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
+from scenes.courses import Laws, force, position, recorded, velocity
 from scenes.protocol import answer, call
 
-MASS_KG = 1.0
-TARGET = 3.0
-LOOK_S = 0.05
-LOOKS = 44
-REST_S = 20.0
-"""Enough to sink back to the stand through the thickest air."""
-FIRST = 6.0
-MOST = 60.0
-ROUNDS = 9
-NEAR = 0.008
+SHOT_M_S, WEIGHT_M_S2 = 30.0, 9.81
+GREATEST_N, GREATEST_M_S2 = 20.0, 18.0
+LOW_M, HIGH_M, ROOM_M = -0.6, 11.4, 11.0
+LEVELS = (1.0, 1.0, 0.0, 1.0, 0.4, 0.0, 1.0, 1.0, 0.2)
+LEGS, CALLS = 13, 150
+EDGE_M = 0.4
+"""Half the thickness of the layer's edge."""
+GASES = {"uniform": (), "exponential": ("h",), "layer": ("edge", "rest")}
+DRAGS = {"linear": "a", "square": "q"}
 
 
-def _throw(speed):
-    """One throw, with the height of the ball (its potential energy for 1 kg and 1 m/s²) at short intervals."""
-    looks = [call("step", duration=LOOK_S), call("get_potential_energy", object_id="object_1", mass=1.0, gravity=1.0)]
-    return [
-        call("set_velocity", object_id="object_1", velocity_vector=[0, 0, speed]),
-        *(looks * LOOKS),
-        call("step", duration=REST_S),
-    ]
+def _rates(structure, knobs, time, state, push):
+    """Time derivative of height and speed."""
+    z, v = state
+    law, gas = structure.split(", ")
+    density = 1.0
+    if gas == "exponential":
+        density = np.exp(-z / knobs["h"])
+    elif gas == "layer":
+        density = 1 - (1 - knobs["rest"]) * (0.5 + 0.5 * np.tanh((z - knobs["edge"]) / EDGE_M))
+    drag = knobs["a"] if law == "linear" else knobs["q"] * abs(v)
+    return np.array([v + 0 * push[0], push[0] / knobs["m"] - density * drag * v])
 
 
-def _apex(heights):
-    """Greatest height: of the parabola through the highest look and its neighbours."""
-    top = max(range(1, len(heights) - 1), key=lambda look: heights[look])
-    before, highest, after = heights[top - 1 : top + 2]
-    return highest + (after - before) ** 2 / (8 * (2 * highest - before - after))
+LAWS = Laws(
+    rates=_rates,
+    structures={f"{law}, {gas}": ("m", DRAGS[law], *GASES[gas]) for law, gas in product(DRAGS, GASES)},
+    box={"m": (0.005, 6), "a": (0.1, 5), "q": (0.008, 0.6), "h": (2.5, 20), "edge": (2.0, 9.0), "rest": (0.05, 0.8)},
+    start=(0.0, 0.0),
+    sigma=(0.04, 0.08),
+    longest_s=0.1,
+    starts=200,
+    tried=5,
+    rounds=12,
+)
 
 
-def solve(task):
-    """Keep a speed that is too low and one that is too high; in between, take the apex as linear in v²."""
-    low, near, high, far = 0.0, 0.0, MOST, None
-    speed = FIRST
-    for turn in range(ROUNDS):
-        readings = yield _throw(speed)
-        apex = _apex([0.0] + [one["potential_energy"] for one in readings if "potential_energy" in one])
-        if abs(apex - TARGET) < NEAR:
-            break
-        if apex < TARGET:
-            low, near = speed, apex
-        else:
-            high, far = speed, apex
-        if far is None:
-            speed = min(2.0 * speed, MOST)
-        elif turn % 3 == 2:
-            speed = (low + high) / 2
-        else:
-            speed = sqrt(low**2 + (TARGET - near) / (far - near) * (high**2 - low**2))
-    yield [answer(MASS_KG * speed**2 / 2)]
+def _course(readings):
+    return recorded(readings, [force("object_1", 2)], [position("object_1", 2), velocity("object_1", 2)])
+
+
+def _shot(structure, knobs):
+    """Greatest height, and speed when back, of the shot with full weight."""
+
+    def rates(time, state):
+        return _rates(structure, knobs, time, state, [-WEIGHT_M_S2 * knobs["m"]])
+
+    def turns(time, state):
+        return state[1]
+
+    def lands(time, state):
+        return state[0] + (time < 0.01)
+
+    turns.terminal = lands.terminal = True
+    exact = {"rtol": 1e-7, "atol": 1e-8, "max_step": 0.05}
+    up = solve_ivp(rates, (0, 60), [0.0, SHOT_M_S], events=turns, **exact).y[:, -1]
+    down = solve_ivp(rates, (0, 60), [up[0], 0.0], events=lands, **exact).y[:, -1]
+    return [float(up[0]), float(-down[1])]
+
+
+def structure(knobs):
+    """How the resistance follows the speed, and how the gas lies."""
+    return f"{knobs['law']}, {knobs['gas']}"
+
+
+def fit(readings, structure):
+    """The shot by the best fit of a structure."""
+    return _shot(structure, LAWS.fitted(_course(readings), structure)[1])
 
 
 def theory(knobs):
-    """Backwards from rest at the apex, in s = sqrt(apex - z): v dv/dz = -(g + α v + β v² + κ (z - free) where taut)."""
-    steps = 200
-    span = sqrt(TARGET) / steps
+    """The shot from the drawn law."""
+    return _shot(structure(knobs), knobs)
 
-    def slope(root, speed):
-        # v is about proportional to s, so that dv/ds stays finite at the apex.
-        pull = knobs["kappa"] * max(TARGET - root**2 - knobs["free"], 0.0)
-        slowing = knobs["g"] + knobs["alpha"] * speed + knobs["beta"] * speed**2 + pull
-        return 2 * root * slowing / speed
 
-    pull = knobs["kappa"] * max(TARGET - knobs["free"], 0.0)
-    root, speed = span, span * sqrt(2 * (knobs["g"] + pull))
-    for _ in range(steps - 1):
-        one = slope(root, speed)
-        two = slope(root + span / 2, speed + span / 2 * one)
-        root, speed = root + span, speed + span * two
-    return MASS_KG * speed**2 / 2
+def naive(knobs):
+    """Gas everywhere as at the bottom; no gas; gas as at the bottom with the resistance at 5 m/s in proportion."""
+    drag = DRAGS[knobs["law"]]
+    other = {"m": knobs["m"], "a": 8.0 * knobs["q"], "q": knobs["a"] / 8.0}
+    law = "square" if drag == "a" else "linear"
+    return {
+        "uniform gas": _shot(f"{knobs['law']}, uniform", {"m": knobs["m"], drag: knobs[drag]}),
+        "no gas": [SHOT_M_S**2 / (2 * WEIGHT_M_S2), SHOT_M_S],
+        "other law": _shot(f"{law}, {knobs['gas']}", {**knobs, **other}),
+    }
+
+
+def _push(strength, duration, looks=2):
+    """A push, looked at in even intervals."""
+    look = max(1, round(duration / looks / 0.005)) * 0.005
+    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
+    push = call("apply_force", object_id="object_1", force_vector=[0.0, 0.0, round(float(strength), 4)])
+    return [push, *([call("step", duration=round(look, 3)), *eyes] * looks)]
+
+
+def _safe(z, v, acceleration, duration, greatest):
+    """Whether the glider stays off the nets during a leg, and can be stopped short of them after it."""
+    end, speed = z + v * duration + acceleration * duration**2 / 2, v + acceleration * duration
+    stop = end + speed * abs(speed) / (2 * 0.9 * greatest)
+    return min(end, stop) > LOW_M and max(end, stop) < HIGH_M
+
+
+def _chosen(z, v, level, sense, greatest, duration):
+    """Acceleration of a leg, and the sense of the motion from now on."""
+    for turn in (sense, -sense):
+        if _safe(z, v, turn * level * greatest, duration, greatest):
+            return turn * level * greatest, turn
+    return -np.sign(v) * greatest, -sense
+
+
+def solve(task):
+    """Pushes that grow until the glider moves visibly; then up and down, always short of the nets."""
+    seen, strength = [], 0.3
+    while True:
+        calls = _push(strength, 0.1, looks=1)
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+        v, before = readings[-1]["velocity"][2], seen[-5][1]["velocity"][2] if len(seen) > 4 else 0.0
+        if v - before > 0.25:
+            break
+        strength = min(4 * strength, GREATEST_N)
+    mass, sense = strength * 0.1 / (v - before), 1.0
+    z = readings[-2]["position"][2]
+    for leg in range(LEGS):
+        greatest = min(0.95 * GREATEST_N / mass, GREATEST_M_S2)
+        duration = round(0.5 * np.sqrt(ROOM_M / greatest), 2)
+        acceleration, sense = _chosen(z, v, LEVELS[leg % len(LEVELS)], sense, greatest, duration)
+        calls = _push(acceleration * mass, duration, looks=3)
+        if len(seen) + len(calls) > CALLS:
+            break
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+        z, v = readings[-2]["position"][2], readings[-1]["velocity"][2]
+        mass = LAWS.fitted(_course(seen), "square, uniform")[1]["m"] if leg < 3 else mass
+    yield [answer(_shot(*LAWS.best(_course(seen))))]
+
+
+PULSES = ((1, 0.3), (-2, 0.3), (4, 0.3), (-8, 0.3), (16, 0.3), (-8, 0.4), (8, 0.5), (-16, 0.4))
+
+
+def batch(task):
+    """Pushes up and down, ever stronger, and the same fit up to where a net may have caught."""
+    calls = [asked for strength, duration in PULSES for asked in _push(strength, duration)]
+    readings = yield calls
+    seen, kept = list(zip(calls, readings, strict=True)), []
+    for turn in range(0, len(seen), 7):
+        if any("position" in r and not LOW_M - 0.4 < r["position"][2] < HIGH_M + 0.6 for _, r in seen[turn : turn + 7]):
+            break
+        kept += seen[turn : turn + 7]
+    yield [answer(_shot(*LAWS.best(_course(kept or seen))))]
+
+
+def stage(task):
+    """Push as hard as one can, to shoot; the net catches the glider."""
+    readings = yield [*_push(GREATEST_N, 1.0, looks=1), *_push(0.0, 3.0, looks=1)]
+    yield [answer([readings[-2]["position"][2], abs(readings[-1]["velocity"][2])])]
 
 
 def measure(engine, knobs):
-    """The same speed by halving in the engine, whose ball must pass the height or turn below it."""
-    start = engine.save()
-    low, high = 0.0, MOST
-    for _ in range(16):
-        speed = (low + high) / 2
-        engine.restore(start)
-        engine.set_velocity("object_1", np.array([0.0, 0.0, speed]))
-        height = 0.0
-        while height < TARGET and (height == 0.0 or engine.twist("object_1").linear[2] > 0):
-            engine.step(1)
-            height = engine.pose("object_1").position[2]
-        # The ball turns within the last step; what it lost since is second order in the step.
-        low, high = (speed, high) if height < TARGET else (low, speed)
-    return MASS_KG * ((low + high) / 2) ** 2 / 2
+    """The shot in the engine, with the weight as a push and the nets a million metres away."""
+    free = engine.changed({"body[nets].pos": (0.0, 0.0, 1e6)})
+    free.push("object_1", force=np.array([0.0, 0.0, -WEIGHT_M_S2 * knobs["m"]]))
+    free.set_velocity("object_1", np.array([0.0, 0.0, SHOT_M_S]))
+    top, z, v = 0.0, 0.0, SHOT_M_S
+    while z >= 0.0:
+        top, before = max(top, z), (z, v)
+        free.step(1)
+        z, v = float(free.pose("object_1").position[2]), float(free.twist("object_1").linear[2])
+    share = before[0] / (before[0] - z)
+    return [top, -(before[1] + share * (v - before[1]))]
