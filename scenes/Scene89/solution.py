@@ -1,72 +1,207 @@
-"""Scene 89: find roughly when the ball passes the bottom by ever longer steps, then look closely around that moment."""
-
-from itertools import pairwise
-from math import sin, sqrt
+"""Scene 89: swing the pendulums together and against each other as far as the pawls allow, fit each coupling."""
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
+from scenes.courses import Channel, Laws, recorded
 from scenes.protocol import answer, call
 
-SIDE = {"x": 1.0, "y": 0, "z": 2.0}
-FIRST_S, GROWTH, GLANCES = 0.05, 1.15, 26
-LOOKS = 24
-STEP_S = 0.005
+HELD_RAD = 1.8
+GREATEST_NM, GREATEST_RAD_S2 = 5.9, 25.0
+NEAR_RAD, CAUGHT_RAD = 0.67, 0.82
+LEGS, LEG_S, COAST_S, CALLS = 11, 0.6, 2.0, 150
+PENDULUMS = ("object_1", "object_2")
+TOGETHER, AGAINST = np.array([1.0, 1.0]), np.array([1.0, -1.0])
+STRUCTURES = {
+    "wire": ("i", "w", "d", "k"),
+    "stiffening": ("i", "w", "d", "k", "b"),
+    "magnets": ("i", "w", "d", "k"),
+    "oil": ("i", "w", "d", "c"),
+}
 
 
-def _let_go():
-    return [
-        call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
-        call("move_object", object_id="object_1", **SIDE),
-    ]
+def _coupling(structure, knobs, gap, slip):
+    """Torque of the coupling against a difference of angles and of spins, over the moment of inertia."""
+    if structure == "oil":
+        return knobs["c"] * slip
+    if structure == "magnets":
+        return knobs["k"] * np.sin(gap)
+    return knobs["k"] * gap + (knobs["b"] * gap**3 if structure == "stiffening" else 0.0)
 
 
-def _look(duration):
-    return [call("step", duration=duration), call("get_position", object_id="object_1")]
+def _rates(structure, knobs, time, state, torques):
+    """Time derivative of both angles and both spins."""
+    first, second, spin, other = state
+    passed = _coupling(structure, knobs, first - second, spin - other)
+    return np.array(
+        [
+            spin,
+            other,
+            torques[0] / knobs["i"] - knobs["w"] * np.sin(first) - knobs["d"] * spin - passed,
+            torques[1] / knobs["i"] - knobs["w"] * np.sin(second) - knobs["d"] * other + passed,
+        ]
+    )
 
 
-def _passage(readings):
-    """Time from the letting go to the first passage of x = 0, between the looks before and after it."""
-    started = readings[1]["sim_time"]
-    looks = [(reading["sim_time"] - started, reading["position"][0]) for reading in readings[3::2]]
-    for (early, before), (late, after) in pairwise([(0.0, SIDE["x"]), *looks]):
-        if before > 0 >= after:
-            return early, late, early + (late - early) * before / (before - after)
-    return looks[-1][0], looks[-1][0], looks[-1][0]
+def _laws(starts, tried, rounds):
+    return Laws(
+        rates=_rates,
+        structures=STRUCTURES,
+        box={"i": (0.0005, 0.8), "w": (2, 40), "d": (0.03, 1.5), "k": (1, 30), "b": (0.5, 15), "c": (0.3, 12)},
+        start=(0.0, 0.0, 0.0, 0.0),
+        sigma=(0.006, 0.006, 0.02, 0.02),
+        longest_s=0.1,
+        starts=starts,
+        tried=tried,
+        rounds=rounds,
+    )
 
 
-def solve(task):
-    """A quarter of the swing lies between the letting go and the bottom."""
-    pauses = [FIRST_S * GROWTH**turn for turn in range(GLANCES)]
-    readings = yield [*_let_go(), *(one for pause in pauses for one in _look(pause))]
-    early, late, _ = _passage(readings)
-    pause = max(round((late - early) / LOOKS / STEP_S), 1) * STEP_S
-    looks = [one for _ in range(LOOKS + 1) for one in _look(pause)]
-    readings = yield [*_let_go(), *_look(max(early, STEP_S)), *looks]
-    yield [answer(4 * _passage(readings)[2])]
+LAWS, QUICK = _laws(80, 3, 12), _laws(60, 1, 5)
+
+
+def _course(readings):
+    torques = [Channel("apply_torque", body, "torque_vector", 1) for body in PENDULUMS]
+    seen = [Channel("get_position", body, "angle") for body in PENDULUMS]
+    seen += [Channel("get_velocity", body, "angular_velocity") for body in PENDULUMS]
+    return recorded(readings, torques, seen)
+
+
+def _predict(structure, knobs):
+    """Torque that holds object_1, and its spin at angle 0 after the release, with object_2 clamped."""
+
+    def rates(time, state):
+        pull = knobs["w"] * np.sin(state[0]) + knobs["d"] * state[1]
+        return [state[1], -pull - _coupling(structure, knobs, state[0], state[1])]
+
+    def passes(time, state):
+        return state[0]
+
+    passes.terminal = True
+    swing = solve_ivp(rates, (0, 100), [HELD_RAD, 0.0], events=passes, rtol=1e-8, atol=1e-9)
+    held = knobs["w"] * np.sin(HELD_RAD) + _coupling(structure, knobs, HELD_RAD, 0.0)
+    return [float(knobs["i"] * held), float(abs(swing.y[1, -1]))]
+
+
+def structure(knobs):
+    """What joins the pendulums."""
+    return knobs["kind"]
+
+
+def fit(readings, structure):
+    """The answer by the best fit of a structure."""
+    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
 
 
 def theory(knobs):
-    """T = 4 ∫ dθ / θ' from the side to the bottom; with cos θ = sin u² nothing is infinite in it."""
-    pull, field = 2 * knobs["g"], knobs["share"] * knobs["g"]
+    """The answer from the drawn law."""
+    return _predict(knobs["kind"], knobs)
 
-    def integrand(u):
-        height = sin(u * u)
-        return 2 * u / sqrt(pull * height + field * height**2) if u else 2 / sqrt(pull)
 
-    ends, halves = sqrt(np.pi / 2), 100
-    step = ends / (2 * halves)
-    inner = sum((4 if number % 2 else 2) * integrand(number * step) for number in range(1, 2 * halves))
-    return 4 * float(step / 3 * (integrand(0.0) + inner + integrand(ends)))
+def naive(knobs):
+    """No coupling; a coupling in proportion to the difference; the torque of the weight as if it were a spring."""
+    stiff = 0.0 if knobs["kind"] == "oil" else knobs["k"]
+    return {
+        "no coupling": _predict("wire", {**knobs, "k": 0.0}),
+        "all in proportion": [knobs["i"] * (knobs["w"] + stiff) * HELD_RAD, HELD_RAD * (knobs["w"] + stiff) ** 0.5],
+    }
+
+
+def _push(torques, duration, looks=2):
+    """Torques on both, with looks in even intervals."""
+    look = max(1, round(duration / looks / 0.005)) * 0.005
+    eyes = [call(tool, object_id=body) for tool in ("get_position", "get_velocity") for body in PENDULUMS]
+    pushes = [
+        call("apply_torque", object_id=body, torque_vector=[0.0, round(float(torque), 6), 0.0])
+        for body, torque in zip(PENDULUMS, torques, strict=True)
+    ]
+    return [*pushes, *([call("step", duration=round(look, 3)), *eyes] * looks)]
+
+
+def _now(readings):
+    """Angles and spins after the last look."""
+    return [reading.get("angle", reading.get("angular_velocity")) for reading in readings[-4:]]
+
+
+def _chosen(structure, knobs, state, pattern):
+    """Torques of a leg for the widest swing of a kind, with neither pendulum too near to a pawl then or later."""
+    greatest = min(GREATEST_NM, GREATEST_RAD_S2 * knobs["i"])
+    shares = np.linspace(-1, 1, 41)
+    torques = greatest * pattern[:, None] * shares
+    states, far = np.array(state)[:, None] + np.zeros(len(shares)), np.zeros((2, len(shares)))
+    for held, lasting in ((torques, LEG_S), (0 * torques, COAST_S)):
+        for _ in range(round(lasting / 0.1)):
+            states = QUICK.advanced(structure, knobs, 0.0, states, 0.1, held)
+            far = np.maximum(far, [abs(states[:2]).max(axis=0), abs(pattern @ states[:2])])
+    near = NEAR_RAD if pattern is AGAINST else NEAR_RAD / 2
+    good = np.where(far[0] < near, far[1], -far[0])
+    return torques[:, int(np.argmax(good))]
+
+
+def solve(task):
+    """Torques that grow until the pendulums move visibly; then swings of both kinds, planned with a quick fit."""
+    seen, strength = [], 0.006
+    while True:
+        calls = _push((strength, strength), 0.1, looks=1)
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+        if max(_now(readings)[2:]) > 0.15 or strength >= GREATEST_NM:
+            break
+        strength = min(4 * strength, GREATEST_NM)
+    for leg in range(LEGS):
+        if leg == 0:
+            torques, duration = (0.5 * strength, -0.5 * strength), 0.2
+        else:
+            fits = [(*QUICK.fitted(_course(seen), structure), structure) for structure in ("wire", "oil")]
+            _, knobs, structure = min(fits, key=lambda found: found[0])
+            torques, duration = _chosen(structure, knobs, _now(readings), TOGETHER if leg == 1 else AGAINST), LEG_S
+        calls = _push(torques, duration)
+        if len(seen) + len(calls) > CALLS:
+            break
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+    yield [answer(_predict(*LAWS.best(_course(seen))))]
+
+
+PULSES = ((0.02, 1), (-0.04, -1), (0.1, 1), (-0.2, -1), (0.5, 1), (-1.0, -1), (2.0, 1), (-4.0, -1))
+
+
+def batch(task):
+    """Swings of both kinds, ever stronger, and the same fit up to where a pawl may have caught."""
+    calls = [asked for strength, side in PULSES for asked in _push((strength, side * strength), 0.4, looks=1)]
+    readings = yield calls
+    seen, kept = list(zip(calls, readings, strict=True)), []
+    for turn in range(0, len(seen), 7):
+        if any("angle" in reading and abs(reading["angle"]) > CAUGHT_RAD for _, reading in seen[turn : turn + 7]):
+            break
+        kept += seen[turn : turn + 7]
+    yield [answer(_predict(*LAWS.best(_course(kept or seen))))]
+
+
+def stage(task):
+    """Turn object_1 to the angle; a pawl catches it."""
+    readings = yield _push((GREATEST_NM, 0.0), 2.0, looks=1)
+    yield [answer([GREATEST_NM, abs(_now(readings)[2])])]
 
 
 def measure(engine, knobs):
-    """The first two passages of the bottom in the engine are half a swing apart."""
-    engine.place("object_1", np.array(list(SIDE.values())), {})
-    passages, before, steps = [], SIDE["x"], 0
-    while len(passages) < 2:
-        engine.step(1)
-        after = engine.pose("object_1").position[0]
-        if before * after <= 0 and before != after:
-            passages.append(steps + before / (before - after))
-        before, steps = after, steps + 1
-    return 2 * float(passages[1] - passages[0]) * engine.timestep
+    """In the engine without pawls, with object_2 too heavy to move: led there, held, and let go."""
+    free = engine.changed({"body[pawls].pos": (1e6, 0.0, 0.0), "joint[object_2_joint].armature": 1e9})
+    step, i = 1 / free.whole_steps(1.0), knobs["i"]
+    angle = spin = lasting = torque = 0.0
+
+    def moved(wanted):
+        free.push("object_1", torque=np.array([0.0, wanted, 0.0]))
+        free.step(1)
+        later = float(free.twist("object_1").angular[1])
+        return angle + (spin + later) / 2 * step, later
+
+    for _ in range(free.whole_steps(3.0)):
+        lasting += 8000 * i * (HELD_RAD - angle) * step
+        torque = 1500 * i * (HELD_RAD - angle) - 60 * i * spin + lasting
+        angle, spin = moved(torque)
+    while angle > 0:
+        last = angle, spin
+        angle, spin = moved(0.0)
+    share = last[0] / (last[0] - angle)
+    return [torque, abs(last[1] + share * (spin - last[1]))]
