@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from scenes.courses import Laws, force, position, recorded, velocity
+from scenes.courses import Laws
 from scenes.protocol import answer, call
+from scenes.pucks import PuckFloor, force_on_puck
 
 _COMMON = ("m", "c", "p", "q", "lag")
 STRUCTURES = {
@@ -20,11 +21,6 @@ BOX = {
     "lag": (0.6, 8.0),
     "turn": (-2.0, 2.0),
 }
-START = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-SIGMA_M, SIGMA_M_S = 0.002, 0.005
-LIGHTEST_KG, HEAVIEST_KG, HASTE, LEG_S, LEGS, LOOKS = 0.3, 6.0, 2.9, 0.8, 19, 2
-TARGETS = ((1.6, 0.6), (-1.5, -0.7), (0.3, 1.6), (0.4, -1.7))
-NEAR_M, SLOWED, COASTS_S, SAFE_M = 0.6, 0.75, 0.7, 1.9
 FAST_M_S, LED_M_S, LATER_S = 15.0, 5.0, 3.0
 HEAVY_KG = 1e6
 
@@ -51,35 +47,6 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-LAWS = Laws(
-    rates=_rates,
-    structures=STRUCTURES,
-    box=BOX,
-    start=START,
-    sigma=(SIGMA_M, SIGMA_M, SIGMA_M_S, SIGMA_M_S),
-    longest_s=0.25,
-    starts=500,
-    tried=4,
-    rounds=15,
-)
-
-
-def _course(readings):
-    """Pushes and what was read after them."""
-    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
-    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
-
-
-def fit(readings, structure):
-    """Predictions of the best fit of a structure."""
-    return _predictions(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def _best(readings):
-    """Predictions of the structure that fits best, with a penalty for each knob."""
-    return _predictions(*LAWS.best(_course(readings)))
-
-
 def structure(knobs):
     """Label of the drawn structure."""
     return knobs["kind"]
@@ -100,80 +67,9 @@ def _predictions(structure, knobs):
     ]
 
 
-def _push(force, duration):
-    """A push, looked at in even intervals."""
-    look = round(duration / LOOKS / 0.005) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    push = call("apply_force", object_id="object_1", force_vector=[*np.round(force, 3).tolist(), 0.0])
-    return [push, *([call("step", duration=look), *eyes] * LOOKS)]
-
-
-def _mass(readings):
-    """Mass so far, as if there were a drag and a force across in proportion to the speed, and a uniform force."""
-    course = _course(readings)
-    durations, after = course.durations, course.readings[:, 2:4]
-    before = np.vstack([[0.0, 0.0], after[:-1]])
-    (fx, fy), (vx, vy), ones, none = (
-        course.controls[:, :2].T,
-        (before + after).T / 2,
-        np.ones_like(durations),
-        0 * durations,
-    )
-    rows = np.concatenate([np.array([fx, -vx, vy, ones, none]).T, np.array([fy, -vy, -vx, none, ones]).T])
-    rows *= np.tile(durations, 2)[:, None] / SIGMA_M_S
-    changes = (after - before).T.ravel() / SIGMA_M_S
-    found = np.linalg.lstsq(np.vstack([rows, 0.5 * np.eye(5)]), np.concatenate([changes, np.zeros(5)]), rcond=None)[0]
-    return float(1 / np.clip(found[0], 1 / HEAVIEST_KG, 1 / LIGHTEST_KG))
-
-
-def _aimed(place, velocity, target):
-    """Of many pushes per kilogram, the one that brings the puck to rest nearest to the target, but not far out."""
-    angles = np.linspace(0, 2 * np.pi, 25)[:-1]
-    pushes = np.concatenate(
-        [size * HASTE * np.array([np.cos(angles), np.sin(angles)]).T for size in (0.25, 0.5, 0.75, 1.0)]
-    )
-    after = SLOWED * (velocity + LEG_S * pushes)
-    rest = place + LEG_S * (velocity + after) / 2 + COASTS_S * after
-    return pushes[np.argmin(np.hypot(*(rest - target).T) + 10 * np.maximum(np.hypot(*rest.T) - SAFE_M, 0.0))]
-
-
-def solve(task):
-    """Begin gently, then lead the puck to and fro with forces that suit its mass, looking twice during each push."""
-    seen, place, velocity, targets, mass = [], np.zeros(2), np.zeros(2), list(TARGETS), LIGHTEST_KG
-    for _ in range(LEGS):
-        if np.hypot(*(targets[0] - place)) < NEAR_M:
-            targets = targets[1:] + targets[:1]
-        calls = _push(mass * _aimed(place, velocity, targets[0]), LEG_S)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        place, velocity = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
-        mass = min(_mass(seen), 3 * mass)
-    yield [answer(_best(seen))]
-
-
-def batch(task):
-    """Pushes to and fro of fixed sizes and lengths, and the same fit."""
-    calls = [asked for x, y, lasting in BATCH for asked in _push(np.array([x, y]), lasting)]
-    readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
-
-
-def _force(engine, place, speed=(0.0, 0.0), time=0.0):
-    """Force on the puck at a place, a velocity and a time, which a huge inertia keeps, in the engine."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
-    heavy.step(heavy.whole_steps(time))
-    half = np.array(speed) * heavy.timestep / 2
-    heavy.place("object_1", np.array([*(np.array(place) - half), 0.05]), {})
-    heavy.set_velocity("object_1", np.array([*speed, 0.0]))
-    before = heavy.twist("object_1").linear
-    heavy.step(1)
-    return (heavy.twist("object_1").linear - before)[:2] * HEAVY_KG / heavy.timestep
-
-
 def measure(engine, knobs):
     """The same from forces on the puck in the engine."""
-    fast = -_force(engine, (0.0, 0.0), (FAST_M_S, 0.0))[0]
+    fast = -force_on_puck(engine, (0.0, 0.0), (FAST_M_S, 0.0))[0]
     heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
     heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
     heavy.set_velocity("object_1", np.array([LED_M_S, 0.0, 0.0]))
@@ -204,13 +100,36 @@ def stage(task):
     yield [answer([60.0 * speed, 6.0 * speed, 1.0 * speed])]
 
 
-BATCH = (
-    (0.5, 0.0, 1.0),
-    (-1.0, 0.3, 1.0),
-    (1.5, -0.5, 1.0),
-    (-2.5, 0.0, 0.8),
-    (4.0, 0.5, 0.8),
-    (-6.0, 0.0, 0.8),
-    (0.0, 0.0, 1.6),
-    (6.0, -4.0, 0.8),
+LAWS = Laws(
+    rates=_rates,
+    structures=STRUCTURES,
+    box=BOX,
+    start=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    sigma=(0.002, 0.002, 0.005, 0.005),
+    longest_s=0.25,
+    starts=500,
+    tried=4,
+    rounds=15,
 )
+FLOOR = PuckFloor(
+    laws=LAWS,
+    predict=_predictions,
+    targets=((1.6, 0.6), (-1.5, -0.7), (0.3, 1.6), (0.4, -1.7)),
+    near_m=0.6,
+    safe_m=1.9,
+    haste=2.9,
+    leg_s=0.8,
+    slowed=0.75,
+    coasts_s=0.7,
+    fixed_pushes=(
+        (0.5, 0.0, 1.0),
+        (-1.0, 0.3, 1.0),
+        (1.5, -0.5, 1.0),
+        (-2.5, 0.0, 0.8),
+        (4.0, 0.5, 0.8),
+        (-6.0, 0.0, 0.8),
+        (0.0, 0.0, 1.6),
+        (6.0, -4.0, 0.8),
+    ),
+)
+solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit
