@@ -17,12 +17,10 @@ from physment_mcp.limits import readout_of
 from physment_mcp.scene import Scene
 from physment_mcp.world import World
 from physment_mcp.world.readings import Array
-from scenes import LabLimits, Permissions, PublicObject
+from scenes import USUAL_TIMESTEP_S, LabLimits, Permissions, PublicObject
 
 logger = logging.getLogger(__name__)
 
-USUAL_TIMESTEP_S = 0.005
-"""Time step of the paper and of the suite [s]."""
 Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "angle", "velocity", "spin"]
 
 MAX_SIMULATED_S = 3600.0

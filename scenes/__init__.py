@@ -9,7 +9,7 @@ from scenes.errors import PackError
 from scenes.export import export_packs
 from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
 from scenes.laboratory import Instruments, LabLimits, Noise
-from scenes.model import changed_mjcf, drawn_mjcf, timestep_of
+from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
 from scenes.pack import (
     CANARY,
@@ -26,6 +26,7 @@ from scenes.public import AnswerForm, PublicObject, PublicPack, read_hosted, rea
 
 __all__ = [
     "CANARY",
+    "USUAL_TIMESTEP_S",
     "AnswerForm",
     "AnswerKind",
     "AnswerSpec",

@@ -58,6 +58,10 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
     return ET.tostring(root, encoding="unicode")
 
 
+USUAL_TIMESTEP_S = 0.005
+"""Time step of the paper and of the suite [s]."""
+
+
 def timestep_of(files: PackFiles) -> float:
     """The time step that a model states, or MuJoCo's own [s].
 

@@ -14,7 +14,6 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
-TIMESTEP_S = 0.005
 DEEPEST_M = 1e-3
 """Greatest allowed depth of a contact at the start [m]."""
 UNTOUCHED_S = 10.0

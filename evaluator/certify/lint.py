@@ -16,7 +16,7 @@ from evaluator.certify.instrument import unstated
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
-from scenes import CANARY, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack
+from scenes import CANARY, USUAL_TIMESTEP_S, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack
 from scenes.protocol import load_solution
 
 REVEALING_WORDS = frozenset(
@@ -219,8 +219,8 @@ def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
-    if abs(compiled_model.timestep(mjcf) - compiled_model.TIMESTEP_S) > 1e-12:
-        yield f'the time step is {compiled_model.timestep(mjcf)} s; scenes use timestep="{compiled_model.TIMESTEP_S}"'
+    if abs(compiled_model.timestep(mjcf) - USUAL_TIMESTEP_S) > 1e-12:
+        yield f'the time step is {compiled_model.timestep(mjcf)} s; scenes use timestep="{USUAL_TIMESTEP_S}"'
     if "<!--" in files.mjcf.read_text(encoding="utf-8"):
         yield "the XML has comments: they could hold hints, so put what readers should know into reasoning"
     yield from compiled_model.jointless_parts(mjcf)

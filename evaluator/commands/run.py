@@ -30,9 +30,7 @@ from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
-from scenes import PackFiles, same_packs, timestep_of
-
-_USUAL_TIMESTEP_S = 0.005
+from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, same_packs, timestep_of
 
 
 def add(commands: Commands, description: str) -> None:
@@ -94,16 +92,21 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
-    """One note for each time step other than that of the paper and the suite."""
-    counts = Counter(timestep_of(files) for files in packs if files.mjcf.is_file())
+    """One note for each time step other than that of the paper and the suite.
+
+    Raises:
+        UsageError: A model cannot be read.
+    """
+    try:
+        counts = Counter(timestep_of(files) for files in packs if files.mjcf.is_file())
+    except PackError as error:
+        raise UsageError(str(error)) from error
     for step, count in sorted(counts.items()):
-        if step != _USUAL_TIMESTEP_S:
+        if step != USUAL_TIMESTEP_S:
             scenes = "1 scene runs" if count == 1 else f"{count} scenes run"
-            command = (
-                f"physment-mcp --timestep {_USUAL_TIMESTEP_S:g} --scenes-dir DIR --scene {{scene}} --seed {{seed}}"
-            )
+            command = f"physment-mcp --timestep {USUAL_TIMESTEP_S:g} --scenes-dir DIR --scene {{scene}} --seed {{seed}}"
             yield (
-                f"{scenes} with the time step of the model, {step:g} s; the paper has {_USUAL_TIMESTEP_S:g} s. To force"
+                f"{scenes} with the time step of the model, {step:g} s; the paper has {USUAL_TIMESTEP_S:g} s. To force"
                 f" it: --server '{command}'"
             )
 

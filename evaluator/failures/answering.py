@@ -37,8 +37,8 @@ def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
     """Answered with iterations left, before any reading; or wrongly, with half of them left, from the start alone.
 
     The first case: it had seen the result of no successful reading. The second case: it was strictly wrong, changed
-    nothing, let time pass, and had read nothing since. Readings in the same batch as the answer do
-    not count, because the agent had not seen them.
+    nothing, let time pass, and had read nothing since. Readings in the same batch as the answer do not count, because
+    the agent had not seen them.
     """
     left = episode.allowance - len(episode.turns)
     if not has_answered(episode) or left <= 0:

@@ -87,7 +87,7 @@ class TurnText:
 
     def _evaluated(self, statement: Statement, number: Spoken) -> Derivation | None:
         """The derivation if all operands are known, and their arithmetic rounds to the number."""
-        if any(at not in self._known for at in statement.operands):
+        if not statement.operands or any(at not in self._known for at in statement.operands):
             return None
         stated, margin = float(number.value), float(number.half_unit) + _ROUNDING * abs(number.value)
         for values in ({at: self._known[at] for at in statement.operands}, {}):

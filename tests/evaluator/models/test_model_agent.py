@@ -48,6 +48,7 @@ async def test_an_episode_with_native_calls_ends_with_the_right_answer(service: 
     first = episode.turns[0]
     assert [exchange.call.tool for exchange in first.exchanges] == ["step", "get_velocity"]
     assert first.reasoning == "v = g t\n\nI let it fall, then look."
+    assert [turn.reasoning[: turn.thought_chars] for turn in episode.turns] == ["v = g t", ""]
     # The model received exactly the text that the record holds.
     assert service.seen[1].returns == [exchange.text for exchange in first.exchanges]
 
@@ -62,6 +63,7 @@ async def test_an_episode_in_the_text_protocol_ends_with_the_right_answer(servic
     episode = await play(service, protocol="text")
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, pytest.approx(7.848, rel=1e-3))
     assert episode.turns[0].reasoning == "v = g t\n\nI let it fall."
+    assert episode.turns[0].thought_chars == len("v = g t")
     assert not any(seen.body.get("tools") for seen in service.seen)
 
 

@@ -1,15 +1,18 @@
 """The pack that the paper prints as its example: its key in one string, and its time step."""
 
 import logging
+import shutil
 from pathlib import Path
 
 import pytest
 from pydantic import JsonValue
 
+from evaluator.__main__ import main
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.lint import lint
 from evaluator.records import Verdict
+from physment_mcp.__main__ import parser
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
@@ -53,6 +56,24 @@ def test_another_time_step_can_be_forced_without_a_warning(caplog: pytest.LogCap
     assert session.world.timestep == 0.005
     assert call(session, "step", {"duration": 0.1}).model_dump()["steps"] == 20
     assert caplog.text == ""
+
+
+def test_the_command_line_takes_a_time_step_for_one_episode_and_for_a_host() -> None:
+    assert parser().parse_args(["--timestep", "0.005"]).timestep == 0.005
+    assert parser().parse_args(["serve", "--timestep", "0.005"]).timestep == 0.005
+    assert parser().parse_args(["serve"]).timestep is None
+
+
+def test_a_run_says_the_time_step_and_a_model_that_cannot_be_read_in_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    packs = Path(shutil.copytree(FOLDER, tmp_path / "packs"))
+    options = ["--scenes-dir", str(packs), "--scenes", str(SCENE), "--agent", "blind", "--budgets", "5"]
+    assert main([*options, "--out", str(tmp_path / "run")]) == 0
+    assert "1 scene runs with the time step of the model, 0.002 s; the paper has 0.005 s" in capsys.readouterr().err
+    (packs / f"Scene{SCENE}" / f"scene{SCENE}.xml").write_text("<mujoco><option", encoding="utf-8")
+    assert main([*options, "--out", str(tmp_path / "other")]) == 2
+    assert "no time step can be read" in capsys.readouterr().err
 
 
 def test_its_experiment_gives_its_answer() -> None:

@@ -64,12 +64,25 @@ def test_a_number_that_follows_from_known_ones_is_derived(said: str, result: str
         "3.2 m/s * 0.5 s = 1.6 cm",
         "3.2 × 0.5 is 1.6",
         "x = v t = 1.6",
+        "q = 3 k / 4 = 3 / 4 = 0.75",
         "-4.905 / 0.5 = 9.81",
         "3.2 / 0 = 1.6",
         "9**9**9**9 * 3.2 = 1.6",
         "(" * 200 + "3.2 * 0.5" + ")" * 200 + " = 1.6",
     ],
-    ids=["wrong", "rounded wrongly", "unknown", "unit", "no equals sign", "symbols", "sign", "zero", "huge", "deep"],
+    ids=[
+        "wrong",
+        "rounded wrongly",
+        "unknown",
+        "unit",
+        "no equals sign",
+        "symbols",
+        "constants",
+        "sign",
+        "zero",
+        "huge",
+        "deep",
+    ],
 )
 def test_arithmetic_that_is_wrong_or_unfounded_derives_nothing(said: str) -> None:
     assert derived(after(said)) == []

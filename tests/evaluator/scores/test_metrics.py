@@ -209,6 +209,8 @@ def test_a_whole_run_computed_by_hand() -> None:
     assert overall.g == 0
     assert overall.v == pytest.approx((2 / 3 + 1) / 2)
     assert overall.r == 1
+    # Of four turns, the second of the first episode and the only one of the second say nothing.
+    assert overall.silent_turns == pytest.approx(2 / 4)
     assert overall.n_defined == {
         "c": 3,
         "e": 3,
