@@ -22,7 +22,8 @@ def add_options(run: argparse.ArgumentParser) -> None:
         "--max-calls",
         type=count_of("calls"),
         metavar="N",
-        help=f"most tool calls in an episode (default {CALLS_PER_ITERATION} × its budget of iterations)",
+        help="most tool calls in an episode (default: the scene's own limit and the answer; where it has none,"
+        f" {CALLS_PER_ITERATION} × the budget of iterations)",
     )
     group.add_argument(
         "--max-wall-time", type=seconds, default=1800.0, metavar="S", help="most wall time for an episode [s] (1800)"

@@ -25,9 +25,10 @@ from evaluator.episode.connect import HostLaboratory, Laboratory
 from evaluator.episode.player import ANSWER
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
+from scenes import PackError, find_pack, read_public
 
 CALLS_PER_ITERATION = 10
-"""Calls allowed for each iteration of the budget, unless the operator gives another limit."""
+"""Calls allowed for each iteration of the budget, unless the operator or the scene gives another limit."""
 NEEDS_ADDRESS = "--agent external needs a laboratory with an address: --server host, or the URL of a host"
 _FAILURE = 600
 """Most characters kept of why a program failed."""
@@ -45,7 +46,7 @@ class ExternalAgent:
     unsealed: str | None
     """Why it could read the scene packs, and with them the answers; None if it could not."""
     max_calls: int | None = None
-    """Most tool calls; None for ten for each iteration of the budget."""
+    """Most tool calls; None for as many as the scene allows, or ten for each iteration of the budget."""
     max_wall_s: float = 1800.0
     """Wall time for an episode [s]."""
     grace_s: float = 10.0
@@ -71,9 +72,16 @@ class ExternalAgent:
         """Nothing is shared by its episodes: each runs the command anew."""
         return nullcontext()
 
-    def calls_for(self, budget: int) -> int:
-        """Calls it may make under a budget of iterations."""
-        return self.max_calls or CALLS_PER_ITERATION * budget
+    def calls_for(self, scene: int, budget: int) -> int:
+        """Most calls in an episode.
+
+        A scene that limits calls says how many an experiment there may take, and the budget of iterations does not
+        change that. The answer is one more call, which the scene does not count.
+        """
+        if self.max_calls is not None:
+            return self.max_calls
+        limit = _calls_allowed(scene, self.scenes_dir)
+        return CALLS_PER_ITERATION * budget if limit is None else limit + 1
 
     async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
         """Let the program play one episode to its end.
@@ -95,7 +103,7 @@ class ExternalAgent:
         if not isinstance(laboratory, HostLaboratory):
             raise UsageError(NEEDS_ADDRESS)
         started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
-        max_calls = self.calls_for(key.budget)
+        max_calls = self.calls_for(key.scene, key.budget)
         environment = child_environment(os.environ, self.scenes_dir)
         async with watch_episode(laboratory, key.scene, key.seed, max_calls) as episode:
             prompt = f"{await episode.prompt(key)}\n\n{_rules(max_calls, self.max_wall_s)}"
@@ -124,6 +132,15 @@ class ExternalAgent:
             duration_s=time.perf_counter() - clock,
             versions=versions,
         )
+
+
+def _calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
+    """The limit of calls that a scene states; None if it states none, or its pack is not here."""
+    try:
+        limits = read_public(find_pack(scene, scenes_dir)).limits
+    except PackError:
+        return None
+    return None if limits is None else limits.calls
 
 
 async def _run(agent: ExternalAgent, episode: WatchedEpisode, prompt: str, environment: Mapping[str, str]) -> Ended:

@@ -32,7 +32,7 @@ def parse_external(
         server: Value of `--server`.
         scenes_dir: Value of `--scenes-dir`.
         vouched: The operator vouches that no scene pack can be read where COMMAND runs.
-        max_calls: Most tool calls in an episode; None for ten for each iteration of the budget.
+        max_calls: Most tool calls in an episode; None for as many as the scene allows, or ten for each iteration.
         max_wall_s: Most wall time for an episode [s].
         environ: Environment variables, which may hold a token for the host.
 

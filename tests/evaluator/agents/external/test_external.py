@@ -20,6 +20,7 @@ from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import Episode, Outcome
+from scenes import find_pack, read_public
 from tests.builders.paths import ROOT
 from tests.builders.records import VERSIONS, episode_key
 
@@ -363,10 +364,17 @@ def test_the_facts_of_an_agent_hold_its_command_and_bounds_but_no_secrets() -> N
     }
 
 
-def test_the_limit_of_calls_follows_the_budget_unless_it_is_set() -> None:
+def test_the_limit_of_calls_is_the_scenes_or_follows_the_budget_unless_it_is_set() -> None:
     words = [sys.executable, "{mcp_url}"]
-    assert parse_external(words, "host", None).calls_for(5) == 50
-    assert parse_external(words, "host", None, max_calls=7).calls_for(5) == 7
+    agent = parse_external(words, "host", None)
+    limits = read_public(find_pack(28)).limits
+    assert limits is not None
+    assert limits.calls == 150
+    assert read_public(find_pack(7)).limits is None
+    assert agent.calls_for(7, 5) == 50
+    assert agent.calls_for(28, 5) == 151  # the answer is one call more
+    assert agent.calls_for(999, 5) == 50  # a scene whose pack only the host has
+    assert parse_external(words, "host", None, max_calls=7).calls_for(28, 5) == 7
 
 
 async def test_arguments_that_a_record_cannot_hold_are_left_out_with_a_remark(
