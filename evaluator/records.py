@@ -21,6 +21,11 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
+def _is_absent(value: object) -> bool:
+    """Whether a field is left out of the file."""
+    return not value
+
+
 class Outcome(StrEnum):
     """How an episode ended. Does not say whether the answer is right."""
 
@@ -167,6 +172,9 @@ class Grade(Record):
     normalisation: NormalisationClass | None = None
     """Set if the normalised verdict differs from the strict one."""
     reason: str
+    steps: dict[str, bool] | None = Field(default=None, exclude_if=_is_absent)
+    """Intermediate quantity → whether it is stated beside the answer and right; absent if the scene names none. No part
+    of the verdicts."""
 
 
 class GradeRecord(Record):
@@ -178,11 +186,6 @@ class GradeRecord(Record):
     answer_key: JsonValue
     grader_version: str
     pack_version: str
-
-
-def _is_absent(value: object) -> bool:
-    """Whether a field is left out of the file."""
-    return not value
 
 
 class OpenRecord(Record):

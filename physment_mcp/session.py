@@ -66,6 +66,8 @@ class SessionState:
     created_mass: float = 0.0
     """Total mass of the objects created so far, deleted ones too [kg]."""
     answer: object = None
+    steps: Mapping[str, object] | None = None
+    """Quantities stated beside the answer."""
     answered: bool = False
 
 
@@ -256,9 +258,9 @@ class Session:
         """Count simulated time [s] that has passed."""
         self.state = replace(self.state, simulated_s=self.state.simulated_s + duration)
 
-    def answer(self, answer: object) -> None:
-        """Record the answer, which ends the episode."""
-        self.state = replace(self.state, answer=answer, answered=True)
+    def answer(self, answer: object, steps: Mapping[str, object] | None = None) -> None:
+        """Record the answer, and what is stated beside it; this ends the episode."""
+        self.state = replace(self.state, answer=answer, steps=steps, answered=True)
 
     def add(self, object_id: str, body: str) -> None:
         """Add a created ball; the agent knows it at once."""

@@ -3,6 +3,7 @@
 Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
 """
 
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
 from scenes.draw import KnobValue, draw_knobs
 from scenes.errors import PackError
@@ -11,18 +12,8 @@ from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read
 from scenes.laboratory import Instruments, LabLimits, Noise
 from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
-from scenes.pack import (
-    CANARY,
-    AnswerKind,
-    AnswerSpec,
-    Category,
-    Law,
-    Pack,
-    Permissions,
-    Rung,
-    Scalar,
-)
-from scenes.public import AnswerForm, PublicObject, PublicPack, read_hosted, read_public
+from scenes.pack import CANARY, Category, Law, Pack, Permissions, Rung
+from scenes.public import AnswerForm, PublicObject, PublicPack, PublicQuantity, read_hosted, read_public
 
 __all__ = [
     "CANARY",
@@ -42,6 +33,7 @@ __all__ = [
     "Permissions",
     "PublicObject",
     "PublicPack",
+    "PublicQuantity",
     "Rung",
     "Scalar",
     "changed_mjcf",

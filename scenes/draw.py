@@ -13,9 +13,10 @@ from typing import Any, cast
 
 import simpleeval
 
+from scenes.answer_spec import Scalar
 from scenes.errors import PackError
 from scenes.folder import PackFiles
-from scenes.pack import Expression, Knob, Pack, Scalar
+from scenes.pack import Expression, Knob, Pack
 
 KnobValue = Scalar | tuple[Scalar, ...]
 """A value of a knob; a permutation has several."""
@@ -69,6 +70,19 @@ def draw_knobs(
         if not any(seeds.values()):
             raise PackError(files.json, "field accept_draw: the canonical values do not meet it")
     raise PackError(files.json, f"field accept_draw: no draw of seed {seed} met it in {_ATTEMPTS} attempts")
+
+
+def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) -> dict[str, float]:
+    """Intermediate quantity → its value for these knobs.
+
+    Raises:
+        PackError: An expression is wrong, or gives a text.
+    """
+    values = {name: evaluate(files, f"steps.{name}", step.value, knobs) for name, step in pack.steps.items()}
+    for name, value in values.items():
+        if isinstance(value, str):
+            raise PackError(files.json, f"field steps.{name}: {value!r} is no number")
+    return {name: float(value) for name, value in values.items()}
 
 
 def evaluate(files: PackFiles, field: str, expression: Expression, values: Mapping[str, KnobValue]) -> Scalar:

@@ -10,10 +10,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from scenes.answer_spec import Scalar
 from scenes.draw import KnobValue, evaluate
 from scenes.errors import PackError
 from scenes.folder import PackFiles
-from scenes.pack import Expression, Law, Pack, Scalar
+from scenes.pack import Expression, Law, Pack
 
 _PRESENT = "present"
 """Attribute of an element: a condition on the knobs, without which the element is left out of the model."""

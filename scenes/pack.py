@@ -9,13 +9,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from scenes.answer_spec import AnswerSpec, Scalar
 from scenes.laboratory import Instruments, LabLimits
 
 CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 """Written into every private half, so that corpora can filter packs out and leak tests can search for it."""
-
-Scalar = float | int | str
-"""One value in a pack."""
 
 
 class Rung(StrEnum):
@@ -55,16 +53,6 @@ class Category(StrEnum):
     def infers(self) -> bool:
         """Whether its scenes ask for a prediction from a law that has to be inferred, and not for a measurement."""
         return self.value.startswith("hard") or self in {Category.CREATE_DELETE_ATTACH, Category.OPEN}
-
-
-class AnswerKind(StrEnum):
-    """What an answer is, and so how it is graded."""
-
-    NUMBER = "number"
-    NUMBERS = "numbers"
-    CHOICE = "choice"
-    OBJECTS = "objects"
-    TEXT = "text"
 
 
 class _PackModel(BaseModel):
@@ -123,25 +111,6 @@ class Permissions(_PackModel):
     the angular momentum, which are otherwise gated by the velocity alone."""
 
 
-class AnswerSpec(_PackModel):
-    """The type of the answer, and how close is close enough."""
-
-    kind: AnswerKind
-    """What the answer is; decides how it is graded."""
-    unit: str | tuple[str, ...] | None = None
-    """Unit of a number, or one unit for each of several numbers; `1` where there is none."""
-    labels: tuple[str, ...] = ()
-    """What each of several numbers is, in order; shown to the agent."""
-    abs_tol: float = Field(default=0.0, ge=0)
-    """Absolute tolerance, in the unit of the answer; adds to the relative one. 0.01 where it is 0 and the key is 0."""
-    rel_tol: float = Field(default=0.05, ge=0)
-    """Relative tolerance: |answer - key| <= abs_tol + rel_tol |key|."""
-    options: tuple[str, ...] = ()
-    """The admissible answers of a choice or of objects, shown to the agent."""
-    accept: tuple[str, ...] = ()
-    """Regular expressions: wordings of the right answer that normalised grading accepts. Private."""
-
-
 class Knob(_PackModel):
     """A hidden quantity: how it is drawn for seeds other than 0, and its value at seed 0.
 
@@ -180,6 +149,17 @@ class Knob(_PackModel):
 
 Expression = str | int | float
 """Arithmetic over knob values, such as `9.81 * m` or `order[0]`; a plain number is itself."""
+
+
+class IntermediateQuantity(_PackModel):
+    """A quantity that a good experimenter finds on the way, which an agent may state beside its answer."""
+
+    meaning: str = Field(min_length=1)
+    """What it is. Public: it must not say how the answer follows."""
+    unit: str
+    """Its unit; `1` for a pure number. Public."""
+    value: Expression
+    """Its value over the knobs. Private."""
 
 
 class Law(_PackModel):
@@ -234,6 +214,8 @@ class Pack(_PackModel):
     """The physics involved: one concept in `single` scenes, two or more otherwise."""
     answer_spec: AnswerSpec | None = None
     """Type, unit and tolerance of the answer; published packs have none."""
+    steps: dict[str, IntermediateQuantity] = {}
+    """Intermediate quantities by name, which agents may state and which are graded apart from the answer."""
     disabled_tools: dict[str, str] = {}
     """Tool name → why it is not available; the reason is shown to nobody but readers of the pack."""
     requires: tuple[str, ...] = ()

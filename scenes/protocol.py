@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
 
+from scenes.answer_spec import Scalar
 from scenes.draw import KnobValue
 from scenes.errors import PackError
 from scenes.folder import PackFiles
-from scenes.pack import Scalar
 
 ANSWER = "answer"
 _FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch")
@@ -69,9 +69,9 @@ def call(tool: str, **arguments: Any) -> Call:
     return Call(tool, arguments)
 
 
-def answer(value: AnswerValue) -> Call:
-    """The final answer."""
-    return Call(ANSWER, {"answer": value})
+def answer(value: AnswerValue, **steps: float) -> Call:
+    """The final answer, and beside it the intermediate quantities that the scene names."""
+    return Call(ANSWER, {"answer": value, "steps": steps} if steps else {"answer": value})
 
 
 def load_solution(files: PackFiles) -> Solution:

@@ -10,12 +10,13 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
+from scenes.answer_spec import AnswerKind, Variable
 from scenes.draw import draw_knobs
 from scenes.errors import PackError
 from scenes.folder import PackFiles, read_pack
 from scenes.laboratory import Instruments, LabLimits
 from scenes.model import drawn_mjcf
-from scenes.pack import AnswerKind, Pack, Permissions
+from scenes.pack import Pack, Permissions
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
 """An attribute by which a model makes MuJoCo read another file."""
@@ -46,9 +47,18 @@ class AnswerForm(_Public):
     unit: str | tuple[str, ...] | None = None
     labels: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
+    variables: dict[str, Variable] = {}
     rel_tol: float = 0.05
     """A number is right within abs_tol + rel_tol |key|."""
     abs_tol: float = 0.0
+
+
+class PublicQuantity(_Public):
+    """A quantity that an agent may state beside its answer."""
+
+    name: str
+    meaning: str
+    unit: str
 
 
 class PublicPack(_Public):
@@ -65,6 +75,7 @@ class PublicPack(_Public):
     """Canonical ids; packs may also write the number alone."""
     limits: LabLimits | None = None
     instruments: Instruments | None = None
+    steps: tuple[PublicQuantity, ...] = ()
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
@@ -86,6 +97,9 @@ class PublicPack(_Public):
             soft_objects=pack.soft_objects,
             limits=pack.limits,
             instruments=pack.instruments,
+            steps=tuple(
+                PublicQuantity(name=name, meaning=step.meaning, unit=step.unit) for name, step in pack.steps.items()
+            ),
         )
 
 

@@ -15,7 +15,8 @@ from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from physment_mcp.serving.server import published_tools
 from scenes import Instruments, LabLimits, Pack, Permissions, list_packs
-from scenes.pack import AnswerSpec, Metadata
+from scenes.answer_spec import AnswerSpec
+from scenes.pack import Metadata
 from tests.builders.paths import DOCS, ROOT
 
 

@@ -35,7 +35,7 @@ from evaluator.answers.strict import (
 from evaluator.answers.words import is_object_id, named_object
 from evaluator.quantities.units import conversion, parse_unit
 from evaluator.records import NormalisationClass
-from scenes.pack import AnswerKind
+from scenes.answer_spec import AnswerKind
 
 _MAX_PATTERN_CHARS = 300
 """Longer answers are not matched against a pack's patterns, which may be slow on long text."""

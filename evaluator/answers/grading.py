@@ -9,12 +9,13 @@ from pydantic import JsonValue
 
 from evaluator.answers.forgiven import forgive
 from evaluator.answers.forms import MAX_CHARS, is_too_long, plain_number
+from evaluator.answers.steps import grade_steps
 from evaluator.answers.strict import ZERO_ABS_TOL, AnswerKey, Finding, joined_reasons, strict_finding, strict_parts
 from evaluator.answers.words import is_object_id
 from evaluator.records import Episode, Grade, Outcome, Verdict
-from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
-GRADER_VERSION = "2"
+GRADER_VERSION = "3"
 """Stored with each grade; raised whenever a verdict can change."""
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
@@ -56,9 +57,9 @@ def _is_whole(answer: Scalar | tuple[Scalar, ...]) -> bool:
 
 def grade_episode(episode: Episode, key: AnswerKey) -> Grade:
     """Grade an episode by its answer, or by its outcome if there is no answer."""
-    if episode.outcome is Outcome.ANSWERED:
-        return grade(episode.answer, key)
-    return grade_missing(episode.outcome)
+    found = grade(episode.answer, key) if episode.outcome is Outcome.ANSWERED else grade_missing(episode.outcome)
+    steps = grade_steps(episode, key.steps)
+    return found if steps is None else found.model_copy(update={"steps": steps})
 
 
 def grade_missing(outcome: Outcome) -> Grade:

@@ -8,6 +8,7 @@ from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
+from scenes.draw import step_values
 from scenes.protocol import AnswerValue, load_solution
 
 
@@ -53,7 +54,11 @@ class KeyRing:
         names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}
         # A pack without knobs is the same at every seed.
         value = stored if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
-        return AnswerKey(value=tuple(value) if isinstance(value, list) else value, spec=spec, objects=names)
+        try:
+            steps = step_values(files, pack, draw_knobs(files, pack, seed)) if pack.steps else {}
+        except PackError as error:
+            raise UsageError(str(error)) from error
+        return AnswerKey(tuple(value) if isinstance(value, list) else value, spec, names, steps)
 
     def _facts(self, scene: int) -> SceneFacts:
         _, pack = self._open(scene)

@@ -1,4 +1,8 @@
-"""Answer keys, and strict comparison with them: the answer must have the requested form and be within tolerance."""
+"""Answer keys, and strict comparison with them: the answer must have the requested form and be within tolerance.
+
+An answer in words is right if it is the key, or if a wording fits that the pack gives for this key. Where the pack
+gives none, words of the key itself are right too.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -9,9 +13,11 @@ from typing import NamedTuple
 from pydantic import JsonValue
 
 from evaluator.answers.forms import Item, PlainNumber, as_item, plain_number, strict_items
+from evaluator.answers.formula_keys import check_key, compare_formulas
+from evaluator.answers.wordings import expressions_of, first_wording
 from evaluator.answers.words import is_contained
 from evaluator.records import NormalisationClass
-from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar, Wording
 
 ZERO_ABS_TOL = 0.01
 """Absolute tolerance for keys that are 0, in the unit of the answer, because 5 % of 0 is 0.
@@ -32,10 +38,12 @@ class AnswerKey:
     spec: AnswerSpec
     objects: Mapping[str, str] = field(default_factory=dict[str, str])
     """Object id, such as `object_2` → public name."""
+    steps: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Intermediate quantity → its value; not part of the answer."""
 
     def __post_init__(self) -> None:
         listed = isinstance(self.value, tuple)
-        if not self.parts or (listed and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.TEXT}):
+        if not self.parts or (listed and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.TEXT, AnswerKind.FORMULA}):
             raise ValueError(f"the key {self.value!r} is no {self.spec.kind.value}")
         for part in self.parts:
             number = plain_number(part)
@@ -45,11 +53,18 @@ class AnswerKey:
                 raise ValueError(f"the key {part!r} is no number")
         if isinstance(self.spec.unit, tuple) and len(self.spec.unit) != len(self.parts):
             raise ValueError(f"{len(self.spec.unit)} units for {len(self.parts)} numbers")
-        for pattern in self.spec.accept:
+        for pattern in [*self.spec.accept, *expressions_of(self.spec)]:
             try:
                 re.compile(pattern)
             except re.error as error:
                 raise ValueError(f"the pattern {pattern!r} cannot be read: {error}") from error
+        if self.spec.kind is AnswerKind.FORMULA:
+            check_key(str(self.value), self.spec.variables)
+
+    @property
+    def wordings(self) -> tuple[Wording, ...]:
+        """What else says the same as this key."""
+        return self.spec.wordings.get(str(self.value), ())
 
     @property
     def parts(self) -> tuple[Scalar, ...]:
@@ -81,17 +96,28 @@ def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
 
 def strict_finding(item: Item, key: AnswerKey, index: int) -> Finding:
     """Compare one part of an answer with its key, strictly."""
+    if key.spec.kind is AnswerKind.FORMULA:
+        right, reason = compare_formulas(str(item), str(key.value), key.spec)
+        return Finding(right, reason)
     wanted = wanted_number(key, index)
-    if wanted is not None:
-        got = plain_number(item)
-        if got is None:
-            return Finding(right=False, reason=f"{quoted(item)} is not a plain number")
-        return compare_numbers(got.value, wanted, key)
+    if wanted is None:
+        return _compare_words(item, key, index)
+    got = plain_number(item)
+    if got is None:
+        return Finding(right=False, reason=f"{quoted(item)} is not a plain number")
+    return compare_numbers(got.value, wanted, key)
+
+
+def _compare_words(item: Item, key: AnswerKey, index: int) -> Finding:
     said, meant = exact_text(item), exact_text(key.parts[index])
     accepted = {meant, f"object_{meant}"} if _is_numbered_object(key, meant) else {meant}
     if said in accepted:
         return Finding(right=True, reason=f"{quoted(item)} is the key")
-    if key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
+    if key.spec.kind is AnswerKind.TEXT and key.wordings:
+        wording = first_wording(str(item), key.wordings)
+        if wording is not None:
+            return Finding(right=True, reason=f"{quoted(item)} says what the key says, by {wording!r}")
+    elif key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
         return Finding(right=True, reason=f"{quoted(item)} stands in the key as whole words")
     return Finding(right=False, reason=f"{quoted(item)} is not {quoted(key.parts[index])}")
 
@@ -120,8 +146,13 @@ def tolerance(wanted: PlainNumber, key: AnswerKey) -> Fraction:
 
     Where the key is 0 and the pack states no absolute tolerance, it is `ZERO_ABS_TOL`.
     """
-    floor = key.spec.abs_tol or (ZERO_ABS_TOL if wanted.value == 0 else 0.0)
-    return Fraction(repr(floor)) + Fraction(repr(key.spec.rel_tol)) * abs(wanted.value)
+    return allowed_distance(wanted.value, key.spec.rel_tol, key.spec.abs_tol)
+
+
+def allowed_distance(wanted: Fraction, rel_tol: float, abs_tol: float) -> Fraction:
+    """abs_tol + rel_tol * |wanted|, exactly; with `ZERO_ABS_TOL` if that would be 0."""
+    floor = abs_tol or (ZERO_ABS_TOL if wanted == 0 else 0.0)
+    return Fraction(repr(floor)) + Fraction(repr(rel_tol)) * abs(wanted)
 
 
 def exact_text(item: Item) -> str:

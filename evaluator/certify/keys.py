@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from evaluator.answers.steps import grade_steps, stated_steps
 from evaluator.certify.records import Check, check
-from evaluator.certify.subject import Subject, gap
+from evaluator.certify.subject import Draw, Subject, gap
 from evaluator.records import Episode, Outcome
+from scenes.draw import step_values
 from scenes.protocol import AnswerValue
 
 HALVED_SEEDS = 3
@@ -37,6 +39,7 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
             worst_answer = max(worst_answer, gap(episode.answer, key))
             if not subject.agrees(episode.answer, key, 0.5):
                 reasons.append(f"seed {seed}: the reference answered {episode.answer}; the key is {key}")
+            reasons += _wrong_steps(subject, episode, draw)
         engine = subject.measured(draw)
         if engine is None:
             continue
@@ -61,6 +64,18 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
     )
 
 
+def _wrong_steps(subject: Subject, episode: Episode, draw: Draw) -> list[str]:
+    """What the reference does not state rightly of the intermediate quantities that the scene names."""
+    values = step_values(subject.files, subject.pack, draw.knobs)
+    graded = grade_steps(episode, values) or {}
+    return [
+        f"seed {episode.key.seed}: the reference states {stated_steps(episode).get(name)} for {name}, which is"
+        f" {values[name]:.6g}"
+        for name, right in graded.items()
+        if not right
+    ]
+
+
 def _refusals(episode: Episode) -> list[str]:
     exchanges = (exchange for turn in episode.turns for exchange in turn.exchanges)
     refused = next((exchange for exchange in exchanges if exchange.is_error), None)
@@ -74,7 +89,7 @@ def check_constant(subject: Subject) -> Check:
     count = THEORY_DRAWS if subject.solution.theory else ENGINE_DRAWS
     keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
     share = best_constant(subject, keys)
-    options = subject.spec.options
+    options = subject.spec.options or tuple(subject.spec.wordings)
     allowed = 1 / len(options) + 0.10 if options else 0.20
     reasons = (
         [f"one constant answer is right on {share:.0%} of {count} draws; at most {allowed:.0%} may be: widen the knobs"]

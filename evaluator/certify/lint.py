@@ -10,13 +10,26 @@ from typing import Any, cast
 from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
+from evaluator.answers.wordings import first_wording
 from evaluator.certify import compiled_model
 from evaluator.certify.difficulty import concept_faults
 from evaluator.certify.instrument import unstated
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
-from scenes import CANARY, USUAL_TIMESTEP_S, AnswerKind, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, read_pack
+from scenes import (
+    CANARY,
+    USUAL_TIMESTEP_S,
+    AnswerKind,
+    AnswerSpec,
+    Pack,
+    PackError,
+    PackFiles,
+    draw_knobs,
+    drawn_mjcf,
+    read_pack,
+)
+from scenes.draw import step_values
 from scenes.protocol import load_solution
 
 REVEALING_WORDS = frozenset(
@@ -88,14 +101,34 @@ def _incomplete(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         yield f"number_of_objects is {pack.number_of_objects}, but {len(pack.objects)} objects are listed"
 
 
-def _answer(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+def _answer(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     spec = pack.answer_spec
+    step_values(files, pack, draw_knobs(files, pack, 0))
+    if spec and spec.wordings and str(pack.answer) not in spec.wordings:
+        yield f"answer_spec.wordings has none for the answer {pack.answer!r}"
     if spec and spec.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS} and not spec.options:
         yield "answer_spec.options is empty: an agent must see what it can choose from"
     if spec and spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} and spec.unit is None:
         yield 'answer_spec.unit is missing; write "1" for a pure number'
+    if spec and spec.kind is AnswerKind.FORMULA and not spec.variables:
+        yield "answer_spec.variables is empty: a formula needs the variables that it may use"
+    yield from _wording_faults(spec) if spec else ()
     if spec and spec.options and str(pack.answer) not in spec.options:
         yield f"the answer {pack.answer!r} is not among the options {list(spec.options)}"
+
+
+def _wording_faults(spec: AnswerSpec) -> Iterator[str]:
+    """Where a wording cannot be read, does not recognise its own answer, or recognises another one."""
+    try:
+        for answer, wordings in spec.wordings.items():
+            if first_wording(answer, wordings) is None:
+                yield f"answer_spec.wordings: none recognises {answer!r} itself"
+            for other in spec.wordings:
+                found = None if other == answer else first_wording(other, wordings)
+                if found is not None:
+                    yield f"answer_spec.wordings: {found!r} takes {other!r} for {answer!r}"
+    except re.error as error:
+        yield f"answer_spec.wordings: {error.pattern!r} cannot be read: {error}"
 
 
 def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:

@@ -22,7 +22,7 @@ from evaluator.failures.findings import Evidence, ExpectedForm, Failure, Failure
 from evaluator.quantities.spoken import spoken_numbers
 from evaluator.quantities.units import parse_unit
 from evaluator.records import Episode, Grade, Verdict
-from scenes.pack import AnswerKind
+from scenes.answer_spec import AnswerKind
 
 LEAST_TIME_S = 0.1
 """Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""

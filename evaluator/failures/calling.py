@@ -18,7 +18,7 @@ from evaluator.failures.findings import Evidence, ExpectedForm, Failure, Failure
 from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, parse_unit
 from evaluator.records import Episode, Grade, Verdict
-from scenes.pack import AnswerKind
+from scenes.answer_spec import AnswerKind
 
 MASS_TOLERANCE = 0.05
 """Relative difference above which a mass in a call counts as different from the measured mass."""

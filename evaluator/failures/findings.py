@@ -10,7 +10,7 @@ from pydantic import Field
 from evaluator.answers.forms import plain_number
 from evaluator.answers.strict import AnswerKey
 from evaluator.records import Episode, Record
-from scenes.pack import AnswerKind
+from scenes.answer_spec import AnswerKind
 
 _QUOTE_CHARS = 160
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s|\n")

@@ -6,10 +6,11 @@ Pure functions of the text and the published tools. A typing error raises one se
 import difflib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evaluator.episode.player import ToolDescription
+from evaluator.episode.player import ANSWER, ToolDescription
 from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.records import ToolCall
 
@@ -25,8 +26,8 @@ def parse_line(line: str, tools: Sequence[ToolDescription]) -> tuple[ToolCall, .
     """Parse the calls of a line, in order; an empty line has none.
 
     A call is a tool's name and its arguments in the order of `signature`, or as `name=value`. A tool with only one
-    argument takes the rest of the line. A text needs quotes if it has `;`, or if it has spaces and is not the only
-    argument.
+    argument, and `answer` without `steps=`, take the rest of the line. A text needs quotes if it has `;`, or if it has
+    spaces and does not take the rest of the line.
 
     Raises:
         TypingError: There is no such tool, or its arguments do not fit.
@@ -60,7 +61,8 @@ def _call(text: str, tools: Mapping[str, ToolDescription]) -> ToolCall:
 
 def _arguments(text: str, tool: ToolDescription) -> dict[str, Any]:
     schemas: dict[str, Any] = tool.input_schema.get("properties", {})
-    words = [text] if len(schemas) == 1 and text else _split(text, None)
+    whole = len(schemas) == 1 or (tool.name == ANSWER and not re.search(r"\b(?:steps|answer)=", text))
+    words = [text] if whole and text else _split(text, None)
     found: dict[str, Any] = {}
     for word in words:
         name, equals, value = word.partition("=")
@@ -84,16 +86,12 @@ def _value(text: str, schema: Mapping[str, Any]) -> Any:
     """The value of a typed word, of a type that the schema allows."""
     forms: list[Mapping[str, Any]] = schema.get("anyOf", [schema])
     kinds = {str(form.get("type")): form for form in forms}
-    if text.startswith('"'):
-        return _json(text)
+    if text.startswith('"') or ("object" in kinds and text.startswith("{")):
+        return _json(text, "a text in quotes" if text.startswith('"') else 'an object such as {"mass": 2.5}')
     if "null" in kinds and text.lower() in {"null", "none"}:
         return None
     if "array" in kinds and (text.startswith("[") or "string" not in kinds):
-        if text.startswith("[") != text.endswith("]"):
-            raise TypingError(f"{text} has one bracket of two")
-        inner = text.removeprefix("[").removesuffix("]")
-        parts = _split(inner, "," if "," in inner else None)
-        return [_value(part, kinds["array"]["items"]) for part in parts]
+        return [_value(part, kinds["array"]["items"]) for part in _list_parts(text)]
     if "boolean" in kinds and text.lower() in _WORDS:
         return _WORDS[text.lower()]
     number = _number(text) if kinds.keys() & {"number", "integer"} else None
@@ -102,6 +100,13 @@ def _value(text: str, schema: Mapping[str, Any]) -> Any:
     if "string" in kinds:
         return text
     raise TypingError(f"{text or 'nothing'} is not {_wanted(kinds)}")
+
+
+def _list_parts(text: str) -> list[str]:
+    if text.startswith("[") != text.endswith("]"):
+        raise TypingError(f"{text} has one bracket of two")
+    inner = text.removeprefix("[").removesuffix("]")
+    return _split(inner, "," if "," in inner else None)
 
 
 def _number(text: str) -> float | int | None:
@@ -117,11 +122,11 @@ def _number(text: str) -> float | int | None:
     return value if math.isfinite(value) else None
 
 
-def _json(text: str) -> Any:
+def _json(text: str, wanted: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        raise TypingError(f"{text} is not a text in quotes") from None
+        raise TypingError(f"{text} is not {wanted}") from None
 
 
 def _wanted(kinds: Mapping[str, Any]) -> str:

@@ -35,6 +35,8 @@ class EpisodeScores(Record):
     """The same without calls of tools that the scene disables."""
     r: float | None
     """1 - share of the most frequent repeated pair of words; None without visible reasoning."""
+    step_credit: float | None
+    """Share of the intermediate quantities of the scene that are stated rightly; None if it names none."""
     silent_turns: int
     """Turns without visible reasoning."""
     calls: int
@@ -83,6 +85,7 @@ def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_to
         v=_valid_share(made),
         v_enabled=_valid_share(enabled),
         r=non_repetition([turn.reasoning for turn in episode.turns]),
+        step_credit=sum(grade.steps.values()) / len(grade.steps) if grade.steps else None,
         silent_turns=sum(not turn.reasoning.strip() for turn in episode.turns),
         calls=len(made),
         disabled_calls=len(made) - len(enabled),

@@ -66,6 +66,8 @@ class GroupSummary(Record):
     """Mean non-repetition."""
     g_prime: float | None
     """Mean held-out category accuracy."""
+    step_credit: float | None
+    """Mean share of the intermediate quantities that are stated rightly beside the answer; no part of FS or FS*."""
     n_defined: dict[str, int]
     """Scored episodes that define each dimension, by name of its field."""
     final_score: float | None
@@ -220,7 +222,7 @@ def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> 
     return {name: _summary(groups[name]) for name in sorted(groups)}
 
 
-_DIMENSIONS = ("c", "e", "g", "g_plus", "v", "v_enabled", "r")
+_DIMENSIONS = ("c", "e", "g", "g_plus", "v", "v_enabled", "r", "step_credit")
 
 
 def _summary(table: Sequence[_Row]) -> GroupSummary:

@@ -1,6 +1,8 @@
 """Blocks of the opening prompt that a pack decides: the limits, the instruments, and the form of the answer."""
 
-from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack
+from collections.abc import Sequence
+
+from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack, PublicQuantity
 
 
 def laboratory_blocks(scene: PublicPack) -> list[str]:
@@ -86,7 +88,33 @@ def answer_block(form: AnswerForm | None, problem_type: str) -> str:
         )
     if form.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS}:
         return f"# Answer\n\nAnswer with exactly one of: {', '.join(form.options)}."
-    return "# Answer\n\nAnswer with a short text."
+    if form.kind is AnswerKind.FORMULA:
+        return f"# Answer\n\n{_formula(form)}"
+    return "# Answer\n\nAnswer in one sentence of at most ten words, in the words of the task."
+
+
+def steps_block(steps: Sequence[PublicQuantity]) -> list[str]:
+    """The block on the quantities that may be stated beside the answer; none if the scene names none."""
+    if not steps:
+        return []
+    lines = "\n".join(f"- `{step.name}`: {step.meaning} ({_unit(step.unit)})." for step in steps)
+    return [
+        "# Steps\n\nIn the argument `steps` of `answer` you may also state what you found on the way, as numbers by"
+        f" these names. It is looked at apart and does not change whether your answer is right.\n\n{lines}"
+    ]
+
+
+def _formula(form: AnswerForm) -> str:
+    variables = "; ".join(
+        f"{name}, {variable.meaning} ({_unit(variable.unit)}), from {variable.range[0]:g} to {variable.range[1]:g}"
+        for name, variable in form.variables.items()
+    )
+    return (
+        f"Answer with a formula ({_unit(form.unit)}) in these variables: {variables}. Write numbers, the variables, pi,"
+        " + - * / ^ and brackets, and the functions sqrt, exp, log (natural), sin, cos, tan, asin, acos, atan, tanh and"
+        f" abs, without an equals sign. {_tolerance(form).replace('A number', 'It', 1)} That must hold in the whole"
+        " range of the variables."
+    )
 
 
 _NUMBER = "a number with at least three significant digits, without its unit"

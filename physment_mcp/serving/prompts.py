@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from physment_mcp.serving.examples import EXAMPLES, shown
-from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks
+from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks, steps_block
 from physment_mcp.serving.tool_listing import tool_listing
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
@@ -74,6 +74,7 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         _returns(text=text),
         *_examples(options.prompting, text=text),
         answer_block(scene.answer_form, scene.problem_type),
+        *steps_block(scene.steps),
         "# Guidelines\n\nTime stands still until you call `step`. Forces and torques keep acting until you set them"
         " again. Assume nothing that you can measure. You can answer once; the answer ends the episode."
         + ("" if text else " Before each set of calls, say in a sentence or two why you make them."),

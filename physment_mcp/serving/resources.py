@@ -13,6 +13,7 @@ import mcp_types as types
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
+from scenes import AnswerForm
 
 FRESH_MS = 3_600_000
 """How long a client may keep a copy of what never changes [ms]."""
@@ -61,10 +62,16 @@ def _scene_view(session: Session) -> dict[str, Any]:
         "task": scene.task,
         "problem_type": scene.problem_type,
         "objects": [{"object_id": item.object_id, "name": item.name, **look} for item, look in session.opening],
-        "answer": form and {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options},
+        "answer": form and _answer_view(form),
+        **({"steps": [step.model_dump() for step in scene.steps]} if scene.steps else {}),
         "disabled_tools": sorted(scene.disabled_tools),
         "timestep_s": session.world.timestep,
     }
+
+
+def _answer_view(form: AnswerForm) -> dict[str, Any]:
+    view = {"kind": form.kind, "unit": form.unit, "labels": form.labels, "options": form.options}
+    return {**view, "variables": form.model_dump()["variables"]} if form.variables else view
 
 
 def _episode_view(session: Session) -> dict[str, Any]:

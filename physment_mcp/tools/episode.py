@@ -31,6 +31,10 @@ class AnswerArguments(Arguments):
         Annotated[str, Field(max_length=10_000)] | int | float | Annotated[list[Part], Field(max_length=1000)],
         Field(description="Your final answer: a number, a text, or a list of them. It is taken down as it is."),
     ]
+    steps: Annotated[
+        Annotated[dict[str, Part], Field(max_length=100)] | None,
+        Field(description="Quantities found on the way, by name, if the task names any. Taken down beside the answer."),
+    ] = None
 
 
 def _step(session: Session, args: StepArguments) -> Pieces:
@@ -55,7 +59,7 @@ def _step(session: Session, args: StepArguments) -> Pieces:
 
 
 def _answer(session: Session, args: AnswerArguments) -> Answered:
-    session.answer(args.answer)
+    session.answer(args.answer, args.steps)
     return Answered(sim_time=session.world.time, acknowledged=True)
 
 

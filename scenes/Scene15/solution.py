@@ -8,6 +8,11 @@ from scenes.protocol import answer, call
 
 GLIDERS = ("object_1", "object_2")
 SPEED = 2.0
+OUTCOMES = {
+    1: "no kinetic energy is lost",
+    2: "some kinetic energy is lost and they part again",
+    3: "they stay together",
+}
 ENERGY_LOSS = 0.02
 TOGETHER = 0.1
 ELSEWHERE = 0.437
@@ -17,8 +22,8 @@ ELSEWHERE = 0.437
 def _verdict(kept, parting):
     """From the share of energy kept, and of the speed at which they part."""
     if kept > 1 - ENERGY_LOSS:
-        return "1"
-    return "3" if parting < TOGETHER else "2"
+        return OUTCOMES[1]
+    return OUTCOMES[3] if parting < TOGETHER else OUTCOMES[2]
 
 
 def solve(task):
@@ -36,7 +41,7 @@ def solve(task):
 
 def theory(knobs):
     """The kind that was drawn."""
-    return str(knobs["kind"])
+    return OUTCOMES[knobs["kind"]]
 
 
 def measure(engine, knobs):

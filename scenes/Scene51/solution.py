@@ -19,7 +19,7 @@ def solve(task):
     ]
     energy, momentum = readings[2]["kinetic_energy"], readings[3]["momentum"]["z"]
     gravity = (THROW - momentum / MASS_KG) / WAIT_S
-    yield [answer([THROW**2 / (2 * gravity), energy])]
+    yield [answer([THROW**2 / (2 * gravity), energy], gravity=gravity)]
 
 
 def theory(knobs):

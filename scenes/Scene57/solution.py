@@ -2,6 +2,7 @@
 
 from scenes.protocol import answer, call
 
+OUTCOMES = ("neither block moves", "both blocks move together", "the small block lags behind")
 FORCE_N = 20.0
 PUSH_S = 0.5
 STILL_M = 0.005
@@ -10,8 +11,8 @@ TOGETHER = 0.05
 
 def _verdict(lower, upper):
     if lower < STILL_M:
-        return "0"
-    return "1" if lower - upper < TOGETHER * lower else "2"
+        return OUTCOMES[0]
+    return OUTCOMES[1] if lower - upper < TOGETHER * lower else OUTCOMES[2]
 
 
 def solve(task):
@@ -27,7 +28,7 @@ def solve(task):
 
 def theory(knobs):
     """The outcome that was drawn."""
-    return str(knobs["outcome"])
+    return OUTCOMES[knobs["outcome"]]
 
 
 def measure(engine, knobs):

@@ -20,7 +20,7 @@ def solve(task):
     first, second = (reading["velocity"][0] for reading in readings[3:5])
     ratio = (SPEED - first) / second
     before, after, given = (readings[i]["kinetic_energy"] for i in (1, 5, 6))
-    yield [answer(1 - (after + ratio * given) / before)]
+    yield [answer(1 - (after + ratio * given) / before, mass_ratio=ratio)]
 
 
 def measure(engine, knobs):

@@ -4,6 +4,7 @@ import numpy as np
 
 from scenes.protocol import answer, call
 
+OUTCOMES = ("it stays level", "its left end rises", "its left end sinks")
 RADIUS = 0.1
 PLACE = [0.3, 0.0, 1.03 + RADIUS]
 START_Z = 1.0
@@ -13,7 +14,7 @@ REST_S = 3.0
 
 def _verdict(risen):
     """The left end rises if the ball turns the bar down on the right of the axis."""
-    return "0" if abs(risen) < STILL_M else "1" if risen > 0 else "2"
+    return OUTCOMES[0] if abs(risen) < STILL_M else OUTCOMES[1] if risen > 0 else OUTCOMES[2]
 
 
 def solve(task):
@@ -28,7 +29,7 @@ def solve(task):
 
 def theory(knobs):
     """The side that was drawn."""
-    return str(knobs["side"])
+    return OUTCOMES[knobs["side"]]
 
 
 def measure(engine, knobs):

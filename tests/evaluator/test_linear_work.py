@@ -24,7 +24,7 @@ from evaluator.protocols.text import parse_reply
 from evaluator.quantities import formulas, spoken
 from evaluator.scores import dimensions
 from evaluator.scores.grounding import grounding_of
-from scenes.pack import AnswerKind, AnswerSpec
+from scenes.answer_spec import AnswerKind, AnswerSpec
 from tests.builders.counting import calls_made
 from tests.builders.pattern_steps import match_steps, search_steps
 from tests.builders.records import RIGHT, episode, returned, turn

@@ -13,7 +13,7 @@ from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_
 from evaluator.answers.strict import AnswerKey
 from evaluator.quantities.units import conversion, parse_unit
 from evaluator.records import NormalisationClass, Outcome, Verdict
-from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from tests.builders.records import episode
 
 NOTATION = NormalisationClass.OBJECT_NOTATION

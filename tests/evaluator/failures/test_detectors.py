@@ -13,7 +13,7 @@ from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import Failure, FailureMode, expected_form, quote_at
 from evaluator.records import Episode, Exchange, Outcome, Turn
-from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from tests.builders.records import UNSCORED, episode, episode_key, refused, rejected, returned, turn
 
 OBJECTS = {"object_1": "cart", "object_2": "wall", "object_3": "ball", "object_4": "ball"}

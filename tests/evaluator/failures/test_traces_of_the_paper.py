@@ -7,7 +7,7 @@ from evaluator.answers.strict import AnswerKey
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import FailureMode, expected_form
 from evaluator.records import Episode, Exchange, Outcome, Turn
-from scenes.pack import AnswerKind, AnswerSpec, Scalar
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from tests.builders.records import episode, episode_key, refused, returned, turn
 
 BLOCKS = {"object_1": "block", "object_2": "block"}

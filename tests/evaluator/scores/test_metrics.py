@@ -218,6 +218,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         "g_plus": 1,
         "v": 2,
         "v_enabled": 2,
+        "step_credit": 0,
         "r": 2,
         "g_prime": 3,
     }

@@ -77,7 +77,7 @@ def test_an_older_export_that_writes_soft_objects_as_numbers_is_read_the_same(ex
 def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
     keys = {
         "scene_id", "name", "task", "problem_type", "objects", "answer_form", "disabled_tools", "soft_objects",
-        "limits", "instruments",
+        "limits", "instruments", "steps",
     }  # fmt: skip
     texts = everything_in(exported)
     assert CANARY not in texts
@@ -93,7 +93,11 @@ def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
         reasons = [pack.reasoning, pack.expected_behavior, pack.metadata.description, *pack.disabled_tools.values()]
         meanings = [knob.meaning for knob in pack.knobs.values()]
         assert pack.answer_spec is not None
-        accepted = pack.answer_spec.accept
+        accepted = [
+            *pack.answer_spec.accept,
+            *(step.value for step in pack.steps.values() if isinstance(step.value, str)),
+        ]
+        accepted += [word for several in pack.answer_spec.wordings.values() for one in several for word in one.says]
         asked = " ".join([pack.metadata.task, *pack.answer_spec.labels])
         for secret in (*reasons, *meanings, *accepted, *pack.derive):
             assert len(secret) < 12 or secret in asked or " ".join(secret.split()) not in told
@@ -106,7 +110,7 @@ def test_no_private_field_of_a_pack_is_exported(
     """Every private field, and one that the format does not know, gets a text that can be searched for."""
     public = {
         "objects", "object_permissions", "number_of_objects", "answer_spec", "disabled_tools", "soft_objects", "format",
-        "limits", "instruments",
+        "limits", "instruments", "steps",
     }  # fmt: skip
     assert {key.split(".")[0] for key in SECRETS} | public == Pack.model_fields.keys() | {"an_author_note"}
     for key, value in SECRETS.items():
@@ -115,7 +119,8 @@ def test_no_private_field_of_a_pack_is_exported(
             pack[place][inner] = value
         else:
             pack[place] = value
-    pack["answer_spec"] |= {"accept": ["canary-accept"]}
+    pack["answer_spec"] |= {"accept": ["canary-accept"], "wordings": {"canary-said": [{"says": ["canary-says"]}]}}
+    pack["steps"] = {"public_name": {"meaning": "public meaning", "unit": "kg", "value": "canary_knob * 3"}}
     pack["disabled_tools"] = {"get_torque": "canary-reason"}
     pack["object_permissions"]["object_1_permissions"]["canary_permission"] = True
     xml = xml.replace(

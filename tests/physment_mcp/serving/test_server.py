@@ -90,7 +90,16 @@ async def test_every_prompt_option_changes_the_prompt(
         ({"kind": "numbers"}, "x", "a list of numbers, each with at least three significant digits."),
         ({"kind": "choice", "options": ["rolls", "slips"]}, "x", "Answer with exactly one of: rolls, slips."),
         ({"kind": "objects", "options": ["object_1", "object_2"]}, "x", "exactly one of: object_1, object_2."),
-        ({"kind": "text"}, "x", "Answer with a short text."),
+        ({"kind": "text"}, "x", "Answer in one sentence of at most ten words, in the words of the task."),
+        (
+            {
+                "kind": "formula",
+                "unit": "N",
+                "variables": {"d": {"meaning": "distance", "unit": "m", "range": [0.1, 2]}},
+            },
+            "x",
+            "Answer with a formula (in N) in these variables: d, distance (in m), from 0.1 to 2.",
+        ),
     ],
 )
 async def test_the_opening_prompt_says_what_an_answer_looks_like(

@@ -1,0 +1,80 @@
+"""What the answer of a scene is and how it is graded: the part of a pack that says so.
+
+Which of its fields the laboratory may see is decided in `scenes.public`.
+"""
+
+from enum import StrEnum
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Scalar = float | int | str
+"""One value in a pack."""
+
+
+class AnswerKind(StrEnum):
+    """What an answer is, and so how it is graded."""
+
+    NUMBER = "number"
+    NUMBERS = "numbers"
+    CHOICE = "choice"
+    OBJECTS = "objects"
+    TEXT = "text"
+    FORMULA = "formula"
+
+
+class _SpecModel(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True, use_attribute_docstrings=True)
+
+
+class Wording(_SpecModel):
+    """A way to put an answer into words: regular expressions that are searched in the answer, ignoring case.
+
+    Before the search, apostrophes are made straight, `n't` becomes ` not`, and white space becomes single spaces.
+    """
+
+    says: tuple[str, ...] = Field(min_length=1)
+    """At least one of these occurs."""
+    never: tuple[str, ...] = ()
+    """None of these occurs, such as a negation or the words of another answer."""
+
+
+class Variable(_SpecModel):
+    """A variable of a formula."""
+
+    meaning: str
+    """What it is."""
+    unit: str
+    """Its unit; `1` for a pure number."""
+    range: tuple[float, float]
+    """The values between which the formula must hold."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        if not self.range[0] < self.range[1]:
+            msg = f"the range {list(self.range)} is empty: the first bound must be below the second"
+            raise ValueError(msg)
+        return self
+
+
+class AnswerSpec(_SpecModel):
+    """The type of the answer, and how close is close enough."""
+
+    kind: AnswerKind
+    """What the answer is; decides how it is graded."""
+    unit: str | tuple[str, ...] | None = None
+    """Unit of a number, or one unit for each of several numbers; `1` where there is none."""
+    labels: tuple[str, ...] = ()
+    """What each of several numbers is, in order; shown to the agent."""
+    abs_tol: float = Field(default=0.0, ge=0)
+    """Absolute tolerance, in the unit of the answer; adds to the relative one. 0.01 where it is 0 and the key is 0."""
+    rel_tol: float = Field(default=0.05, ge=0)
+    """Relative tolerance: |answer - key| <= abs_tol + rel_tol |key|."""
+    options: tuple[str, ...] = ()
+    """The admissible answers of a choice or of objects, shown to the agent."""
+    variables: dict[str, Variable] = {}
+    """The variables of a formula by name; shown to the agent."""
+    accept: tuple[str, ...] = ()
+    """Regular expressions: wordings of the right answer that normalised grading accepts. Private."""
+    wordings: dict[str, tuple[Wording, ...]] = {}
+    """Answer of a text → what else says the same. One of them that fits makes an answer strictly right. Private."""
