@@ -11,18 +11,8 @@ if TYPE_CHECKING:
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
     from evaluator.library import StoredRun, grade, load_run, play, score, summary
-    from evaluator.records import (
-        Episode,
-        EpisodeKey,
-        Exchange,
-        Grade,
-        GradeRecord,
-        Outcome,
-        RunRecord,
-        ToolCall,
-        Turn,
-        Verdict,
-    )
+    from evaluator.records import Episode, EpisodeKey, Exchange, Grade, GradeRecord, Outcome, ToolCall, Turn, Verdict
+    from evaluator.run_record import RunRecord
     from evaluator.scores.metrics import RunSummary
     from evaluator.scores.scored_episode import ScoredEpisode
 

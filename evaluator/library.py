@@ -13,7 +13,8 @@ from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, RunRecord, Versions
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Versions
+from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_record, score_episode

@@ -1,29 +1,25 @@
-"""What a run leaves on disk, as frozen records with a format number. Knows no files and no rules of grading."""
+"""Episodes and grades, as frozen records with a format number. Knows no files and no rules of grading."""
 
+import hashlib
 from collections.abc import Iterable
 from enum import StrEnum
-from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from scenes import content_hash_of
-
 FORMAT = 1
 """Version of the format on disk. Readers refuse a higher version."""
-DECIDING = ("plan", "packs", "agents")
-"""Fields of `run.json` that two runs must share for their episodes to belong together."""
+
+
+def is_absent(value: object) -> bool:
+    """Whether a field is left out of the file."""
+    return not value
 
 
 class Record(BaseModel):
     """Base of all records: frozen, no unknown fields, only finite numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
-
-
-def _is_absent(value: object) -> bool:
-    """Whether a field is left out of the file."""
-    return not value
 
 
 class Outcome(StrEnum):
@@ -42,6 +38,20 @@ class ToolCall(Record):
     arguments: dict[str, Any]
 
 
+class Picture(Record):
+    """A picture that came with a result, as PNG."""
+
+    name: str
+    """Hash of its content. Its file in the run folder is `pictures/{name}.png`."""
+    png: bytes = Field(default=b"", exclude=True, repr=False)
+    """The content; empty in records that were read from disk."""
+
+    @classmethod
+    def of(cls, png: bytes) -> Self:
+        """The picture with this content."""
+        return cls(name=hashlib.sha256(png).hexdigest()[:24], png=png)
+
+
 class Exchange(Record):
     """A call and its return."""
 
@@ -54,6 +64,8 @@ class Exchange(Record):
     text: str = ""
     """The text that the agent read: the result as compact JSON, or a sentence that says what was wrong."""
     duration_s: float = 0.0
+    pictures: tuple[Picture, ...] = Field(default=(), exclude_if=is_absent)
+    """What the agent saw with the text; absent if nothing."""
 
 
 class Usage(Record):
@@ -172,7 +184,7 @@ class Grade(Record):
     normalisation: NormalisationClass | None = None
     """Set if the normalised verdict differs from the strict one."""
     reason: str
-    steps: dict[str, bool] | None = Field(default=None, exclude_if=_is_absent)
+    steps: dict[str, bool] | None = Field(default=None, exclude_if=is_absent)
     """Intermediate quantity → whether it is stated beside the answer and right; absent if the scene names none. No part
     of the verdicts."""
 
@@ -186,121 +198,3 @@ class GradeRecord(Record):
     answer_key: JsonValue
     grader_version: str
     pack_version: str
-
-
-class OpenRecord(Record):
-    """A record that other versions of this program may extend: fields that this version does not know are kept."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-class Plan(OpenRecord):
-    """The matrix of a run: each combination of these values is an episode."""
-
-    scenes: tuple[int, ...]
-    agents: tuple[str, ...]
-    """Names of the agents."""
-    budgets: tuple[int, ...] = (20,)
-    seeds: tuple[int, ...] = (0,)
-    epochs: int = 1
-    promptings: tuple[str, ...] = ("zero-shot",)
-    protocols: tuple[str, ...] = ("native",)
-
-    def matrix(self) -> list[EpisodeKey]:
-        """All episodes in playing order, so that a run that is stopped early has whole epochs and budgets."""
-        epochs = range(1, self.epochs + 1)
-        prompts = product(self.budgets, self.promptings, self.protocols)
-        return [
-            EpisodeKey(
-                scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting, protocol=protocol, epoch=epoch
-            )
-            for epoch, (budget, prompting, protocol), agent, seed, scene in product(
-                epochs, prompts, self.agents, self.seeds, self.scenes
-            )
-        ]
-
-
-class ServerRecord(OpenRecord):
-    """The server that a run was played on."""
-
-    option: str
-    """Value of `--server`."""
-    name: str | None = None
-    version: str | None = None
-    protocol: str = ""
-    """Version of MCP that was negotiated."""
-    tools: int = 0
-    """Number of its tools."""
-    tool_schema_hash: str = ""
-
-
-class Start(OpenRecord):
-    """A start of the program: when, on which server, with which software."""
-
-    created_at: str
-    server: ServerRecord
-    versions: dict[str, str | None] = Field(default_factory=dict)
-    """Python, platform and packages → version; null where a package is not installed."""
-    git_revision: str | None = None
-    """Revision of the checkout; null for an installed package."""
-
-
-class MergedPart(Start):
-    """One of the run folders that a merged run was made of."""
-
-    folder: str
-    """Name of the folder."""
-    shard: str | None = Field(default=None, exclude_if=_is_absent)
-    resumed: tuple[Start, ...] = Field(default=(), exclude_if=_is_absent)
-
-
-class RunRecord(OpenRecord):
-    """`run.json`: everything that decides the result of a run."""
-
-    format: Literal[1] = FORMAT
-    created_at: str
-    """Time of the first start, in UTC."""
-    plan: Plan
-    agents: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
-    """Agent → what decides its results besides its name."""
-    shard: str | None = Field(default=None, exclude_if=_is_absent)
-    """Which part of the plan was played here, `i/n`; absent if all of it."""
-    server: ServerRecord
-    packs: dict[str, str] = Field(default_factory=dict)
-    """Scene → hash of its pack."""
-    versions: dict[str, str | None] = Field(default_factory=dict)
-    """Python, platform and packages → version, at the first start."""
-    git_revision: str | None = None
-    resumed: tuple[Start, ...] = Field(default=(), exclude_if=_is_absent)
-    """The later starts, if the run was interrupted; absent if there was none."""
-    merged: tuple[MergedPart, ...] = Field(default=(), exclude_if=_is_absent)
-    """The runs that this one was made of; absent if it was played."""
-
-    def start(self) -> Start:
-        """The first start."""
-        return Start(
-            created_at=self.created_at, server=self.server, versions=self.versions, git_revision=self.git_revision
-        )
-
-    def tool_contracts(self) -> frozenset[str]:
-        """Hashes of the tool schemas at each start, of this run and of those that it was made of."""
-        starts = [self.start(), *self.resumed, *self.merged]
-        starts += [start for part in self.merged for start in part.resumed]
-        return frozenset(start.server.tool_schema_hash for start in starts) - {""}
-
-    def content_hashes(self) -> dict[str, str]:
-        """Scene → hash of its pack's content, also if the run was recorded with hashes of bytes."""
-        return {scene: content_hash_of(stored) for scene, stored in self.packs.items()}
-
-    def difference(self, other: "RunRecord") -> str:
-        """The first of the `DECIDING` fields in which another run differs; empty if the two belong together."""
-        mine, theirs = (run.model_copy(update={"packs": run.content_hashes()}) for run in (self, other))
-        return next((name for name in DECIDING if getattr(mine, name) != getattr(theirs, name)), "")
-
-    def versions_of(self, scene: int) -> Versions:
-        """What is recorded with an episode of a scene."""
-        return Versions(
-            physment=self.versions["physment-mcp"] or "",
-            protocol=self.server.protocol,
-            pack=self.packs[str(scene)],
-        )

@@ -1,12 +1,13 @@
 """A run folder: records that survive a kill at any moment. Knows files, and not what records mean.
 
-`run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record. If
-a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode is played again.
+`run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record,
+`pictures` one file for each content. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
+is played again.
 """
 
 import contextlib
 import os
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +16,8 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Record, RunRecord
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Picture, Record
+from evaluator.run_record import RunRecord
 
 R = TypeVar("R", bound=Record)
 
@@ -113,9 +115,30 @@ class RunFolder:
             reason = _first_problem(error) if isinstance(error, ValidationError) else str(error)
             raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
 
+    @property
+    def pictures_folder(self) -> Path:
+        """The pictures that agents saw, one file for each content."""
+        return self.path / "pictures"
+
     def append_episode(self, episode: Episode) -> None:
-        """Add an episode. When this returns, it is on disk."""
+        """Add an episode. When this returns, it is on disk, and its pictures are."""
+        for picture in _pictures(episode):
+            if picture.png:
+                self._keep_picture(picture)
         self._append(self.episodes_file, episode)
+
+    def copy_pictures(self, source: "RunFolder", episode: Episode) -> None:
+        """Take the pictures of an episode over from the folder that it was read from.
+
+        Raises:
+            StoreError: A picture is missing there, or cannot be written here.
+        """
+        for picture in _pictures(episode):
+            file = source.pictures_folder / f"{picture.name}.png"
+            try:
+                self._keep_picture(Picture(name=picture.name, png=file.read_bytes()))
+            except OSError as error:
+                raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
     def episodes(self) -> dict[EpisodeKey, Episode]:
         """All episodes by key. If several records have the same key, the last one counts.
@@ -148,6 +171,17 @@ class RunFolder:
     def write_text(self, file: Path, text: str) -> None:
         """Write a file that is made from the records, all at once."""
         self._replace(file, text)
+
+    def _keep_picture(self, picture: Picture) -> None:
+        """Write a picture, unless one with the same content is there."""
+        file = self.pictures_folder / f"{picture.name}.png"
+        if file.exists():
+            return
+        try:
+            self.pictures_folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StoreError(f"{self.pictures_folder} cannot be written: {error.strerror}") from error
+        self._replace(file, picture.png)
 
     def _append(self, file: Path, record: Record) -> None:
         try:
@@ -188,17 +222,23 @@ class RunFolder:
         RunFolder._replace(file, (whole + b"\n" if whole else b"").decode("utf-8"))
 
     @staticmethod
-    def _replace(file: Path, text: str) -> None:
+    def _replace(file: Path, content: str | bytes) -> None:
         """Write a file so that a kill leaves either the old or the new content."""
         fresh = file.with_name(f".{file.name}.new")
         try:
-            with fresh.open("w", encoding="utf-8") as stream:
-                stream.write(text)
+            with fresh.open("wb") as stream:
+                stream.write(content.encode("utf-8") if isinstance(content, str) else content)
                 stream.flush()
                 os.fsync(stream.fileno())
             fresh.replace(file)
         except OSError as error:
             raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def _pictures(episode: Episode) -> Iterator[Picture]:
+    for turn in episode.turns:
+        for exchange in turn.exchanges:
+            yield from exchange.pictures
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -10,7 +10,8 @@ from jsonschema import Draft202012Validator
 from pydantic import BaseModel
 
 from evaluator.markdown import markdown_table
-from evaluator.records import Episode, GradeRecord, Record, RunRecord
+from evaluator.records import Episode, GradeRecord, Record
+from evaluator.run_record import RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from physment_mcp.serving.server import published_tools

@@ -22,7 +22,8 @@ from evaluator.commands.report import report_on
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, EpisodeKey, Outcome, Plan, Verdict
+from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.run_record import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder

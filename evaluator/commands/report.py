@@ -1,8 +1,10 @@
 """`physment-eval report`: one or several graded runs as a page, as tables, as figures."""
 
 import argparse
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands
@@ -83,11 +85,11 @@ def _report(args: argparse.Namespace) -> int:
     if args.scenes_dir:
         rings.append(KeyRing())
     packs = [_packs(ring) for ring in rings]
+    target = RunFolder(args.out or args.folders[0])
     runs = [
-        _read(RunFolder(path), name, rings, packs)
+        _read(RunFolder(path), name, rings, packs, target)
         for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
-    target = RunFolder(args.out or args.folders[0])
     try:
         target.path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -128,11 +130,14 @@ def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], packs: Sequenc
     return rings[alike.index(max(alike))]
 
 
-def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]]) -> Run:
+def _read(
+    folder: RunFolder, name: str, rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]], target: RunFolder
+) -> Run:
     record = folder.read_run()
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    return Run(name, record, rows, pictures(record.packs, keys.folder))
+    observed = os.path.relpath(folder.pictures_folder.resolve(), target.path.resolve())
+    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(observed).as_posix()))
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

@@ -20,7 +20,8 @@ from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import EpisodeKey, Plan, RunRecord
+from evaluator.records import EpisodeKey
+from evaluator.run_record import Plan, RunRecord
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.estimate import estimate_lines
@@ -148,7 +149,9 @@ async def _play_missing(run: _Run) -> str:
     options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(folder.held())
-        laboratory = await stack.enter_async_context(connect(options.team.server, options.team.scenes_dir))
+        laboratory = await stack.enter_async_context(
+            connect(options.team.server, options.team.scenes_dir, options.team.observations)
+        )
         for contender in run.contenders.values():
             await stack.enter_async_context(contender.running())
         record = await _record(run, laboratory)

@@ -13,7 +13,7 @@ from evaluator.commands.argument_types import count_of, seconds, temperature, us
 from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
 from evaluator.models.lanes import DEFAULT_LIMIT, Patience
-from evaluator.records import Plan
+from evaluator.run_record import Plan
 from evaluator.study.contenders import AGENTS, Team
 from evaluator.study.limits import Limits
 from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
@@ -65,6 +65,7 @@ class RunOptions:
             epochs=self.epochs,
             promptings=self.promptings,
             protocols=self.protocols,
+            observations=self.team.observations,
         )
 
 
@@ -83,6 +84,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         agents=tuple(args.agent or ["reference"]),
         scenes_dir=args.scenes_dir,
         server=args.server,
+        observations=args.observations,
         options=checked(Options(args.effort, args.temperature, args.reply_tokens)),
         base_url=args.base_url,
         lanes=_lanes(args.provider_concurrency),
@@ -160,6 +162,13 @@ def _matrix(group: "ArgumentGroup") -> None:
         default="always",
         metavar="P",
         help=f"{' · '.join(POLICIES)}: when agents are advised to answer (default always: no advice)",
+    )
+    group.add_argument(
+        "--observations",
+        choices=("text", "rgb"),
+        default="text",
+        help="rgb: results of step and find_objects carry a picture of what may be seen, which models are shown and the"
+        " run folder keeps (default text)",
     )
     group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 

@@ -29,6 +29,8 @@ _CALL_TIMEOUT_S = 300.0
 """A call that takes longer [s] counts as a failure of the server."""
 _START_TIMEOUT_S = 60.0
 
+TEXT = "text"
+"""Observations without pictures."""
 TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
 """Environment variable with the token that a host requires for opening episodes."""
 
@@ -177,6 +179,8 @@ class LocalHost:
     max_episodes: int = 1000
     token: str | None = field(default=None, repr=False)
     """Required to open episodes; None if anybody on this machine may open them."""
+    observations: str = TEXT
+    """`text`, or `rgb` for results with pictures."""
     _process: subprocess.Popen[str] | None = None
     _errors: IO[str] | None = field(default=None)
 
@@ -201,6 +205,7 @@ class LocalHost:
         ]
         command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
         command += ["--token-env", TOKEN_VARIABLE] if self.token else []
+        command += ["--observations", self.observations] if self.observations != TEXT else []
         environment = os.environ | ({TOKEN_VARIABLE: self.token} if self.token else {})
         self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True, env=environment
@@ -228,22 +233,30 @@ class LocalHost:
 
 
 @contextlib.asynccontextmanager
-async def connect(server: str, scenes_dir: Path | None) -> AsyncGenerator[Laboratory]:
+async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT) -> AsyncGenerator[Laboratory]:
     """The laboratory that `--server` names.
 
     Args:
         server: `stdio` (a process for each episode), `host` (one local host for all), the URL of a host, or a command.
         scenes_dir: Folder of packs for servers that we start.
+        observations: `text`, or `rgb` for results with pictures, from servers that we start.
 
     Raises:
-        UsageError: `server` is none of these.
+        UsageError: `server` is none of these, or is not started by us and pictures are asked for.
     """
+    if observations != TEXT and server not in {"stdio", "host"}:
+        raise UsageError(
+            f"--observations {observations} is for servers that we start (--server stdio, --server host); start"
+            f" {server} with --observations {observations} itself: its pictures are kept without this option"
+        )
     if server == "stdio":
         command = [sys.executable, "-m", "physment_mcp"]
-        yield ProcessLaboratory((*command, "--scenes-dir", str(scenes_dir)) if scenes_dir else tuple(command))
+        command += ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
+        command += ["--observations", observations] if observations != TEXT else []
+        yield ProcessLaboratory(tuple(command))
     elif server == "host":
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
-        async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24)) as laboratory:
+        async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
             yield laboratory
     elif server.startswith(("http://", "https://")):
         try:

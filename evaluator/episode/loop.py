@@ -1,8 +1,9 @@
 """The loop: an agent plays one episode through one client, within its iteration budget. Holds no answer key."""
 
+import base64
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
@@ -15,7 +16,18 @@ from pydantic import JsonValue
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Usage, Versions, total_usage
+from evaluator.records import (
+    Episode,
+    EpisodeKey,
+    Exchange,
+    Outcome,
+    Picture,
+    ToolCall,
+    Turn,
+    Usage,
+    Versions,
+    total_usage,
+)
 
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
@@ -192,7 +204,22 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
         content=None if result.is_error else result.structured_content,
         text="\n".join(part.text for part in result.content if isinstance(part, types.TextContent)),
         duration_s=time.perf_counter() - clock,
+        pictures=tuple(_pictures(result)),
     )
+
+
+def _pictures(result: types.CallToolResult) -> Iterator[Picture]:
+    """The PNG pictures of a result.
+
+    Raises:
+        InfrastructureError: One of them cannot be decoded.
+    """
+    for part in result.content:
+        if isinstance(part, types.ImageContent) and part.mime_type == "image/png":
+            try:
+                yield Picture.of(base64.b64decode(part.data, validate=True))
+            except ValueError as error:
+                raise InfrastructureError(f"a picture that the server sent is not base64: {error}") from error
 
 
 def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Self, cast
@@ -9,6 +10,7 @@ from typing import Any, Self, cast
 import httpx2
 from pydantic import JsonValue
 from pydantic_ai.messages import (
+    BinaryContent,
     ModelMessage,
     ModelRequest,
     ModelRequestPart,
@@ -143,13 +145,13 @@ class _ModelPlayer:
         if feedback is None:
             return [UserPromptPart(self.prompt)]
         if self.text:
-            return [UserPromptPart(feedback_text(feedback))]
+            return [_with_pictures(feedback_text(feedback), feedback.exchanges)]
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
         returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
         # Each return has a message of its own. The rest has the words of the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
-        return [*returns, UserPromptPart(rest)]
+        return [*returns, _with_pictures(rest, feedback.exchanges)]
 
     def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
         """The return of one call. Every call gets a return, even if it was not run."""
@@ -159,6 +161,21 @@ class _ModelPlayer:
         # model read.
         marked = failed and self.provider.dialect in {Dialect.ANTHROPIC, Dialect.GOOGLE}
         return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
+
+
+def _with_pictures(text: str, exchanges: Sequence[Exchange]) -> UserPromptPart:
+    """A message with the pictures of results after its text, each with the number of its call.
+
+    Not every provider takes pictures in the return of a tool.
+    """
+    parts: list[str | BinaryContent] = [text]
+    for number, exchange in enumerate(exchanges, start=1):
+        for picture in exchange.pictures:
+            parts += [
+                f"Picture after call {number}, {exchange.call.tool}:",
+                BinaryContent(picture.png, media_type="image/png"),
+            ]
+    return UserPromptPart(parts if len(parts) > 1 else text)
 
 
 def _content(exchange: Exchange | None) -> tuple[str, bool]:

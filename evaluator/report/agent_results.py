@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from evaluator.records import RunRecord
+from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import Spending, spending
@@ -23,6 +23,8 @@ class Run:
     rows: Sequence[ScoredEpisode]
     pictures: Mapping[int, bytes]
     """Scene → PNG of its start; scenes without a picture are left out."""
+    observed: str = "pictures"
+    """Where the pictures that came with results are, as an address relative to the page of the report."""
 
 
 @dataclass(frozen=True, slots=True)

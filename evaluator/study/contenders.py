@@ -44,6 +44,8 @@ class Team:
     """Value of each `--agent`."""
     scenes_dir: Path | None = None
     server: str = "stdio"
+    observations: str = "text"
+    """`text`, or `rgb` for results with pictures."""
     options: Options = field(default_factory=Options)
     """Options of all models."""
     base_url: str | None = None

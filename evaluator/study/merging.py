@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, MergedPart, Outcome, RunRecord
+from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.run_record import MergedPart, RunRecord
 from evaluator.store import RunFolder
 
 
@@ -43,18 +44,20 @@ def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Epi
                 f"{part.path} has other {name} than {parts[0].path}: their episodes do not belong together"
             )
     episodes: dict[EpisodeKey, Episode] = {}
+    sources: dict[EpisodeKey, RunFolder] = {}
     for part in parts:
         for key, episode in part.episodes().items():
             known = episodes.get(key)
             if known is None or known.outcome is Outcome.INFRASTRUCTURE_ERROR:
-                episodes[key] = episode
+                episodes[key], sources[key] = episode, part
             elif known != episode and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR:
                 raise UsageError(
                     f"{part.path} holds another record of scene {key.scene}, seed {key.seed}, {key.agent},"
                     f" budget {key.budget}, epoch {key.epoch} than the folders before it"
                 )
     target.create(resume=False)
-    for episode in episodes.values():
+    for key, episode in episodes.items():
+        target.copy_pictures(sources[key], episode)
         target.append_episode(episode)
     target.write_run(_merged(parts, records))
     return episodes

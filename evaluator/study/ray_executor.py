@@ -23,7 +23,8 @@ import anyio
 from evaluator.episode.connect import Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, RunRecord, Versions
+from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.run_record import RunRecord
 from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
 from evaluator.study.contenders import Team
 from scenes import find_pack, same_pack
@@ -81,7 +82,8 @@ class EpisodeWorker:
             self._contenders = self.team.build()
             for contender in self._contenders.values():
                 await self._open.enter_async_context(contender.running())
-            self._laboratory = await self._open.enter_async_context(connect(self.team.server, self.team.scenes_dir))
+            place = connect(self.team.server, self.team.scenes_dir, self.team.observations)
+            self._laboratory = await self._open.enter_async_context(place)
         except Exception as error:  # noqa: BLE001 - whatever a node lacks, the operator must learn which node it is
             return UsageError(f"a Ray worker on {platform.node()} cannot play: {error}")
         return None

@@ -17,7 +17,8 @@ from evaluator.commands.base import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey, Outcome, Plan, ToolCall, Versions
+from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
+from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay
 from evaluator.study.runner import Runner

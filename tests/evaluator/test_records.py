@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from evaluator.records import Plan, RunRecord, ServerRecord
+from evaluator.run_record import Plan, RunRecord, ServerRecord
 
 START: dict[str, Any] = {
     "created_at": "2026-11-21T18:27:41+00:00",

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, Outcome, Plan, RunRecord, ServerRecord
+from evaluator.records import Episode, Outcome
+from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.store import RunFolder
 from evaluator.study.runner import missing
 from tests.builders.records import episode, episode_key

@@ -11,7 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from evaluator.records import Plan
+from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from tests.builders.providers import Say, Service
 

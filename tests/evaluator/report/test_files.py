@@ -11,10 +11,10 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
-from evaluator.records import Plan, ServerRecord
 from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.report.pictures import pictures
+from evaluator.run_record import Plan, ServerRecord
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
 from evaluator.study.provenance import run_record

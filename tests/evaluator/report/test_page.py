@@ -5,16 +5,10 @@ import hashlib
 import re
 from html.parser import HTMLParser
 
-from evaluator.records import (
-    Exchange,
-    Outcome,
-    Plan,
-    RunRecord,
-    ServerRecord,
-    Turn,
-)
+from evaluator.records import Exchange, Outcome, Turn
 from evaluator.report.agent_results import Run
 from evaluator.report.page import render
+from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scored_episode import ScoredEpisode
 from tests.builders.records import RIGHT, episode, episode_key, grade, refused, returned, turn
 from tests.builders.scored import scored

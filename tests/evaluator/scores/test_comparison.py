@@ -8,13 +8,8 @@ import pytest
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import (
-    EpisodeKey,
-    Outcome,
-    Plan,
-    RunRecord,
-    ServerRecord,
-)
+from evaluator.records import EpisodeKey, Outcome
+from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.comparison import Comparison, Side, compare
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.paired import PairedTest

@@ -15,7 +15,8 @@ from evaluator.episode.connect import HostLaboratory, Laboratory
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, Plan, Usage, Verdict
+from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Verdict
+from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS, LocalPlay
 from evaluator.study.limits import Limits, Meter

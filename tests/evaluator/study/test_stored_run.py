@@ -18,8 +18,9 @@ import pytest
 from evaluator.__main__ import main
 from evaluator.agents.recorded import RecordedAgent
 from evaluator.certify.in_memory import MemoryLaboratory
-from evaluator.records import Episode, Exchange, RunRecord, ToolCall, Turn
+from evaluator.records import Episode, Exchange, ToolCall, Turn
 from evaluator.report.pictures import pictures
+from evaluator.run_record import RunRecord
 from evaluator.store import RunFolder
 from evaluator.study.provenance import server_record
 from evaluator.study.replay import differences, replay, without_added

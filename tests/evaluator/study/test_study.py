@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from evaluator.__main__ import main
 from evaluator.errors import UsageError
-from evaluator.records import Plan, Usage
+from evaluator.records import Usage
+from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from evaluator.study.config import with_config
 from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens

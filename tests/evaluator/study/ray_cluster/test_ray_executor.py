@@ -123,7 +123,7 @@ import anyio
 from evaluator.study.contenders import Team
 from evaluator.study.provenance import run_record
 from evaluator.study.ray_executor import ray_workers
-from evaluator.records import Plan, ServerRecord
+from evaluator.run_record import Plan, ServerRecord
 from scenes import find_pack
 
 async def run():
