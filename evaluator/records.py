@@ -38,17 +38,17 @@ class ToolCall(Record):
     arguments: dict[str, Any]
 
 
-class Picture(Record):
-    """A picture that came with a result, as PNG."""
+class Frame(Record):
+    """A picture of what could be seen, which came with a result, as PNG."""
 
     name: str
-    """Hash of its content. Its file in the run folder is `pictures/{name}.png`."""
+    """Hash of its content. Its file in the run folder is `frames/{name}.png`."""
     png: bytes = Field(default=b"", exclude=True, repr=False)
     """The content; empty in records that were read from disk."""
 
     @classmethod
     def of(cls, png: bytes) -> Self:
-        """The picture with this content."""
+        """The frame with this content."""
         return cls(name=hashlib.sha256(png).hexdigest()[:24], png=png)
 
 
@@ -64,7 +64,7 @@ class Exchange(Record):
     text: str = ""
     """The text that the agent read: the result as compact JSON, or a sentence that says what was wrong."""
     duration_s: float = 0.0
-    pictures: tuple[Picture, ...] = Field(default=(), exclude_if=is_absent)
+    frames: tuple[Frame, ...] = Field(default=(), exclude_if=is_absent)
     """What the agent saw with the text; absent if nothing."""
 
 

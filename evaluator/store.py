@@ -1,7 +1,7 @@
 """A run folder: records that survive a kill at any moment. Knows files, and not what records mean.
 
 `run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record,
-`pictures` one file for each content. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
+`frames` one file for each content. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
 is played again.
 """
 
@@ -16,7 +16,7 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Picture, Record
+from evaluator.records import Episode, EpisodeKey, Frame, GradeRecord, Record
 from evaluator.run_record import RunRecord
 
 R = TypeVar("R", bound=Record)
@@ -116,27 +116,27 @@ class RunFolder:
             raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
 
     @property
-    def pictures_folder(self) -> Path:
-        """The pictures that agents saw, one file for each content."""
-        return self.path / "pictures"
+    def frames_folder(self) -> Path:
+        """The frames that agents saw, one file for each content."""
+        return self.path / "frames"
 
     def append_episode(self, episode: Episode) -> None:
-        """Add an episode. When this returns, it is on disk, and its pictures are."""
-        for picture in _pictures(episode):
-            if picture.png:
-                self._keep_picture(picture)
+        """Add an episode. When this returns, it is on disk with its frames."""
+        for frame in _frames(episode):
+            if frame.png:
+                self._keep_frame(frame)
         self._append(self.episodes_file, episode)
 
-    def copy_pictures(self, source: "RunFolder", episode: Episode) -> None:
-        """Take the pictures of an episode over from the folder that it was read from.
+    def copy_frames(self, source: "RunFolder", episode: Episode) -> None:
+        """Take the frames of an episode over from the folder that it was read from.
 
         Raises:
-            StoreError: A picture is missing there, or cannot be written here.
+            StoreError: A frame is missing there, or cannot be written here.
         """
-        for picture in _pictures(episode):
-            file = source.pictures_folder / f"{picture.name}.png"
+        for frame in _frames(episode):
+            file = source.frames_folder / f"{frame.name}.png"
             try:
-                self._keep_picture(Picture(name=picture.name, png=file.read_bytes()))
+                self._keep_frame(Frame(name=frame.name, png=file.read_bytes()))
             except OSError as error:
                 raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
@@ -172,16 +172,16 @@ class RunFolder:
         """Write a file that is made from the records, all at once."""
         self._replace(file, text)
 
-    def _keep_picture(self, picture: Picture) -> None:
-        """Write a picture, unless one with the same content is there."""
-        file = self.pictures_folder / f"{picture.name}.png"
+    def _keep_frame(self, frame: Frame) -> None:
+        """Write a frame, unless one with the same content is there."""
+        file = self.frames_folder / f"{frame.name}.png"
         if file.exists():
             return
         try:
-            self.pictures_folder.mkdir(exist_ok=True)
+            self.frames_folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise StoreError(f"{self.pictures_folder} cannot be written: {error.strerror}") from error
-        self._replace(file, picture.png)
+            raise StoreError(f"{self.frames_folder} cannot be written: {error.strerror}") from error
+        self._replace(file, frame.png)
 
     def _append(self, file: Path, record: Record) -> None:
         try:
@@ -235,10 +235,10 @@ class RunFolder:
             raise StoreError(f"{file} cannot be written: {error.strerror}") from error
 
 
-def _pictures(episode: Episode) -> Iterator[Picture]:
+def _frames(episode: Episode) -> Iterator[Frame]:
     for turn in episode.turns:
         for exchange in turn.exchanges:
-            yield from exchange.pictures
+            yield from exchange.frames
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -136,8 +136,8 @@ def _read(
     record = folder.read_run()
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    observed = os.path.relpath(folder.pictures_folder.resolve(), target.path.resolve())
-    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(observed).as_posix()))
+    frames = os.path.relpath(folder.frames_folder.resolve(), target.path.resolve())
+    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(frames).as_posix()))
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

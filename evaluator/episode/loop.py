@@ -20,8 +20,8 @@ from evaluator.records import (
     Episode,
     EpisodeKey,
     Exchange,
+    Frame,
     Outcome,
-    Picture,
     ToolCall,
     Turn,
     Usage,
@@ -204,12 +204,12 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
         content=None if result.is_error else result.structured_content,
         text="\n".join(part.text for part in result.content if isinstance(part, types.TextContent)),
         duration_s=time.perf_counter() - clock,
-        pictures=tuple(_pictures(result)),
+        frames=tuple(_frames(result)),
     )
 
 
-def _pictures(result: types.CallToolResult) -> Iterator[Picture]:
-    """The PNG pictures of a result.
+def _frames(result: types.CallToolResult) -> Iterator[Frame]:
+    """The frames that came with a result.
 
     Raises:
         InfrastructureError: One of them cannot be decoded.
@@ -217,7 +217,7 @@ def _pictures(result: types.CallToolResult) -> Iterator[Picture]:
     for part in result.content:
         if isinstance(part, types.ImageContent) and part.mime_type == "image/png":
             try:
-                yield Picture.of(base64.b64decode(part.data, validate=True))
+                yield Frame.of(base64.b64decode(part.data, validate=True))
             except ValueError as error:
                 raise InfrastructureError(f"a picture that the server sent is not base64: {error}") from error
 

@@ -145,13 +145,13 @@ class _ModelPlayer:
         if feedback is None:
             return [UserPromptPart(self.prompt)]
         if self.text:
-            return [_with_pictures(feedback_text(feedback), feedback.exchanges)]
+            return [_with_frames(feedback_text(feedback), feedback.exchanges)]
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
         returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
         # Each return has a message of its own. The rest has the words of the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
-        return [*returns, _with_pictures(rest, feedback.exchanges)]
+        return [*returns, _with_frames(rest, feedback.exchanges)]
 
     def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
         """The return of one call. Every call gets a return, even if it was not run."""
@@ -163,17 +163,17 @@ class _ModelPlayer:
         return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
 
 
-def _with_pictures(text: str, exchanges: Sequence[Exchange]) -> UserPromptPart:
-    """A message with the pictures of results after its text, each with the number of its call.
+def _with_frames(text: str, exchanges: Sequence[Exchange]) -> UserPromptPart:
+    """A message with the frames of results after its text, each with the number of its call.
 
-    Not every provider takes pictures in the return of a tool.
+    Not every provider takes a picture in the return of a tool.
     """
     parts: list[str | BinaryContent] = [text]
     for number, exchange in enumerate(exchanges, start=1):
-        for picture in exchange.pictures:
+        for frame in exchange.frames:
             parts += [
                 f"Picture after call {number}, {exchange.call.tool}:",
-                BinaryContent(picture.png, media_type="image/png"),
+                BinaryContent(frame.png, media_type="image/png"),
             ]
     return UserPromptPart(parts if len(parts) > 1 else text)
 

@@ -23,8 +23,8 @@ class Run:
     rows: Sequence[ScoredEpisode]
     pictures: Mapping[int, bytes]
     """Scene → PNG of its start; scenes without a picture are left out."""
-    observed: str = "pictures"
-    """Where the pictures that came with results are, as an address relative to the page of the report."""
+    frames: str = "frames"
+    """Where the frames are, as an address relative to the page of the report."""
 
 
 @dataclass(frozen=True, slots=True)

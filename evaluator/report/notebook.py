@@ -40,8 +40,8 @@ class Entry:
     """Label of the agent's results."""
     picture: str
     """The scene's start as a PNG in base64; empty if there is no picture."""
-    observed: str
-    """Address of the folder with the pictures that came with results."""
+    frames: str
+    """Address of the folder with the frames."""
     charts: Sequence[Chart]
     """Readings over time of the objects that moved."""
 
@@ -74,7 +74,7 @@ def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
             agent_index=index,
             agent_label=results[index].label,
             picture=base64.b64encode(results[index].run.pictures.get(row.key.scene, b"")).decode(),
-            observed=results[index].run.observed,
+            frames=results[index].run.frames,
             charts=motion_charts(row.episode.turns),
         )
 

@@ -57,7 +57,7 @@ def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Epi
                 )
     target.create(resume=False)
     for key, episode in episodes.items():
-        target.copy_pictures(sources[key], episode)
+        target.copy_frames(sources[key], episode)
         target.append_episode(episode)
     target.write_run(_merged(parts, records))
     return episodes

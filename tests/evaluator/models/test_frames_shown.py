@@ -38,7 +38,7 @@ async def test_a_model_is_shown_the_picture_after_the_call_it_came_with(
     ):
         played = await play_episode(agent, client, episode_key(agent=text, protocol=protocol), VERSIONS)
     assert played.outcome is Outcome.ANSWERED
-    (picture,) = played.turns[0].exchanges[0].pictures
+    (picture,) = played.turns[0].exchanges[0].frames
     sent = json.dumps(service.seen[1].body)
     assert sent.count("Picture after call 1, step:") == 1
     # Providers differ in the alphabet of base64.

@@ -13,7 +13,7 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import LocalHost, connect
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError, StoreError, UsageError
-from evaluator.records import Episode, Exchange, Picture
+from evaluator.records import Episode, Exchange, Frame
 from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from evaluator.study.merging import merge
@@ -32,9 +32,9 @@ async def test_the_pictures_of_results_reach_the_record(painter: Painter) -> Non
         script = ScriptedAgent("script", {None: ((STEP, LOOK), (STEP, answer(1)))})
         played = await play_episode(script, client, episode_key(), VERSIONS)
     (step, look), (later, _) = (turn.exchanges for turn in played.turns)
-    assert look.pictures == ()
-    assert step.pictures[0].png.startswith(PNG)
-    assert step.pictures[0].name != later.pictures[0].name  # the ball has fallen on
+    assert look.frames == ()
+    assert step.frames[0].png.startswith(PNG)
+    assert step.frames[0].name != later.frames[0].name  # the ball has fallen on
 
 
 async def test_a_picture_that_is_no_base64_is_a_failure_of_the_server() -> None:
@@ -54,35 +54,35 @@ async def test_a_picture_that_is_no_base64_is_a_failure_of_the_server() -> None:
             await play_episode(script, client, episode_key(), VERSIONS)
 
 
-def with_pictures(scene: int, *contents: bytes) -> Episode:
-    exchanges = tuple(returned("step").model_copy(update={"pictures": (Picture.of(content),)}) for content in contents)
+def with_frames(scene: int, *contents: bytes) -> Episode:
+    exchanges = tuple(returned("step").model_copy(update={"frames": (Frame.of(content),)}) for content in contents)
     return episode(turn("", *exchanges), key=episode_key(scene))
 
 
 def test_a_run_folder_keeps_each_picture_once(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "run")
     folder.create(resume=False)
-    folder.append_episode(with_pictures(7, PNG + b"start", PNG + b"end"))
-    folder.append_episode(with_pictures(8, PNG + b"start"))
-    kept = {file.name: file.read_bytes() for file in folder.pictures_folder.iterdir()}
-    names = [Picture.of(PNG + content).name for content in (b"start", b"end")]
+    folder.append_episode(with_frames(7, PNG + b"start", PNG + b"end"))
+    folder.append_episode(with_frames(8, PNG + b"start"))
+    kept = {file.name: file.read_bytes() for file in folder.frames_folder.iterdir()}
+    names = [Frame.of(PNG + content).name for content in (b"start", b"end")]
     assert kept == {f"{names[0]}.png": PNG + b"start", f"{names[1]}.png": PNG + b"end"}
     (first, _) = folder.episodes().values()
-    assert [exchange.pictures for exchange in first.turns[0].exchanges] == [(Picture(name=name),) for name in names]
+    assert [exchange.frames for exchange in first.turns[0].exchanges] == [(Frame(name=name),) for name in names]
     assert b"PNG" not in folder.episodes_file.read_bytes()
 
 
 def test_records_without_pictures_are_written_as_before() -> None:
-    assert "pictures" not in json.loads(Exchange(call=STEP, returned=True).model_dump_json())
+    assert "frames" not in json.loads(Exchange(call=STEP, returned=True).model_dump_json())
     assert "observations" not in json.loads(Plan(scenes=(7,), agents=("x",)).model_dump_json())
 
 
 def test_pictures_are_merged_with_their_episodes(tmp_path: Path, run_folder_of: Any) -> None:
-    parts = [run_folder_of(tmp_path / "a", with_pictures(7, PNG)), run_folder_of(tmp_path / "b", with_pictures(8, PNG))]
+    parts = [run_folder_of(tmp_path / "a", with_frames(7, PNG)), run_folder_of(tmp_path / "b", with_frames(8, PNG))]
     target = RunFolder(tmp_path / "whole")
     merge(parts, target)
-    assert [file.read_bytes() for file in target.pictures_folder.iterdir()] == [PNG]
-    next(parts[0].pictures_folder.iterdir()).unlink()
+    assert [file.read_bytes() for file in target.frames_folder.iterdir()] == [PNG]
+    next(parts[0].frames_folder.iterdir()).unlink()
     with pytest.raises(StoreError, match="cannot be read"):
         merge(parts, RunFolder(tmp_path / "again"))
 
