@@ -47,7 +47,6 @@ DIMENSIONS = {
     "V of enabled tools": "v_enabled",
     "R": "r",
     "G′": "g_prime",
-    "Steps": "step_credit",
 }
 """Titles of the dimensions → fields of a summary."""
 
