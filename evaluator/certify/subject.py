@@ -7,8 +7,10 @@ from itertools import zip_longest
 from typing import Self, cast
 
 from evaluator.answers.engine import Engine, session_of
+from evaluator.answers.formula_keys import compare_formulas
 from physment_mcp.session import Session
 from scenes import (
+    AnswerKind,
     AnswerSpec,
     KnobValue,
     Pack,
@@ -105,6 +107,9 @@ class Subject:
         return all(self._part_agrees(got, want, share) for got, want in pairs)
 
     def _part_agrees(self, got: object, want: Scalar | None, share: float) -> bool:
+        if self.spec.kind is AnswerKind.FORMULA:
+            tolerance = {"rel_tol": share * self.spec.rel_tol, "abs_tol": share * self.spec.abs_tol}
+            return compare_formulas(str(got), str(want), self.spec.model_copy(update=tolerance))[0]
         if isinstance(got, int | float) and isinstance(want, int | float):
             return abs(got - want) <= share * (self.spec.abs_tol + self.spec.rel_tol * abs(want))
         return got is not None and str(got) == str(want)

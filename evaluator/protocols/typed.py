@@ -16,6 +16,7 @@ from evaluator.records import ToolCall
 
 _WORDS = {"true": True, "yes": True, "false": False, "no": False}
 _OPENING, _CLOSING = "[{", "]}"
+_OBJECT = 'an object such as {"mass": 2.5}'
 
 
 class TypingError(ValueError):
@@ -87,7 +88,7 @@ def _value(text: str, schema: Mapping[str, Any]) -> Any:
     forms: list[Mapping[str, Any]] = schema.get("anyOf", [schema])
     kinds = {str(form.get("type")): form for form in forms}
     if text.startswith('"') or ("object" in kinds and text.startswith("{")):
-        return _json(text, "a text in quotes" if text.startswith('"') else 'an object such as {"mass": 2.5}')
+        return _json(text, "a text in quotes" if text.startswith('"') else _OBJECT)
     if "null" in kinds and text.lower() in {"null", "none"}:
         return None
     if "array" in kinds and (text.startswith("[") or "string" not in kinds):
@@ -132,6 +133,8 @@ def _json(text: str, wanted: str) -> Any:
 def _wanted(kinds: Mapping[str, Any]) -> str:
     if "boolean" in kinds:
         return "true or false"
+    if "object" in kinds:
+        return _OBJECT
     return "a number" if kinds.keys() & {"number", "integer"} else "a list such as [1,0,0]"
 
 

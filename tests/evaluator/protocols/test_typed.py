@@ -67,6 +67,12 @@ TOOLS = tuple(ToolDescription(tool.name, tool.description or "", tool.input_sche
         ("answer answer=3", [call("answer", answer=3)]),
         ("answer x=3", [call("answer", answer="x=3")]),
         ("answer nan", [call("answer", answer="nan")]),
+        ('answer 3 steps={"mass": 2.5}', [call("answer", answer=3, steps={"mass": 2.5})]),
+        (
+            'answer "it tips" steps={"angle": "0.3", "n": 2}',
+            [call("answer", answer="it tips", steps={"angle": "0.3", "n": 2})],
+        ),
+        ("answer 3 steps=null", [call("answer", answer=3, steps=None)]),
     ],
 )  # fmt: skip
 def test_a_typed_line_is_parsed_into_calls(line: str, calls: list[ToolCall]) -> None:
@@ -99,6 +105,9 @@ def test_a_typed_line_is_parsed_into_calls(line: str, calls: list[ToolCall]) -> 
         ('answer "open', "a quote or bracket is not closed"),
         ('answer "a" b', 'answer: "a" b is not a text in quotes'),
         ("step 1; stp 1", "there is no tool 'stp'"),
+        ("answer 3 steps={mass}", 'steps: {mass} is not an object such as {"mass": 2.5}'),
+        ("answer 3 4 steps=null", "steps: 4 is not an object such as"),
+        ("answer 3 steps={}x", "steps: {}x is not an object"),
     ],
 )
 def test_a_typing_error_is_answered_with_one_helpful_sentence(line: str, said: str) -> None:
