@@ -1,92 +1,170 @@
-"""Scene 35: close in on the launch speed that just clears a wall nobody can measure."""
-
-from math import log, sqrt
+"""Scene 35: lead the cart on for the whole time below the guard's speed, fit how its bearings change, carry it on."""
 
 import numpy as np
 
+from scenes.courses import Laws, force, position, recorded, velocity
 from scenes.protocol import answer, call
 
-START = (0.0, 0.0, 1.0)
-RADIUS = 0.1
-HALF_THICKNESS = 0.05
-LOW, HIGH = 2.0, 25.0
-"""Far outside of all that the wall may ask for."""
-BEHIND = 5.3
-"""Here the ball is past any wall [m]."""
-PROBES = 10
-TOUCHED = 1e-3
-"""Loss of momentum per kg [m/s] beyond that to the air: a contact takes more."""
+STRUCTURES = {
+    "floor": ("mass", "rate", "floor", "length"),
+    "ceiling": ("mass", "rate", "ceiling", "length"),
+    "fading": ("mass", "rate", "half"),
+    "heavier": ("mass", "rate", "twice"),
+}
+BOX = {
+    "mass": (0.05, 100.0),
+    "rate": (0.7, 8.0),
+    "floor": (0.03, 0.9),
+    "ceiling": (1.2, 9.0),
+    "length": (1.2, 15.0),
+    "half": (1.5, 30.0),
+    "twice": (3.0, 80.0),
+}
+ASKED_M, ASKED_SPEED = 60.0, 1.0
+FIRST_N, GROWTH, SEEN = 0.02, 5.0, 0.1
+LEG_S, CALLS, LEGS_AT_ONCE = 0.55, 149, 3
+SPEEDS = (0.6, 1.0, 1.15, 0.8, 1.2, 1.2, 0.9, 1.2, 1.22, 1.22)
+LAB_S = 19.9
 
 
-def _launch(speed, duration, towards=1.0):
-    """One flight from the post at 45°, and the horizontal momentum and the place at its end."""
-    part = speed / sqrt(2)
+def _share(structure, knobs, way):
+    """Resistance per speed after a way, over that at the start."""
+    if structure in ("floor", "ceiling"):
+        return knobs[structure] + (1 - knobs[structure]) * np.exp(-way / knobs["length"])
+    return 1 / (1 + way / knobs["half"]) if structure == "fading" else 1 + way / knobs["twice"]
+
+
+def _rates(structure, knobs, time, state, force):
+    """Time derivative of place and speed; the cart goes on all the time, so the way is its place."""
+    x, v = state
+    return np.array([v, force[0] / knobs["mass"] - knobs["rate"] * _share(structure, knobs, np.maximum(x, 0)) * v])
+
+
+LAWS = Laws(
+    rates=_rates,
+    structures=STRUCTURES,
+    box=BOX,
+    start=(0.0, 0.0),
+    sigma=(0.006, 0.014),
+    longest_s=0.2,
+    starts=600,
+    tried=6,
+    rounds=12,
+)
+
+
+def _course(readings):
+    """Pushes and readings until the guard grips."""
+    course = recorded(readings, [force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
+    v = course.readings[:, 1]
+    held = np.nonzero((np.maximum.accumulate(v) > 0.3) & (v < 0.1) & (course.controls[:, 0] > 0))[0]
+    end = held[0] if len(held) else len(v)
+    return type(course)(course.durations[:end], course.controls[:end], course.readings[:end])
+
+
+def _predict(structure, knobs):
+    """Force at the speed and after the way that are asked."""
+    return float(knobs["mass"] * knobs["rate"] * _share(structure, knobs, ASKED_M) * ASKED_SPEED)
+
+
+def _best(readings):
+    """The force by the structure that fits best."""
+    return _predict(*LAWS.best(_course(readings)))
+
+
+def _leg(push, lasting):
     return [
-        call("move_object", object_id="object_1", x=START[0], y=START[1], z=START[2]),
-        call("set_velocity", object_id="object_1", velocity_vector=[towards * part, 0, part]),
-        call("step", duration=duration),
-        call("get_momentum", object_id="object_1", mass=1.0),
+        call("apply_force", object_id="object_1", force_vector=[float(f"{push:.5g}"), 0, 0]),
+        call("step", duration=lasting),
         call("get_position", object_id="object_1"),
+        call("get_velocity", object_id="object_1"),
     ]
 
 
+def _guess(course):
+    """Mass, and resistance per speed as a polynomial of the way."""
+    v, x = (np.concatenate(([0.0], course.readings[:, column])) for column in (1, 0))
+    way, middle = x[1:] - x[:-1], (x[1:] + x[:-1]) / 2
+    moving = v[1:] > 0.04
+    powers = int(np.clip(moving.sum() // 4 - 1, 0, 3))
+    table = np.column_stack([v[1:] - v[:-1], *(way * middle**n for n in range(powers + 1))])[moving]
+    return np.linalg.lstsq(table, (course.controls[:, 0] * course.durations)[moving], rcond=None)[0]
+
+
+def _plan(p, x, v, target):
+    """Force that brings the cart from a speed to another within a leg."""
+    way = LEG_S * (v + target) / 2
+    share = sum(size * (x + way / 2) ** n for n, size in enumerate(p[1:]))
+    return max(0.0, float(p[0] * (target - v) + share * way) / LEG_S), x + way
+
+
 def solve(task):
-    """Launch away from the wall to get the drag rate c from p = p0 - c x; then halve the range of speeds."""
-    readings = yield _launch(10.0, 1.0, towards=-1.0)
-    drag = (10.0 / sqrt(2) + readings[3]["momentum"]["x"]) / -readings[4]["position"][0]
-    low, high = LOW, HIGH
-    for _ in range(PROBES):
-        speed = sqrt(low * high)
-        forward = speed / sqrt(2)
-        if drag * BEHIND >= forward:
-            low = speed
-            continue
-        readings = yield _launch(speed, -log(1 - drag * BEHIND / forward) / drag)
-        lost = forward - readings[3]["momentum"]["x"] - drag * readings[4]["position"][0]
-        low, high = (speed, high) if abs(lost) > TOUCHED else (low, speed)
-    yield [answer(sqrt(low * high))]
+    """Weak pushes, growing until the cart moves; then on and on near the guard's speed."""
+    seen, push = [], FIRST_N
+    while not seen or seen[-1][1]["velocity"][0] < SEEN:
+        calls = _leg(push, 0.3)
+        push *= GROWTH
+        seen += zip(calls, (yield calls), strict=True)
+    scale = SEEN * push / GROWTH / seen[-1][1]["velocity"][0]
+    calls = [*_leg(2 * scale, 0.3), *_leg(3 * scale, 0.3), *_leg(scale, 0.3)]
+    seen += zip(calls, (yield calls), strict=True)
+    number, time = 0, 0.0
+    while len(seen) + 4 <= CALLS:
+        course = _course(seen)
+        p, calls, time = _guess(course), [], float(course.durations.sum())
+        x, v = course.readings[-1]
+        for _ in range(min(1 if number < 4 else LEGS_AT_ONCE, (CALLS - len(seen)) // 4)):
+            target = SPEEDS[number] if number < len(SPEEDS) else SPEEDS[-1 - (number % 5 == 0)]
+            push, x = _plan(p, x, v, target)
+            v, number, time = target, number + 1, time + LEG_S
+            if time > LAB_S:
+                break
+            calls += _leg(push, LEG_S)
+        if not calls:
+            break
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(_best(seen))]
 
 
-def _clearance(speed, knobs):
-    """Least distance of the ball's centre from the wall's top, negative below it."""
-    forward, drag = speed / sqrt(2), knobs["drag"]
-    near, far = knobs["x"] - HALF_THICKNESS, knobs["x"] + HALF_THICKNESS
-    x = np.linspace(near - RADIUS, far + RADIUS, 601)
-    if drag * x[-1] >= forward:
-        return -1.0
-    time = -np.log(1 - drag * x / forward) / drag
-    z = START[2] + (forward + knobs["g"] / drag) * x / forward - knobs["g"] * time / drag
-    above = z - (START[2] + knobs["rise"] * knobs["x"])
-    if np.any(above < 0):
-        return -1.0
-    beside = np.maximum(np.abs(x - knobs["x"]) - HALF_THICKNESS, 0.0)
-    return float(np.min(np.hypot(beside, above)))
+def fit(readings, structure):
+    """The force by the law of a structure."""
+    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+
+
+def structure(knobs):
+    """How the bearings change."""
+    return knobs["kind"]
 
 
 def theory(knobs):
-    """The speed at which the path with linear drag keeps one radius from the wall's top."""
-    low, high = LOW, HIGH
-    for _ in range(40):
-        speed = (low + high) / 2
-        low, high = (speed, high) if _clearance(speed, knobs) < RADIUS else (low, speed)
-    return (low + high) / 2
+    """The law at the way that is asked."""
+    return _predict(knobs["kind"], knobs)
 
 
 def measure(engine, knobs):
-    """The engine's own least speed of a launch that ends with the momentum of a free flight."""
-    start = engine.save()
-    low, high = LOW, HIGH
-    for _ in range(20):
-        speed = sqrt(low * high)
-        forward = speed / sqrt(2)
-        engine.restore(start)
-        engine.place("object_1", np.array(START), {})
-        engine.set_velocity("object_1", np.array([forward, 0.0, forward]))
-        for _ in range(engine.whole_steps(6.0) // 20):
-            engine.step(20)
-            if engine.pose("object_1").position[0] > BEHIND or engine.twist("object_1").linear[0] < 0.1:
-                break
-        lost = forward - engine.twist("object_1").linear[0] - knobs["drag"] * engine.pose("object_1").position[0]
-        cleared = abs(lost) < TOUCHED and engine.pose("object_1").position[0] > BEHIND
-        low, high = (low, speed) if cleared else (speed, high)
-    return sqrt(low * high)
+    """The loss of speed in one step of the engine, after the way that is asked."""
+    free = engine.changed({"body[most].pos": (100.0, 0.0, 0.0)})
+    free.place("meter", np.array([0.0, 3.0, ASKED_M]), {})
+    free.set_velocity("object_1", np.array([ASKED_SPEED, 0.0, 0.0]))
+    free.step(1)
+    lost = np.log(ASKED_SPEED / float(free.twist("object_1").linear[0]))
+    return knobs["mass"] * lost * free.whole_steps(1.0) * ASKED_SPEED
+
+
+def naive(knobs):
+    """As it is after 15 m; an even change per metre, by a factor, as from 5 m to 15 m."""
+    now, before = (knobs["c"] * _share(knobs["kind"], knobs, way) for way in (15.0, 5.0))
+    return {"as after 15 m": now, "same factor per metre": now * (now / before) ** 4.5}
+
+
+def stage(task):
+    """Lead it on at a walking pace for as long as 60 m take."""
+    readings = yield [*_leg(0.5, 9.0), *_leg(0.5, ASKED_M / ASKED_SPEED)]
+    yield [answer(0.5 / max(readings[7]["velocity"][0], 1e-3) * ASKED_SPEED)]
+
+
+def batch(task):
+    """Pushes in even ratios over the whole range, and the same fit."""
+    calls = [asked for n in range(15) for asked in _leg(0.2 * 1.5**n, 1.3)]
+    readings = yield calls
+    yield [answer(_best(list(zip(calls, readings, strict=True))))]

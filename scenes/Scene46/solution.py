@@ -1,62 +1,177 @@
-"""Scene 46: shift the rider until the beam just turns over, in ever smaller steps."""
-
-from math import sqrt
+"""Scene 46: turn the handle step by step below the speed of the safety device, find the laws of shaft and works."""
 
 import numpy as np
+from scipy.optimize import brentq
 
 from scenes.protocol import answer, call
 
-ARM = 0.6
-NEAR, FAR = 0.15, 1.1
-ROUNDS = 8
-HALF_TILTED_Z = 1.0 - 1.2 * np.sin(np.radians(2))
-WATCH_S = 4.0
-STIRRED_M = 0.002
+DIAL, HANDLE = "object_1", "object_2"
+ASKED = 2.0
+FASTEST, WIDEST = 0.6, 0.9
+SIGMA = 2.4e-3
+"""Standard deviation of an angle that is read, rad."""
+FIRST_NM, LOOK_S, WAIT_S = 0.05, 0.025, 6.0
+SINGLY, MOST, LAST = 6, 24, 0.86
+"""Steps that are made one by one and watched, most steps, and the angle that is enough."""
+SHAFTS = {"even shaft": (1,), "stiff shaft": (1, 3)}
+WORKS = {"even works": (1,), "hanging works": (0,), "cubic works": (1, 3)}
+"""Powers of the angle that the laws consist of; 0 stands for the sine."""
+KINDS = [f"{shaft}, {works}" for shaft in SHAFTS for works in WORKS]
 
 
-def _rider_sinks(before, after):
-    """Which way the tip went; if it stayed at a stop, at which."""
-    if abs(after - before) > STIRRED_M:
-        return after < before
-    return after < HALF_TILTED_Z
+def _columns(powers, angle):
+    """Torques of unit strength."""
+    angle = np.asarray(angle, dtype=float)
+    return np.stack([angle**power if power else np.sin(angle) for power in powers], axis=-1)
+
+
+def _fitted(powers, angles, torques, sigma):
+    """Misfit in standard deviations of the angle, and the strengths."""
+    table, ahead = _columns(powers, angles), _columns(powers, angles + 1e-4)
+    slope = np.full(len(angles), float(torques @ angles / (angles @ angles)))
+    for _ in range(4):
+        error = sigma * slope
+        strengths = np.linalg.lstsq(table / error[:, None], torques / error, rcond=None)[0]
+        slope = np.maximum((ahead - table) @ strengths / 1e-4, 0.2 * np.max(slope))
+    return float((((table @ strengths - torques) / error) ** 2).sum()) + 1e4 * float(min(strengths) < 0), strengths
+
+
+def _twist(shaft, strengths, torque):
+    """Twist of the shaft under a torque."""
+    torque = max(torque, 0.0)
+    even, cubic = max(strengths[0], 1e-9), max(strengths[1], 0.0) if len(strengths) > 1 else 0.0
+    return brentq(lambda twist: even * twist + cubic * twist**3 - torque, 0.0, torque / even + 1.0)
+
+
+def _laws(rows, kind):
+    """Misfit and answer by laws of one kind."""
+    shaft, works = kind.split(", ")
+    torques, dial, handle = np.array(rows).T
+    first, back = _fitted(WORKS[works], dial, torques, SIGMA)
+    second, hold = _fitted(SHAFTS[shaft], handle - dial, torques, 1.4 * SIGMA)
+    price = 5 * (len(back) + len(hold))
+    return first + second + price, _twist(shaft, hold, float((_columns(WORKS[works], ASKED) @ back).item()))
+
+
+def _best(rows):
+    """The answer by the laws that fit best, each strength paid for."""
+    return min(_laws(rows, kind) for kind in KINDS)[1]
+
+
+def _rows_of(exchanges):
+    """Torques and the angles of dial and handle wherever both were at rest within the range."""
+    torque, last, dial, rows = 0.0, 0.0, 0.0, []
+    for asked, reading in exchanges:
+        if asked.tool == "apply_torque":
+            torque = asked.arguments["torque_vector"][2]
+        elif asked.tool == "step":
+            last = asked.arguments["duration"]
+        elif asked.tool == "get_position" and last > 1.0:
+            if asked.arguments["object_id"] == DIAL:
+                before, dial = dial, reading["angle"]
+                if dial < 0.9 * before - 0.01 or dial > WIDEST:
+                    break
+            elif reading["angle"] > 10 * dial + 0.3:  # the shaft is uncoupled
+                break
+            else:
+                rows.append((torque, dial, reading["angle"]))
+    return rows
+
+
+def fit(readings, structure):
+    """The answer by laws of one kind."""
+    return _laws(_rows_of(readings), structure)[1]
+
+
+def _turn(torque):
+    return call("apply_torque", object_id=HANDLE, torque_vector=[0, 0, float(f"{torque:.5g}")])
+
+
+def _rest():
+    return [call("step", duration=WAIT_S), *(call("get_position", object_id=body) for body in (DIAL, HANDLE))]
 
 
 def solve(task):
-    """Halve the range of distances, in proportion, by the side that sinks."""
-    found = yield [call("find_objects"), call("get_position", object_id="object_1")]
-    rider, height = found[0]["revealed"][0], found[1]["position"][2]
-    place, near, far = rider["position"][0], NEAR, FAR
-    for _ in range(ROUNDS):
-        wanted = sqrt(near * far)
-        readings = yield [
-            call("change_position", object_id=rider["object_id"], dx=wanted - place, dy=0, dz=0, in_world_frame=False),
-            call("step", duration=WATCH_S),
-            call("get_position", object_id="object_1"),
-        ]
-        place, before, height = wanted, height, readings[-1]["position"][2]
-        if _rider_sinks(before, height):
-            far = wanted
+    """Torques that grow step by step, first singly and watched, then two at a time."""
+    yield [call("find_objects")]
+    exchanges, torque, more, number, way = [], 0.0, FIRST_NM, 0, 0.0
+    allowed, gained = np.inf, 0.0
+    while number < MOST and way < LAST:
+        before = way
+        if number < SINGLY:
+            torque += more
+            calls = [_turn(torque), call("step", duration=LOOK_S), call("get_velocity", object_id=HANDLE), *_rest()]
+            count = 1
         else:
-            near = wanted
-    yield [answer(sqrt(near * far))]
+            count = 1 if WIDEST - way < 2.5 * gained else 2
+            calls = []
+            for _ in range(count):
+                torque += more
+                calls += [_turn(torque), *_rest()]
+        readings = yield calls
+        exchanges += zip(calls, readings, strict=True)
+        way = _rows_of(exchanges)[-1][1]
+        if number < SINGLY:
+            spin = readings[2]["angular_velocity"]
+            allowed = 0.65 * FASTEST * more / max(spin, 0.01)
+        number += count
+        gained = max((way - before) / count, 2e-3)
+        more = min(8 * more, allowed, 0.8 * more * max(WIDEST - way, 0.004) / gained)
+    yield [answer(_best(_rows_of(exchanges)))]
+
+
+def stage(task):
+    """Turn the handle with all force, and read where it is."""
+    readings = yield [call("find_objects"), _turn(290.0), *_rest()]
+    yield [answer(max(abs(readings[-1]["angle"]), 0.01) * ASKED / max(abs(readings[-2]["angle"]), 0.01) - ASKED)]
+
+
+def batch(task):
+    """Torques in even ratios over the whole range, and the same fit."""
+    calls = [call("find_objects")]
+    for number in range(14):
+        calls += [_turn(0.06 * 1.7**number), *_rest()]
+    readings = yield calls
+    rows = _rows_of(list(zip(calls, readings, strict=True)))
+    yield [answer(_best(rows) if len(rows) > 1 else 2.0)]
+
+
+def structure(knobs):
+    """Laws of shaft and works."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    """Strengths of shaft and works."""
+    shaft, works = knobs["kind"].split(", ")
+    hold = [knobs["c"], knobs["c3"]][: len(SHAFTS[shaft])]
+    return hold, [knobs["k"], knobs["k3"]][: len(WORKS[works])]
 
 
 def theory(knobs):
-    """The rider's distance d1 m1 / m2."""
-    return ARM * knobs["m1"] / knobs["m2"]
+    """Equal torques of shaft and works."""
+    shaft, works = knobs["kind"].split(", ")
+    hold, back = _true(knobs)
+    return _twist(shaft, hold, float(_columns(WORKS[works], ASKED) @ back))
+
+
+def naive(knobs):
+    """The angles at 0.9 rad in proportion; the stiffnesses at small angles."""
+    shaft, works = knobs["kind"].split(", ")
+    hold, back = _true(knobs)
+    within = _twist(shaft, hold, float(_columns(WORKS[works], WIDEST) @ back))
+    return {"in proportion": within * ASKED / WIDEST, "small angles": ASKED / knobs["ratio"]}
 
 
 def measure(engine, knobs):
-    """The same search in the engine, finer, from the fresh beam each time."""
-    start, home = engine.save(), engine.pose("object_2").position
-    near, far = NEAR, FAR
-    for _ in range(14):
-        wanted = sqrt(near * far)
-        engine.restore(start)
-        engine.place("object_2", home + np.array([wanted, 0.0, 0.0]), {})
-        engine.step(engine.whole_steps(2 * WATCH_S))
-        if engine.pose("object_1").position[2] < HALF_TILTED_Z:
-            far = wanted
-        else:
-            near = wanted
-    return sqrt(near * far)
+    """The engine's handle, held and turned on until the dial is at rest at the asked angle."""
+    servo, goal = 300 * (knobs["c"] + knobs["k"]), ASKED
+    changes = {"joint[device_joint].damping": 1e9, "joint[object_2_joint].stiffness": servo}
+    changes |= {"joint[object_2_joint].armature": servo / 500, "joint[object_2_joint].damping": servo / 10}
+    free = engine.changed(changes)
+    gain = 0.1 * min(1 + 12 * knobs["k3"] / knobs["c"], 6)
+    while abs(free.turn(DIAL).angle - ASKED) > 1e-4 or abs(free.turn(DIAL).spin) > 1e-4:
+        goal += gain * (ASKED - free.turn(DIAL).angle)
+        free.push(HANDLE, torque=np.array([0.0, 0.0, servo * goal]))
+        free.step(free.whole_steps(0.1))
+    return float(free.turn(HANDLE).angle) - ASKED
