@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
-from evaluator.commands.base import make_room, own_version
+from evaluator.commands.base import end_as_by_ctrl_c, make_room, own_version
 from evaluator.commands.run_options import long_options
 from evaluator.errors import InfrastructureError, StoreError, UsageError
 from evaluator.study.config import with_config
@@ -83,9 +83,11 @@ def _fail(sentence: str, code: int) -> int:
     return code
 
 
-def _entry() -> NoReturn:
+def entry() -> NoReturn:
+    """Be the program `physment-eval`."""
+    end_as_by_ctrl_c()
     sys.exit(main())
 
 
 if __name__ == "__main__":
-    _entry()
+    entry()

@@ -231,8 +231,19 @@ class RunFolder:
                 stream.flush()
                 os.fsync(stream.fileno())
             fresh.replace(file)
+            _sync_folder(file.parent)
         except OSError as error:
             raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the folder's entries on disk: until then a power cut may undo a rename."""
+    if os.name == "posix":  # Windows opens no folders
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _frames(episode: Episode) -> Iterator[Frame]:

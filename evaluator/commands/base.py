@@ -3,9 +3,11 @@
 import argparse
 import contextlib
 import gc
+import signal
 from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from importlib.util import find_spec
+from types import FrameType
 from typing import Any, Protocol, TypeVar
 
 import anyio
@@ -52,6 +54,24 @@ def make_room() -> None:
     if soft != resource.RLIM_INFINITY and soft < most:
         with contextlib.suppress(OSError, ValueError):  # macOS may allow less than it reports
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def end_as_by_ctrl_c() -> None:
+    """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
+
+    A signal that is ignored, as HUP is under `nohup`, stays ignored.
+    """
+    for name in ("SIGTERM", "SIGHUP"):
+        sign = getattr(signal, name, None)  # Windows has no SIGHUP
+        if sign is not None and signal.getsignal(sign) is signal.SIG_DFL:
+            signal.signal(sign, _interrupt)
+
+
+def _interrupt(_sign: int, _frame: FrameType | None) -> None:
+    # A script that starts this program in its background has SIGINT ignored; TERM must end the program even so.
+    if signal.getsignal(signal.SIGINT) in {signal.SIG_IGN, None}:
+        raise KeyboardInterrupt
+    signal.raise_signal(signal.SIGINT)
 
 
 def run_async(play: Callable[[], Awaitable[T]]) -> T:

@@ -1,5 +1,6 @@
 """The command as an operator sees it: exit codes, messages, files, interruption."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -216,6 +217,16 @@ def _start_and_stop(tmp_path: Path, server: str, how: signal.Signals, after: int
         return process.returncode
 
 
+def _processes_of_session(folder: Path) -> list[str]:
+    """Commands of all processes whose working folder is this one: what a run that was started there left behind."""
+    found: list[str] = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if (process / "cwd").readlink() == folder:
+                found.append((process / "cmdline").read_text(encoding="utf-8").replace("\0", " "))
+    return found
+
+
 @pytest.mark.parametrize("after", [1, 23])
 def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(
     tmp_path: Path, host_url: str, after: int
@@ -255,8 +266,12 @@ def _whole_lines(folder: Path) -> list[bytes]:
     return (folder / "episodes.jsonl").read_bytes().split(b"\n")[:-1]
 
 
-def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(tmp_path: Path) -> None:
-    assert _start_and_stop(tmp_path, "host", signal.SIGINT, 3) == 130
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda how: how.name)
+def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(
+    tmp_path: Path, how: signal.Signals
+) -> None:
+    assert _start_and_stop(tmp_path, "host", how, 3) == 130
+    assert _processes_of_session(tmp_path) == []
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 40
     done = physment_eval("grade", "run", cwd=tmp_path)
