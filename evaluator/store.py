@@ -148,6 +148,31 @@ class RunFolder:
         """
         return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
 
+    def set_damage_aside(self) -> list[str]:
+        """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
+
+        Returns:
+            A sentence for each such line.
+
+        Raises:
+            StoreError: A file cannot be read or written.
+        """
+        file = self.episodes_file
+        if not file.exists():
+            return []
+        lines = file.read_bytes().split(b"\n")
+        problems = {place: _damage(line) for place, line in enumerate(lines[:-1])}
+        damaged = [place for place, problem in problems.items() if problem]
+        if damaged:
+            self._move_aside(file, [lines[place] for place in damaged])
+            kept = [line for place, line in enumerate(lines) if place not in damaged]
+            self._replace(file, b"\n".join(kept))
+        return [
+            f"{file}, line {place + 1} was damaged ({problems[place]}); it is in {file.name}.torn, and its episode is"
+            " played again"
+            for place in damaged
+        ]
+
     def write_grades(self, grades: Iterable[GradeRecord]) -> None:
         """Replace all grades."""
         self._replace(self.grades_file, "".join(grade.model_dump_json() + "\n" for grade in grades))
@@ -203,7 +228,10 @@ class RunFolder:
             try:
                 records.append(kind.model_validate_json(line))
             except ValidationError as error:
-                raise StoreError(f"{file}, line {number} is damaged: {_first_problem(error)}") from error
+                raise StoreError(
+                    f"{file}, line {number} is damaged: {_first_problem(error)}; `physment-eval run --resume` with the"
+                    " options of the run sets it aside"
+                ) from error
         return records
 
     @staticmethod
@@ -217,9 +245,19 @@ class RunFolder:
                 return
         content = file.read_bytes()
         whole, _, torn = content.rpartition(b"\n")
-        with file.with_name(file.name + ".torn").open("ab") as aside:
-            aside.write(torn + b"\n")
-        RunFolder._replace(file, (whole + b"\n" if whole else b"").decode("utf-8"))
+        RunFolder._move_aside(file, [torn])
+        RunFolder._replace(file, whole + b"\n" if whole else b"")
+
+    @staticmethod
+    def _move_aside(file: Path, lines: Iterable[bytes]) -> None:
+        """Keep lines beside a file that they are about to be taken from."""
+        try:
+            with file.with_name(file.name + ".torn").open("ab") as aside:
+                aside.writelines(line + b"\n" for line in lines)
+                aside.flush()
+                os.fsync(aside.fileno())
+        except OSError as error:
+            raise StoreError(f"{file}.torn cannot be written: {error.strerror}") from error
 
     @staticmethod
     def _replace(file: Path, content: str | bytes) -> None:
@@ -250,6 +288,15 @@ def _frames(episode: Episode) -> Iterator[Frame]:
     for turn in episode.turns:
         for exchange in turn.exchanges:
             yield from exchange.frames
+
+
+def _damage(line: bytes) -> str:
+    """Why a line is no record of an episode; empty if it is one."""
+    try:
+        Episode.model_validate_json(line)
+    except ValidationError as error:
+        return _first_problem(error)
+    return ""
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -149,6 +149,8 @@ async def _play_missing(run: _Run) -> str:
     options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(folder.held())
+        for note in folder.set_damage_aside() if options.resume else ():
+            print(f"physment-eval: {note}", file=sys.stderr)
         laboratory = await stack.enter_async_context(
             connect(options.team.server, options.team.scenes_dir, options.team.observations)
         )

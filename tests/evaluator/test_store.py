@@ -61,6 +61,28 @@ def test_a_damaged_line_in_the_middle_is_reported_with_its_number(folder: RunFol
         folder.episodes()
 
 
+@pytest.mark.parametrize("damage", [b"{not json}", b"\xff\xfe", b"", b"[]"])
+def test_damaged_lines_are_set_aside_and_their_episodes_are_missing(folder: RunFolder, damage: bytes) -> None:
+    for scene in (7, 8, 9):
+        folder.append_episode(episode_of(scene))
+    first, _, last = folder.episodes_file.read_bytes().split(b"\n")[:-1]
+    folder.episodes_file.write_bytes(b"\n".join([first, damage, last, b"{torn"]))
+    (told,) = folder.set_damage_aside()
+    assert "line 2 was damaged" in told
+    assert "its episode is played again" in told
+    assert [key.scene for key in folder.episodes()] == [7, 9]
+    torn = folder.episodes_file.with_name("episodes.jsonl.torn")
+    assert torn.read_bytes() == damage + b"\n"
+    folder.append_episode(episode_of(8))  # moves the unfinished line aside, as always
+    assert torn.read_bytes() == damage + b"\n{torn\n"
+    assert [key.scene for key in folder.episodes()] == [7, 9, 8]
+    assert folder.set_damage_aside() == []
+
+
+def test_a_run_that_has_not_begun_has_no_damage(folder: RunFolder) -> None:
+    assert folder.set_damage_aside() == []
+
+
 @pytest.mark.parametrize("break_", ["\u2028", "\u2029", "\x85", "\x0b", "\x0c", "\x1c", "\r", "\r\n", "\0"], ids=ascii)
 def test_unusual_line_breaks_in_a_record_do_not_end_its_line(folder: RunFolder, break_: str) -> None:
     for scene in (7, 8):

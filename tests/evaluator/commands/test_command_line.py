@@ -247,6 +247,22 @@ def test_a_killed_run_is_completed_and_no_episode_is_lost_or_recorded_twice(
     assert len(keys) == len(set(keys)) == 40
 
 
+def test_a_resumed_run_sets_a_damaged_line_aside_and_plays_its_episode_again(tmp_path: Path, host_url: str) -> None:
+    words = ("--server", host_url, "--agent", "random", "--scenes", "7", "--seeds", "0-2", "--out", "run")
+    assert physment_eval(*words, cwd=tmp_path).returncode == 0
+    file = tmp_path / "run" / "episodes.jsonl"
+    first, _, last = _whole_lines(tmp_path / "run")
+    file.write_bytes(b"\n".join([first, b"garbage", last, b""]))
+    refused = physment_eval("grade", "run", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "line 2 is damaged" in refused.stderr
+    assert "--resume" in refused.stderr
+    done = physment_eval(*words, "--resume", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "line 2 was damaged" in done.stderr
+    assert sorted(_keys(tmp_path / "run")) == [(7, 0), (7, 1), (7, 2)]
+
+
 def test_a_run_that_was_killed_twice_has_the_results_of_an_undisturbed_run(tmp_path: Path, host_url: str) -> None:
     words = ("--server", host_url, "--agent", "random", "--scenes", "7,21", "--seeds", "0-7", "--out", "run")
     random, on_disk = Random(20), 0
@@ -302,7 +318,7 @@ def test_a_run_folder_that_is_damaged_is_refused_with_file_and_line(
     capsys.readouterr()
     file = folder / "episodes.jsonl"
     file.write_bytes(b'{"format": 1}\n' + file.read_bytes())
-    for words in (["grade", folder], ["report", folder], ["run", "--scenes", "7", "--out", folder, "--resume"]):
+    for words in (["grade", folder], ["report", folder]):
         assert "episodes.jsonl, line 1 is damaged: key: Field required" in refused(capsys, *words)
     (folder / "run.json").write_text("{", encoding="utf-8")
     assert "run.json cannot be read" in refused(capsys, "report", folder)
