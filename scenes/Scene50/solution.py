@@ -1,65 +1,171 @@
-"""Scene 50: a force that shifts the block well gives the spring, the swing after it the mass."""
+"""Scene 50: push the float down step by step, find its shape and the rise of the level, and carry both on."""
 
-from itertools import pairwise
-from math import pi, sqrt
+import numpy as np
+from scipy.optimize import brentq
 
 from scenes.protocol import answer, call
 
-FIRST_N = 2.0
-RAISE = 1.7
-SHIFTED_M = 0.08
-REST_S = 60.0
-GLANCE_S = 0.02
-LOOKS = 60
-LOSS = 0.06
-"""Damping ratio of a swing that loses a third of its width in a period: exp(-2π · 0.06) = 0.69."""
+GAUGE, FLOAT = "object_1", "object_2"
+ASKED, DEEPEST, FASTEST = 0.5, 0.2, 0.2
+SIGMA = 3e-4
+"""Standard deviation of a place that is read, m."""
+FIRST_N, LOOK_S, WAIT_S = 0.3, 0.025, 3.0
+SINGLY, MOST, LAST = 6, 24, 0.19
+"""Steps that are made one by one and watched, most steps, and the way that is enough."""
+SHAPES = {"prism": (1, (1.0,)), "wedge": (2, np.arange(0.15, 0.405, 0.005)), "cone": (2, np.arange(0.15, 0.405, 0.005))}
+SHAPES["step"] = (3, np.arange(0.04, 0.181, 0.004))
+"""How many numbers describe each shape, and trial values of its draught or edge, m."""
 
 
-def _look(block, duration):
-    return [call("step", duration=duration), call("get_position", object_id=block)]
+def _columns(shape, depth, size):
+    """Buoyancy of floats of unit strength over the further depth below the level."""
+    depth = np.asarray(depth, dtype=float)
+    columns = [depth]
+    if shape == "wedge":
+        columns = [depth + depth**2 / (2 * size)]
+    elif shape == "cone":
+        columns = [depth + depth**2 / size + depth**3 / (3 * size**2)]
+    elif shape == "step":
+        columns.append(np.maximum(depth - size, 0.0))
+    return np.stack(columns, axis=-1)
+
+
+def _held(shape, strengths, size, rise):
+    """Force at the asked place: where the buoyancy at the depth below the risen level equals it."""
+
+    def lack(level):
+        return float((_columns(shape, [ASKED + level], size) @ np.asarray(strengths)).item()) * rise - level
+
+    levels = np.linspace(0.0, 0.6, 301)
+    first = next((level for level in levels[1:] if lack(level) < 0), None)
+    level = brentq(lack, 0.0, first) if first is not None else 0.0
+    return float((_columns(shape, [ASKED + level], size) @ np.asarray(strengths)).item())
+
+
+def _fitted(rows, shape):
+    """Misfit in standard deviations, strengths, size, and rise of the level per force."""
+    forces, down, level = np.array(rows).T
+    rise = float(level @ forces / (forces @ forces))
+    depth, best = down + rise * forces, None
+    for size in SHAPES[shape][1]:
+        table, ahead = _columns(shape, depth, size), _columns(shape, depth + 1e-5, size)
+        slope = np.full(len(depth), float(forces @ depth / (depth @ depth)))
+        for _ in range(3):
+            error = SIGMA * slope
+            strengths = np.linalg.lstsq(table / error[:, None], forces / error, rcond=None)[0]
+            slope = np.maximum((ahead - table) @ strengths / 1e-5, 0.1 * np.max(slope))
+        misfit = float((((table @ strengths - forces) / error) ** 2).sum()) + 1e4 * float(min(strengths) < 0)
+        if best is None or misfit < best[0]:
+            best = (misfit, strengths, size, max(rise, 0.0))
+    return best
+
+
+def _best(rows):
+    """The force by the shape that fits best, each number paid for."""
+    found = {shape: _fitted(rows, shape) for shape in SHAPES}
+    shape = min(SHAPES, key=lambda shape: found[shape][0] + 5 * SHAPES[shape][0])
+    return _held(shape, *found[shape][1:])
+
+
+def _rows_of(exchanges):
+    """Force, way of the float and rise of the level wherever all was at rest, until the water is let out."""
+    force, last, down, rows = 0.0, 0.0, 0.0, []
+    for asked, reading in exchanges:
+        if asked.tool == "apply_force":
+            force = -asked.arguments["force_vector"][2]
+        elif asked.tool == "step":
+            last = asked.arguments["duration"]
+        elif asked.tool == "get_position" and last > 1.0:
+            if asked.arguments["object_id"] == FLOAT:
+                down = -reading["position"][2]
+                if down > DEEPEST:
+                    break
+            else:
+                rows.append((force, down, reading["position"][2]))
+    return rows
+
+
+def fit(readings, structure):
+    """The force by one shape."""
+    return _held(structure, *_fitted(_rows_of(readings), structure)[1:])
+
+
+def _push(force):
+    return call("apply_force", object_id=FLOAT, force_vector=[0, 0, -float(f"{force:.5g}")])
+
+
+def _rest():
+    return [call("step", duration=WAIT_S), *(call("get_position", object_id=body) for body in (FLOAT, GAUGE))]
 
 
 def solve(task):
-    """Raise the force, let go, estimate the period from a glance, then time two passages of the rest."""
-    found = yield [call("find_objects")]
-    block = found[0]["revealed"][0]["object_id"]
-    force, x = FIRST_N / RAISE, 0.0
-    while x < SHIFTED_M:
-        force *= RAISE
-        readings = yield [call("apply_force", object_id=block, force_vector=[force, 0, 0]), *_look(block, REST_S)]
-        x = readings[-1]["position"][0]
-    stiffness = force / x
-    readings = yield [call("apply_force", object_id=block, force_vector=[0, 0, 0]), *_look(block, GLANCE_S)]
-    # At first the block falls back by a t² / 2 with a = k x / m.
-    moved = x - readings[-1]["position"][0]
-    period = 2 * pi * sqrt(x * GLANCE_S**2 / (2 * moved))
-    pause = max(round(period * 1.2 / LOOKS / 0.005), 1) * 0.005
-    readings = yield [one for _ in range(LOOKS) for one in _look(block, pause)]
-    places = [reading["position"][0] for reading in readings[1::2]]
-    times = [
-        pause * (step + before / (before - after))
-        for step, (before, after) in enumerate(pairwise(places))
-        if before * after < 0
-    ]
-    half = times[1] - times[0]
-    yield [answer(stiffness * (half / pi) ** 2 * (1 - LOSS**2))]
+    """Forces that grow step by step, first singly and watched, then two at a time."""
+    yield [call("find_objects")]
+    exchanges, force, more, number, way = [], 0.0, FIRST_N, 0, 0.0
+    allowed, gained = np.inf, 0.0
+    while number < MOST and way < LAST:
+        before, calls, count = way, [], 1 if number < SINGLY or DEEPEST - way < 2.5 * gained else 2
+        for _ in range(count):
+            force += more
+            look = [call("step", duration=LOOK_S), call("get_velocity", object_id=FLOAT)] if number < SINGLY else []
+            calls += [_push(force), *look, *_rest()]
+        readings = yield calls
+        exchanges += zip(calls, readings, strict=True)
+        way = _rows_of(exchanges)[-1][1]
+        if number < SINGLY:
+            allowed = 0.6 * FASTEST * more / max(-readings[2]["velocity"][2], 0.002)
+        number += count
+        gained = max((way - before) / count, 1e-3)
+        more = min(8 * more, allowed, 0.75 * more * max(DEEPEST - way, 1e-3) / gained)
+    yield [answer(_best(_rows_of(exchanges)))]
+
+
+def stage(task):
+    """Push with all force, and read where the float is."""
+    readings = yield [call("find_objects"), _push(2400.0), *_rest()]
+    yield [answer(2400.0 * ASKED / max(-readings[3]["position"][2], 0.01))]
+
+
+def batch(task):
+    """Forces in even ratios over the whole range, and the same fit."""
+    calls = [call("find_objects")]
+    for number in range(14):
+        calls += [_push(0.5 * 1.75**number), *_rest()]
+    readings = yield calls
+    rows = _rows_of(list(zip(calls, readings, strict=True)))
+    yield [answer(_best(rows) if len(rows) > 2 else 100.0)]
+
+
+def structure(knobs):
+    """Shape of the float."""
+    return knobs["kind"]
+
+
+def _true(knobs):
+    """Strengths, size, and rise of the level per force."""
+    strengths = [knobs["k"], knobs["kq"]] if knobs["kind"] == "step" else [knobs["k"]]
+    return strengths, knobs["edge"] if knobs["kind"] == "step" else knobs["draught"], knobs["rise"]
 
 
 def theory(knobs):
-    """The mass that was drawn."""
-    return knobs["m"]
+    """Buoyancy below the risen level."""
+    return _held(knobs["kind"], *_true(knobs))
+
+
+def naive(knobs):
+    """The force at 0.2 m in proportion; the buoyancy per depth at the start."""
+    strengths, size, _ = _true(knobs)
+    edge_force = float((_columns(knobs["kind"], [DEEPEST], size) @ np.asarray(strengths)).item())
+    return {"in proportion": edge_force * ASKED / DEEPEST, "as at the start": knobs["k"] * ASKED}
 
 
 def measure(engine, knobs):
-    """From ten half swings of the engine's block."""
-    engine.push("object_2", force=[0.1 * knobs["k"], 0.0, 0.0])
-    engine.step(engine.whole_steps(REST_S))
-    engine.push("object_2", force=[0.0, 0.0, 0.0])
-    times, before = [], 1.0
-    while len(times) < 11:
-        engine.step(1)
-        x = float(engine.pose("object_2").position[0])
-        if before * x < 0:
-            times.append(engine.time - engine.timestep * x / (x - before))
-        before = x
-    return knobs["k"] * ((times[-1] - times[0]) / (10 * pi)) ** 2 * (1 - LOSS**2)
+    """The engine's float, held by a stiff hand at the asked place."""
+    hand, goal, down = 100 * knobs["k"], ASKED, 0.0
+    free = engine.changed({"joint[device_joint].damping": 1e9, "joint[object_2_joint].stiffness": hand})
+    while abs(down - ASKED) > 1e-6:
+        goal += ASKED - down if down else 0.0
+        free.push(FLOAT, force=np.array([0.0, 0.0, -hand * goal]))
+        free.step(free.whole_steps(2.0))
+        down = -float(free.pose(FLOAT).position[2])
+    return hand * (goal - down)
