@@ -12,6 +12,7 @@ from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
 from physment_mcp.world.pictures.looks import same_parts
+from tests.front_page.episode import PACKS
 
 SLIDER = "object_1"
 GHOST = "0.80 0.30 0.20 0.30"
@@ -42,9 +43,9 @@ def exposure(episode: Episode) -> str:
 
 def _moments(episode: Episode) -> Sequence[Moments]:
     """Play the calls of the episode again, and look at the world after the first and the last call of each turn."""
-    scene = load_scene(episode.key.scene, episode.key.seed)
+    scene = load_scene(episode.key.scene, episode.key.seed, PACKS)
     session = Session(scene)
-    parts = same_parts((*load_variants(episode.key.scene), scene.mjcf), ())
+    parts = same_parts((*load_variants(episode.key.scene, PACKS), scene.mjcf), ())
     seen = {listed.body for listed in session.known()}
     found: list[Moments] = []
     for turn in episode.turns[:-1]:
