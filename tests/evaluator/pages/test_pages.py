@@ -22,6 +22,7 @@ from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_pa
 from physment_mcp.world.pictures.framing import FramedParts, view_of
 from physment_mcp.world.pictures.png import png_of
 from scenes import Category, Pack, PackFiles, default_folder, find_pack, list_packs, read_pack
+from tests.builders.author import Author
 from tests.builders.paths import DOCS
 
 PLANTED = "planted-canary"
@@ -65,11 +66,14 @@ def test_a_row_shows_what_an_agent_may_know(three: Path, tmp_path: Path) -> None
 
 
 def test_the_length_of_a_protocol_is_a_range_over_several_seeds(tmp_path: Path) -> None:
-    folder = copied(tmp_path / "packs", 107)
-    _, page, _ = written(folder, tmp_path / "out", "--no-pictures")
-    lengths = {(len(run.turns), run.interventions) for run in (play(find_pack(107), seed) for seed in range(5))}
-    assert lengths == {(2, 2), (3, 4)}
-    assert "| 2–3, 2–4 | 6 |" in page
+    author = Author(tmp_path)
+    files = author.write(Category.EASY_SINGLE)
+    longer = 'if readings[-1]["velocity"][0] > 2:\n        yield [call("step", duration=0.1)]\n    yield [answer('
+    author.replace(files.solution, "yield [answer(", longer)
+    _, page, _ = written(files.folder.parent, tmp_path / "out", "--no-pictures")
+    lengths = {(len(run.turns), run.interventions) for run in (play(files, seed) for seed in range(5))}
+    assert lengths == {(2, 2), (3, 3)}
+    assert "| 2–3, 2–3 | 1 |" in page
 
 
 def test_the_same_packs_give_identical_pages(three: Path, tmp_path: Path) -> None:
