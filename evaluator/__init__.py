@@ -59,11 +59,11 @@ _HOMES = {
         "Grade",
         "GradeRecord",
         "Outcome",
-        "RunRecord",
         "ToolCall",
         "Turn",
         "Verdict",
     ),
+    "evaluator.run_record": ("RunRecord",),
     "evaluator.scores.metrics": ("RunSummary",),
     "evaluator.scores.scored_episode": ("ScoredEpisode",),
 }

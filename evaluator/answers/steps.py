@@ -16,13 +16,13 @@ def stated_steps(episode: Episode) -> Mapping[str, Any]:
     """What the accepted answer states in `steps`, verbatim; empty if it states nothing, or if there is no answer."""
     if episode.outcome is not Outcome.ANSWERED:
         return {}
-    accepted = next(
+    accepted = (
         exchange.call
         for turn in episode.turns
         for exchange in turn.exchanges
         if exchange.call.tool == "answer" and exchange.returned and not exchange.is_error
     )
-    return accepted.arguments.get("steps") or {}
+    return next((call.arguments.get("steps") or {} for call in accepted), {})
 
 
 def grade_steps(episode: Episode, values: Mapping[str, float]) -> dict[str, bool] | None:

@@ -19,7 +19,7 @@ from evaluator.episode.connect import Laboratory
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
 from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
 from tests.builders.author import Author
-from tests.builders.records import episode, episode_key
+from tests.builders.records import episode, episode_key, returned, turn
 
 SCENES = [files.scene_id for files in list_packs()]
 SEEDS = 4
@@ -301,9 +301,10 @@ async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(scen
     assert subject.solution.solve is not None
     assert not (await drive(session, subject.solution.solve)).failure
     prompt, answer = opening_prompt(session, PromptOptions(budget=BUDGET)), cast("JsonValue", session.state.answer)
+    answered = returned("answer", answer=answer, steps=session.state.steps)
     episodes = [
         await play_reference(subject, 0, memory),
-        episode(key=episode_key(scene, seed=1), answer=answer, prompt=prompt),
+        episode(turn("", answered), key=episode_key(scene, seed=1), answer=answer, prompt=prompt),
     ]
     checks = [check_key(subject, episodes), await check_twins(subject, episodes), check_sane(subject, 1, lint(files))]
     # Two draws of a choice may be equal; the stored certificates prove that keys differ over twenty seeds.
