@@ -12,6 +12,7 @@ import anyio
 from physment_mcp.commands import bundle, config, export, serve
 from physment_mcp.commands.base import common_options, observations, timestep
 from physment_mcp.errors import SceneError, UsageError
+from physment_mcp.serving.log_lines import PatientLines
 from physment_mcp.version import __version__
 
 _DESCRIPTION = """\
@@ -30,7 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # default, looks at them again each time: a tenth of the time of a start, and of a call on a host of hundreds.
     gc.set_threshold(10_000, 20, 20)
     args = parser().parse_args(argv)
-    logging.basicConfig(stream=sys.stderr, level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(
+        handlers=[PatientLines()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
+    )
     try:
         return args.run(args)
     except (SceneError, UsageError) as error:

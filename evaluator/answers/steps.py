@@ -22,7 +22,8 @@ def stated_steps(episode: Episode) -> Mapping[str, Any]:
         for exchange in turn.exchanges
         if exchange.call.tool == "answer" and exchange.returned and not exchange.is_error
     )
-    return next((call.arguments.get("steps") or {} for call in accepted), {})
+    call = next(accepted, None)
+    return {} if call is None else call.arguments.get("steps") or {}
 
 
 def grade_steps(episode: Episode, values: Mapping[str, float]) -> dict[str, bool] | None:

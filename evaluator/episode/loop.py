@@ -4,7 +4,7 @@ import base64
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,6 +13,7 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import JsonValue
 
+from evaluator.episode.bounds import as_text, bounded
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from evaluator.errors import AgentError, InfrastructureError
@@ -32,8 +33,6 @@ from evaluator.records import (
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
 """Key in `_meta` of a result that a host sets when it no longer has the episode."""
-_MAX_NESTING = 64
-"""Most levels of lists and objects in a call. JSON readers fail at 200 levels, and a record must be readable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +104,7 @@ async def _take_turn(
 ) -> tuple[Turn, bool]:
     """Play one iteration. Returns its turn, and whether it ended with the answer."""
     asked = time.perf_counter()
-    reply = _recordable(await player.act(feedback))
+    reply = bounded(await player.act(feedback))
     replied = time.perf_counter()
     if reply.usage is not None:
         used.append(reply.usage)
@@ -136,34 +135,6 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
     except MCPError:
         return {}
     return json.loads(contents[0].text) if isinstance(contents[0], types.TextResourceContents) else {}
-
-
-def _recordable(reply: Reply) -> Reply:
-    """The reply; or a malformed reply in its place, if a record could not hold its calls and be read again."""
-    problem = next(filter(None, [reply.malformed, *(unrecordable(call) for call in reply.calls)]), "")
-    calls = () if problem else reply.calls
-    return replace(reply, reasoning=as_text(reply.reasoning), calls=calls, malformed=as_text(problem))
-
-
-def unrecordable(call: ToolCall) -> str:
-    """Why a record cannot hold a call; empty if it can."""
-    if _nests_deeper(call.arguments, _MAX_NESTING):
-        return f"a call nests more than {_MAX_NESTING} levels"
-    try:
-        written = json.dumps([call.tool, call.arguments], ensure_ascii=False)
-    except (TypeError, ValueError) as error:
-        return f"a call is not JSON: {error}"
-    return "" if as_text(written) == written else "a call holds half a surrogate pair, which is no text"
-
-
-def as_text(text: str) -> str:
-    """Text that UTF-8 can hold: half surrogate pairs become question marks."""
-    return text.encode("utf-8", "replace").decode("utf-8")
-
-
-def _nests_deeper(value: JsonValue, levels: int) -> bool:
-    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return any(levels == 0 or _nests_deeper(part, levels - 1) for part in parts)
 
 
 async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:

@@ -14,6 +14,8 @@ from evaluator.episode.player import ToolDescription
 from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.records import ToolCall
 
+_SHOWN = 64
+"""Most characters of an unknown name that a sentence repeats."""
 _Schemas = Mapping[str, Draft202012Validator]
 
 
@@ -29,7 +31,7 @@ class Toolbox:
         """Why a call does not fit the published schema of its tool; empty if it fits."""
         validator = self._arguments.get(call.tool)
         if validator is None:
-            return f"there is no tool {call.tool!r}"
+            return f"there is no tool {call.tool[:_SHOWN]!r}"
         try:
             json.dumps(call.arguments, allow_nan=False)
         except ValueError:

@@ -23,7 +23,7 @@ from pydantic_ai.messages import (
     UserPromptPart,
 )
 
-from evaluator.episode.loop import as_text
+from evaluator.episode.bounds import as_text
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.models.choice import ModelChoice

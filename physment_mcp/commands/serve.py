@@ -73,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.gate import is_loopback  # noqa: PLC0415
-    from physment_mcp.serving.host import Host, serve  # noqa: PLC0415
+    from physment_mcp.serving.host import Host  # noqa: PLC0415
+    from physment_mcp.serving.listening import serve  # noqa: PLC0415
 
     exposed = not is_loopback(args.host)
     if exposed and args.token_env is None:

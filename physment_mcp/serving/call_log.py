@@ -6,14 +6,21 @@ transports and no physics.
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import mcp_types as types
 from pydantic_core import to_json
 
-_MAX_NOTED = 20_000
-"""Longest arguments that a bounded log keeps [bytes]; longer ones are a mistake, or an attempt to fill the memory."""
+from physment_mcp.tools.bounds import MAX_NAME, excess
+from physment_mcp.tools.episode import ANSWER
+
+MAX_EPISODE_BYTES = 4_000_000
+"""Most arguments that an episode may bring in all its calls [bytes of JSON]; 10,000 usual calls bring half of it."""
+MAX_PAGE_BYTES = 100_000
+"""Most arguments and results in one reply about the log [bytes], so that writing it delays no other episode."""
+FULL = f"the calls of this episode have brought {MAX_EPISODE_BYTES} bytes, which is the limit; you can only answer now"
 
 
 class LoggedCall(NamedTuple):
@@ -28,6 +35,11 @@ class LoggedCall(NamedTuple):
     started_s: float
     """Wall time since the episode was opened [s]."""
     duration_s: float
+
+    @property
+    def size(self) -> int:
+        """Bytes of arguments and result, roughly."""
+        return len(self.written) + len(self.text or "")
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -69,7 +81,32 @@ class CallLog:
     calls: list[LoggedCall] = field(default_factory=list[LoggedCall])
     left_out: int = 0
     """Calls that are no longer kept."""
+    size: int = 0
+    """Bytes of all arguments noted so far."""
     opened_at: float = field(default_factory=time.monotonic)
+
+    @property
+    def full(self) -> bool:
+        """Whether the episode has brought as much as it may; then only its answer is taken."""
+        return self.size > MAX_EPISODE_BYTES
+
+    def page_from(self, first: int) -> Sequence[LoggedCall]:
+        """The calls from an index in `calls` on, as many as fill a page; at least one if there is one.
+
+        Args:
+            first: Counted from 0.
+        """
+        size, end = 0, first
+        while end < len(self.calls) and (size := size + self.calls[end].size) <= MAX_PAGE_BYTES:
+            end += 1
+        return self.calls[first : max(end, first + 1)]
+
+    def newest_page(self) -> Sequence[LoggedCall]:
+        """The newest calls, as many as fill a page."""
+        size, first = 0, len(self.calls)
+        while first > 0 and (size := size + self.calls[first - 1].size) <= MAX_PAGE_BYTES:
+            first -= 1
+        return self.calls[first:]
 
     def add(self, params: types.CallToolRequestParams, result: types.CallToolResult | None, started_at: float) -> None:
         """Record a call.
@@ -79,16 +116,22 @@ class CallLog:
             result: What the client received; None if it cancelled the call.
             started_at: When the call began, by the monotonic clock [s].
         """
-        written = to_json(params.arguments or {}, inf_nan_mode="strings")
-        if self.kept is not None and len(written) > _MAX_NOTED:
-            written = to_json({"left_out": f"{len(written)} bytes"})
+        arguments = params.arguments or {}
+        # What was refused as too large is a mistake, or an attempt to fill the memory.
+        too_large = excess(params.name, arguments)
+        is_error = result is not None and bool(result.is_error)
+        if too_large or (self.full and (is_error or params.name != ANSWER.name)):
+            arguments = {"left_out": too_large or FULL}
+        written = to_json(arguments, inf_nan_mode="strings")
         # Only the text is kept: keeping the result objects made every later call a tenth slower, because the garbage
         # collector looks at them again and again.
         texts = (part.text for part in result.content if isinstance(part, types.TextContent)) if result else ()
         text = next(iter(texts), "") if result else None
-        is_error = result is not None and bool(result.is_error)
         took = time.monotonic() - started_at
-        self.calls.append(LoggedCall(params.name, written, text, is_error, started_at - self.opened_at, took))
+        self.size += len(written)
+        self.calls.append(
+            LoggedCall(params.name[:MAX_NAME], written, text, is_error, started_at - self.opened_at, took)
+        )
         if self.kept is not None and len(self.calls) > self.kept:
             self.left_out += 1
             del self.calls[0]

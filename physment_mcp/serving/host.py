@@ -10,10 +10,8 @@ calls be read (`GET /episodes/ID/calls`) and the episode be closed.
 """
 
 import contextlib
-import json
 import logging
 import secrets
-import socket
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import dataclass, field
@@ -22,7 +20,7 @@ from pathlib import Path
 
 import anyio
 from anyio.abc import TaskGroup, TaskStatus
-from mcp.server.streamable_http_manager import RequestBodyLimitMiddleware, StreamableHTTPSessionManager
+from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -33,6 +31,7 @@ from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
+from physment_mcp.serving.connections import BodyGate
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.server import build_server
@@ -41,10 +40,10 @@ from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
 
-MAX_BODY = 1_000_000
-"""Largest accepted request body [bytes]."""
-_KEEP_ALIVE_S = 60
-"""How long an idle connection is kept [s]: longer than by clients (5 s), so that none is closed just as it is used."""
+MAX_BODY = 64_000
+"""Largest accepted request body [bytes]: three times the largest call that a tool looks at."""
+_AT_ONCE = 8
+"""Requests of one episode that are served at the same time; more wait, so that it cannot starve other episodes."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for expired episodes [s]."""
 _GONE = (
@@ -74,6 +73,8 @@ class _HostedEpisode:
     close: Callable[[], None]
     last_used: float
     in_flight: int = 0
+    turns: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(_AT_ONCE))
+    """Places for requests that are served at the same time."""
     owner_token: str | None = None
     """Token that closes the episode and reads its log, if it was opened for another program to play."""
 
@@ -101,6 +102,7 @@ class Host:
     _tasks: TaskGroup | None = None
     _nowhere: StreamableHTTPSessionManager | None = None
     """Answers in place of an episode that is gone, and says how to open another."""
+    _nowhere_turns: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(_AT_ONCE))
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
@@ -119,7 +121,7 @@ class Host:
             lifespan=self._lifespan,
             middleware=[
                 Middleware(AddressGate, names=self.names),
-                Middleware(RequestBodyLimitMiddleware, max_body_size=MAX_BODY),
+                Middleware(BodyGate, most=MAX_BODY),
             ],
         )
 
@@ -176,14 +178,16 @@ class Host:
             await refuse(401, _AUTHORIZE)(scope, receive, send)
         elif episode is None:
             assert self._nowhere is not None
-            await self._nowhere.handle_request(scope, receive, send)
+            async with self._nowhere_turns:
+                await self._nowhere.handle_request(scope, receive, send)
         elif request.method == "GET":
             # A stream that the client keeps open for messages to come; this does not count as use of the episode.
             await episode.manager.handle_request(scope, receive, send)
         else:
             episode.in_flight += 1
             try:
-                await episode.manager.handle_request(scope, receive, send)
+                async with episode.turns:
+                    await episode.manager.handle_request(scope, receive, send)
             finally:
                 episode.in_flight -= 1
                 episode.last_used = time.monotonic()
@@ -258,7 +262,7 @@ class Host:
         episode.last_used = time.monotonic()
         # Wait for the end of a running call, which belongs to the log.
         async with slot.lock:
-            calls = [logged.as_json() for logged in slot.log.calls[int(start) :]]
+            calls = [logged.as_json() for logged in slot.log.page_from(int(start))]
             return JSONResponse({"ended": slot.open_session().ended, "calls": calls})
 
     async def _sweep(self) -> None:
@@ -280,24 +284,3 @@ class _Endpoint:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await self._serve(scope, receive, send)
-
-
-def serve(host: Host, address: str, port: int) -> None:
-    """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
-
-    Raises:
-        OSError: The system does not allow listening on this address.
-    """
-    import uvicorn  # noqa: PLC0415 - takes half a second, and episodes on stdio do not need it
-
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
-    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    bound, chosen = listener.getsockname()[:2]
-    shown = f"[{bound}]" if ":" in bound else bound
-    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
-    config = uvicorn.Config(
-        host.app(), log_level="warning", timeout_graceful_shutdown=2, timeout_keep_alive=_KEEP_ALIVE_S
-    )
-    uvicorn.Server(config).run(sockets=[listener])

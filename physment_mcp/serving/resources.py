@@ -4,12 +4,13 @@ They contain only what the agent was told or has seen. Reading one is not a call
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mcp_types as types
 
+from physment_mcp.serving.call_log import MAX_PAGE_BYTES, LoggedCall
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
@@ -17,6 +18,9 @@ from scenes import AnswerForm
 
 FRESH_MS = 3_600_000
 """How long a client may keep a copy of what never changes [ms]."""
+_MEASUREMENTS_FROM = "physment://measurements/"
+_SHOWN = 80
+"""Most characters of an unknown address that a refusal repeats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +49,18 @@ def _episode(slot: EpisodeSlot) -> dict[str, Any]:
 
 
 def _measurements(slot: EpisodeSlot) -> dict[str, Any]:
-    log = slot.log
-    notes = [{"call": number, **logged.as_note()} for number, logged in enumerate(log.calls, log.left_out + 1)]
-    return {"left_out": log.left_out, "calls": notes}
+    page = slot.log.newest_page()
+    return _page(page, slot.log.left_out + len(slot.log.calls) - len(page))
+
+
+def _measurements_from(slot: EpisodeSlot, call: int) -> dict[str, Any]:
+    first = max(0, call - 1 - slot.log.left_out)
+    return _page(slot.log.page_from(first), slot.log.left_out + first)
+
+
+def _page(calls: Sequence[LoggedCall], before: int) -> dict[str, Any]:
+    notes = [{"call": number, **logged.as_note()} for number, logged in enumerate(calls, before + 1)]
+    return {"left_out": before, "calls": notes}
 
 
 def _nothing_open(slot: EpisodeSlot) -> dict[str, Any]:
@@ -92,7 +105,11 @@ _VIEWS = {
         "episode", "Where the episode stands", "Phase, clock, calls so far, known objects.", _episode, settled=False
     ),
     "physment://measurements": _View(
-        "measurements", "What was measured", "Every call of this episode and its result.", _measurements, settled=False
+        "measurements",
+        "What was measured",
+        f"The calls of this episode and their results, the newest {MAX_PAGE_BYTES // 1000} kB of them.",
+        _measurements,
+        settled=False,
     ),
     "physment://scenes": _View(
         "scenes", "The scenes", "Number, name and task of each scene that can be opened here.", _scenes, settled=True
@@ -115,6 +132,20 @@ def listed_resources() -> list[types.Resource]:
     ]
 
 
+def listed_templates() -> list[types.ResourceTemplate]:
+    """The resource templates as MCP publishes them."""
+    return [
+        types.ResourceTemplate(
+            uri_template=_MEASUREMENTS_FROM + "{call}",
+            name="measurements-from",
+            title="What was measured, from a call on",
+            description=f"The calls from this number on, counted from 1, at most {MAX_PAGE_BYTES // 1000} kB of them.",
+            mime_type="application/json",
+            icons=[ICON],
+        )
+    ]
+
+
 def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
     """The content of a resource now, and how long a client may keep it.
 
@@ -122,11 +153,18 @@ def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
         LookupError: There is no such resource; the message lists all resources.
     """
     view = _VIEWS.get(uri)
-    if view is None:
-        raise LookupError(f"there is no resource {uri}; the resources are {', '.join(_VIEWS)}")
-    text = json.dumps(view.write(slot), ensure_ascii=False)
+    if view is not None:
+        return _result(uri, view.write(slot), FRESH_MS if view.settled and slot.fixed else 0)
+    call = uri.removeprefix(_MEASUREMENTS_FROM)
+    if call != uri and call.isdecimal() and len(call) < 10:
+        return _result(uri, _measurements_from(slot, int(call)), 0)
+    raise LookupError(f"there is no resource {uri[:_SHOWN]!r}; the resources are {', '.join(_VIEWS)}")
+
+
+def _result(uri: str, content: dict[str, Any], ttl_ms: int) -> types.ReadResourceResult:
+    text = json.dumps(content, ensure_ascii=False)
     return types.ReadResourceResult(
         contents=[types.TextResourceContents(uri=uri, mime_type="application/json", text=text)],
-        ttl_ms=FRESH_MS if view.settled and slot.fixed else 0,
+        ttl_ms=ttl_ms,
         cache_scope="private",
     )

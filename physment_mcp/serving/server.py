@@ -7,7 +7,7 @@ import base64
 import functools
 import logging
 import time
-from typing import Any
+from typing import Any, NoReturn
 
 import anyio
 import anyio.to_thread
@@ -17,15 +17,18 @@ from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
-from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError
+from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError
+from physment_mcp.serving.call_log import FULL
 from physment_mcp.serving.frames import SHOWING_TOOLS, Frames
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
-from physment_mcp.serving.resources import FRESH_MS, listed_resources, read
+from physment_mcp.serving.resources import FRESH_MS, listed_resources, listed_templates, read
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
+from physment_mcp.tools.bounds import MAX_NAME
 from physment_mcp.tools.calls import call_async
+from physment_mcp.tools.episode import ANSWER
 from physment_mcp.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -131,6 +134,8 @@ class _Service:
 
         try:
             session = self._slot.open_session()
+            if self._slot.log.full and params.name != ANSWER.name:
+                _refuse(session, FULL)
             result = await call_async(session, params.name, params.arguments or {}, report)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
@@ -138,9 +143,11 @@ class _Service:
             return _error(str(refusal))
         except Exception as crash:  # an error in our code must not end the episode
             # The traceback may name hidden things, so it is not logged at the default level.
-            logger.error("%s failed: %s", params.name, type(crash).__name__)  # noqa: TRY400
+            logger.error("%s failed: %s", params.name[:MAX_NAME], type(crash).__name__)  # noqa: TRY400
             logger.debug("traceback", exc_info=True)
-            return _error(f"{params.name} failed inside the laboratory and was rolled back; try something else")
+            return _error(
+                f"{params.name[:MAX_NAME]} failed inside the laboratory and was rolled back; try something else"
+            )
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
             content += await _frame(self._slot.frames)
@@ -186,7 +193,7 @@ class _Service:
         self, _ctx: ServerRequestContext[Any], params: types.GetPromptRequestParams
     ) -> types.GetPromptResult:
         if params.name != _PROMPT:
-            raise _bad_request(f"there is no prompt {params.name!r}; the prompt is {_PROMPT}")
+            raise _bad_request(f"there is no prompt {params.name[:64]!r}; the prompt is {_PROMPT}")
         arguments = params.arguments or {}
         options = _prompt_options(arguments)
         async with self._slot.lock:
@@ -225,8 +232,7 @@ class _Service:
     async def list_resource_templates(
         self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListResourceTemplatesResult:
-        # Clients also ask a server with resources for templates; an empty list is a valid answer.
-        return types.ListResourceTemplatesResult(resource_templates=[])
+        return types.ListResourceTemplatesResult(resource_templates=listed_templates())
 
     async def read_resource(
         self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
@@ -252,13 +258,20 @@ class _Service:
         )
 
 
+def _refuse(session: Session, sentence: str) -> NoReturn:
+    """Refuse a call before it runs; it counts all the same, or is refused because the episode is over."""
+    session.check_open()
+    session.count_call(answers=False)
+    raise BeyondLimit(sentence)
+
+
 def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
     try:
         prompting = Prompting(arguments.get("prompting") or Prompting.ZERO_SHOT)
         protocol = CallProtocol(arguments.get("protocol") or CallProtocol.NATIVE)
     except ValueError as error:
         raise _bad_request(
-            f"{error}; prompting is one of {', '.join(Prompting)}, protocol one of {', '.join(CallProtocol)}"
+            f"{str(error)[:120]}; prompting is one of {', '.join(Prompting)}, protocol one of {', '.join(CallProtocol)}"
         ) from None
     budget = arguments.get("budget")
     if budget is not None and not (_is_count(budget) and int(budget) > 0):

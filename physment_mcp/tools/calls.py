@@ -12,6 +12,7 @@ from physment_mcp.errors import BadArgument, NotAvailable, Unstable
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Pieces, Progress
+from physment_mcp.tools.bounds import excess
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
@@ -69,6 +70,9 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
     """The result of a call, or its pieces still to do; the call is undone if it or the block fails."""
     session.check_open()
     session.count_call(answers=name == ANSWER.name)
+    too_large = excess(name, arguments)
+    if too_large:
+        raise BadArgument(too_large)
     tool = _BY_NAME.get(name)
     if tool is None:
         raise BadArgument(f"there is no tool {name!r}; the tools are {', '.join(_BY_NAME)}")

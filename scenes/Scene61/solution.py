@@ -15,16 +15,18 @@ def _verdict(first, second):
 
 
 def solve(task):
-    """With one mass in both, ω = 2 E / L."""
+    """With one mass in both, ω = 2 E / L; divided by the torque that is set, it compares inertias."""
     readings = yield [
         *(call("apply_torque", object_id=drum, torque_vector=[0, 0, TORQUE]) for drum in DRUMS),
+        *(call("get_torque", object_id=drum) for drum in DRUMS),
         call("step", duration=TWIST_S),
         *(call("get_rotational_energy", object_id=drum, mass=1.0) for drum in DRUMS),
         *(call("get_angular_momentum", object_id=drum, mass=1.0) for drum in DRUMS),
     ]
+    torques = [set_on["torque"]["z"] for set_on in readings[2:4]]
     rates = [
-        2 * energy["rotational_energy"] / spin["angular_momentum"]["z"]
-        for energy, spin in zip(readings[3:5], readings[5:], strict=True)
+        2 * energy["rotational_energy"] / spin["angular_momentum"]["z"] / torque
+        for energy, spin, torque in zip(readings[5:7], readings[7:], torques, strict=True)
     ]
     yield [answer(_verdict(*rates))]
 

@@ -11,7 +11,8 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from physment_mcp.serving.host import Host, serve
+from physment_mcp.serving.host import Host
+from physment_mcp.serving.listening import serve
 
 
 class WatchedHost(Host):

@@ -10,8 +10,8 @@ import httpx2
 import mcp_types as types
 from pydantic import BaseModel, ValidationError
 
+from evaluator.episode.bounds import unrecordable
 from evaluator.episode.connect import HostLaboratory, http_client, mcp_client
-from evaluator.episode.loop import unrecordable
 from evaluator.errors import InfrastructureError
 from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
 
@@ -88,12 +88,19 @@ class WatchedEpisode:
         """
         turns: list[Turn] = []
         last_end_s = 0.0
-        for call in (await self._log(0)).calls:
+        for call in await self._calls():
             exchange = _exchange(call)
             agent_s = max(0.0, call.started_s - last_end_s)
             turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=agent_s, server_s=exchange.duration_s))
             last_end_s = call.started_s + call.duration_s
         return tuple(turns)
+
+    async def _calls(self) -> list[_SeenCall]:
+        """All calls so far. A host sends them in pages."""
+        calls: list[_SeenCall] = []
+        while page := (await self._log(len(calls))).calls:
+            calls += page
+        return calls
 
     async def _log(self, start: int) -> "_Log":
         headers = {"Authorization": f"Bearer {self._owner_token}"}

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from evaluator.__main__ import main
+from evaluator.certify.compiled_model import started
 from evaluator.certify.transcript import play
 from evaluator.certify.visible import visible_parts
 from evaluator.pages.listing import Listing, Steps
@@ -21,7 +22,17 @@ from evaluator.pages.scene_table import KINDS, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
 from physment_mcp.world.pictures.framing import FramedParts, view_of
 from physment_mcp.world.pictures.png import png_of
-from scenes import Category, Pack, PackFiles, default_folder, find_pack, list_packs, read_pack
+from scenes import (
+    Category,
+    Pack,
+    PackFiles,
+    default_folder,
+    draw_knobs,
+    drawn_mjcf,
+    find_pack,
+    list_packs,
+    read_pack,
+)
 from tests.builders.author import Author
 from tests.builders.paths import DOCS
 
@@ -226,15 +237,12 @@ def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has
 
 def test_no_hidden_body_of_the_suite_is_visible() -> None:
     for files, pack in readable():
-        mjcf = files.mjcf.read_text("utf-8")
         hidden = [
             f"object_{listed.object_id}" for key, listed in pack.objects.items() if pack.permissions_of(key).hidden
         ]
         if not hidden:
             continue
-        import mujoco
-
-        model = mujoco.MjModel.from_xml_string(mjcf)
+        model, _ = started(drawn_mjcf(files, pack, draw_knobs(files, pack, 0), canonical=True))
         owners = {model.body(int(model.geom_bodyid[geom])).name for geom in visible_parts(files, pack).geoms}
         assert owners.isdisjoint(hidden), files.scene_id
 

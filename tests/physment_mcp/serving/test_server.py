@@ -12,6 +12,8 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import PromptReference
 
 from physment_mcp.scene import list_scenes, load_scene
+from physment_mcp.serving import call_log
+from physment_mcp.serving.call_log import MAX_PAGE_BYTES
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import KEPT_CALLS, EpisodeSlot
 from physment_mcp.session import Session
@@ -225,6 +227,11 @@ async def test_a_cancelled_call_is_recorded_as_cancelled(open_lab: OpenLab) -> N
         ]
 
 
+async def notes_from(client: Client, call: int) -> dict[str, Any]:
+    (contents,) = (await client.read_resource(f"physment://measurements/{call}")).contents
+    return json.loads(contents.text)
+
+
 async def test_the_measurements_are_bounded(open_lab: OpenLab) -> None:
     async with open_lab() as lab:
         await lab.refused("get_velocity", object_id="x" * 50_000)
@@ -236,8 +243,42 @@ async def test_the_measurements_are_bounded(open_lab: OpenLab) -> None:
         assert seen["calls"][0]["call"] == 2
         await lab.refused("get_velocity", object_id="x" * 50_000)
         seen = await notes_of(lab.client)
-        assert seen["calls"][-1]["arguments"]["left_out"].endswith(" bytes")
+        assert seen["calls"][-1]["arguments"]["left_out"].startswith("the arguments of a call hold at most")
         assert len(json.dumps(seen["calls"][-1])) < 1000
+
+
+async def test_the_measurements_are_read_page_by_page(open_lab: OpenLab) -> None:
+    async with open_lab() as lab:
+        for number in range(40):
+            await lab.refused("get_velocity", object_id=f"{number:02}" + "x" * 5000)
+        newest = await notes_of(lab.client)
+        assert len(json.dumps(newest)) < 1.1 * MAX_PAGE_BYTES
+        assert newest["calls"][-1]["call"] == 40
+        assert newest["left_out"] == newest["calls"][0]["call"] - 1 > 0
+        read: list[str] = []
+        while page := (await notes_from(lab.client, len(read) + 1))["calls"]:
+            assert page[0]["call"] == len(read) + 1
+            assert len(json.dumps(page)) < 1.1 * MAX_PAGE_BYTES
+            read += [noted["arguments"]["object_id"][:2] for noted in page]
+        assert read == [f"{number:02}" for number in range(40)]
+        for address in ("x", "-1", "1" * 20):
+            with pytest.raises(MCPError, match="there is no resource"):
+                await lab.client.read_resource(f"physment://measurements/{address}")
+
+
+async def test_an_episode_that_has_brought_too_much_can_only_answer(
+    open_lab: OpenLab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(call_log, "MAX_EPISODE_BYTES", 50_000)
+    async with open_lab() as lab:
+        for _ in range(4):
+            await lab.refused("get_velocity", object_id="x" * 15_000)
+        before = lab.session.world.time
+        assert await lab.refused("step", duration=1) == call_log.FULL
+        assert (lab.session.world.time, lab.session.calls) == (before, 5)
+        assert (await notes_of(lab.client))["calls"][-1]["arguments"] == {"left_out": call_log.FULL}
+        await lab.call("answer", answer=3)
+        assert (await notes_of(lab.client))["calls"][-1]["arguments"] == {"answer": 3}
 
 
 async def test_the_catalogue_lists_the_scenes_that_can_be_opened(
@@ -277,10 +318,10 @@ async def test_clients_may_cache_only_what_never_changes(open_lab: OpenLab, idle
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_the_list_of_resource_templates_is_empty(open_lab: OpenLab, mode: str) -> None:
+async def test_the_resource_templates_may_be_cached(open_lab: OpenLab, mode: str) -> None:
     async with open_lab(mode=mode) as lab:
         found = await lab.client.list_resource_templates()
-    assert found.resource_templates == []
+    assert [template.uri_template for template in found.resource_templates] == ["physment://measurements/{call}"]
     if mode == "auto":  # older protocols have no such hints
         assert found.ttl_ms > 0
         assert found.cache_scope == "public"

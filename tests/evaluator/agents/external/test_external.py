@@ -377,7 +377,7 @@ def test_the_limit_of_calls_is_the_scenes_or_follows_the_budget_unless_it_is_set
     assert parse_external(words, "host", None, max_calls=7).calls_for(28, 5) == 7
 
 
-async def test_arguments_that_a_record_cannot_hold_are_left_out_with_a_remark(
+async def test_arguments_that_the_laboratory_refuses_as_too_large_are_left_out_with_the_reason(
     host: HostLaboratory, client: Words
 ) -> None:
     body = """
@@ -389,8 +389,9 @@ await client.call_tool("answer", {"answer": 1})
 """
     episode = await play(host, client(body))
     (first,), (last,) = (turn.exchanges for turn in episode.turns)
-    assert (first.call.arguments, first.is_error) == ({}, True)
-    assert "nests more than" in first.text
+    assert first.is_error
+    assert first.text == "the arguments of a call nest at most 16 levels"
+    assert first.call.arguments == {"left_out": first.text}
     assert (last.call.arguments, episode.answer) == ({"answer": 1}, 1)
 
 

@@ -34,4 +34,9 @@ def solve(task: str) -> Protocol:
     lower_normal = upper_normal + LONG * (GRAVITY * WINDOW + long_z)
     upper, lower = upper_impulse / upper_normal, lower_impulse / lower_normal
     together = PUSH / (LONG + SMALL) - lower * GRAVITY
-    yield [answer("0" if together <= 0 else "1" if together <= upper * GRAVITY else "2")]
+    if together <= 0:
+        yield [answer("neither block moves")]
+    elif together <= upper * GRAVITY:
+        yield [answer("both blocks move together")]
+    else:
+        yield [answer("the small block slides back on the long one")]

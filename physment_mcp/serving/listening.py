@@ -1,0 +1,113 @@
+"""A host on its port: uvicorn, with bounds on the number of connections and on the time that headers take.
+
+Importing this imports uvicorn, which takes half a second, and which episodes on stdio do not need.
+"""
+
+import asyncio
+import json
+import logging
+import socket
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+from physment_mcp.serving.connections import REQUEST_S, Connections
+from physment_mcp.serving.host import Host
+
+logger = logging.getLogger(__name__)
+
+_KEEP_ALIVE_S = 60
+"""How long an idle connection is kept [s]: longer than by clients (5 s), so that none is closed just as it is used."""
+_CONNECTIONS_EACH = 8
+"""Open connections for each episode that may be open: a client that plays one uses two or three."""
+_MORE_CONNECTIONS = 100
+"""Open connections besides these."""
+
+
+def serve(host: Host, address: str, port: int) -> None:
+    """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
+
+    Raises:
+        OSError: The system does not allow listening on this address.
+    """
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
+    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    bound, chosen = listener.getsockname()[:2]
+    shown = f"[{bound}]" if ":" in bound else bound
+    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
+    connections = Connections(most := _CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS, most * 3 // 4)
+    config = uvicorn.Config(
+        host.app(),
+        http=bounded_protocol(connections),
+        log_config=None,  # as all other lines
+        log_level="warning",
+        timeout_graceful_shutdown=2,
+        timeout_keep_alive=_KEEP_ALIVE_S,
+    )
+    uvicorn.Server(config).run(sockets=[listener])
+
+
+def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:
+    """The protocol for one host.
+
+    Args:
+        connections: Counts its connections.
+        request_s: As `REQUEST_S`.
+    """
+    return type("HostProtocol", (_BoundedProtocol,), {"open_connections": connections, "request_s": request_s})
+
+
+class _BoundedProtocol(AutoHTTPProtocol):
+    """One connection."""
+
+    open_connections: Connections
+    request_s: float
+    _address: str | None = None
+    """Where it comes from; None while it is not counted."""
+    _deadline: asyncio.TimerHandle | None = None
+    _transport: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Count the connection, or close it at once if there are too many."""
+        peer = transport.get_extra_info("peername")
+        address = str(peer[0]) if peer else ""
+        self._transport = transport
+        super().connection_made(transport)
+        if self.open_connections.enter(address):
+            self._address = address
+            self._wait()
+        else:
+            transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Time the headers of a request, from its first byte on."""
+        if self._deadline is None and not self._in_request():
+            self._wait()
+        super().data_received(data)
+        if self._in_request() and self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop counting it."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        if self._address is not None:
+            self.open_connections.leave(self._address)
+            self._address = None
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        self._deadline = asyncio.get_running_loop().call_later(self.request_s, self._give_up)
+
+    def _give_up(self) -> None:
+        logger.info("a connection was closed: no complete request within %g s", self.request_s)
+        self._transport.close()
+
+    def _in_request(self) -> bool:
+        """Whether the headers of a request have been read, and its response is not complete."""
+        cycle: Any = getattr(self, "cycle", None)
+        return cycle is not None and not cycle.response_complete

@@ -1,0 +1,169 @@
+"""Connections that send nothing, too slowly or too much, and connections that are too many, harm nobody else."""
+
+import contextlib
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable, Generator
+
+import pytest
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.types import Receive, Scope, Send
+
+from physment_mcp.serving.connections import BodyGate, Connections
+from physment_mcp.serving.listening import bounded_protocol
+
+PATIENCE_S = 30.0
+"""How long a test waits for what must happen [s]."""
+Dial = Callable[[], socket.socket]
+
+
+async def echo(scope: Scope, receive: Receive, send: Send) -> None:
+    body = await Request(scope, receive).body()
+    await PlainTextResponse(f"{len(body)} bytes")(scope, receive, send)
+
+
+@contextlib.contextmanager
+def served(connections: Connections, request_s: float = 0.3) -> Generator[Dial]:
+    """An application behind the gate on a free port; gives a function that connects to it."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    config = uvicorn.Config(
+        BodyGate(echo, most=1000, within_s=0.3),
+        http=bounded_protocol(connections, request_s),
+        log_config=None,
+        lifespan="off",
+        timeout_graceful_shutdown=1,
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+    thread.start()
+    opened: list[socket.socket] = []
+
+    def dial() -> socket.socket:
+        opened.append(socket.create_connection(listener.getsockname()[:2], timeout=PATIENCE_S))
+        return opened[-1]
+
+    try:
+        while not server.started:
+            time.sleep(0.01)
+        yield dial
+    finally:
+        for connection in opened:
+            connection.close()
+        server.should_exit = True
+        thread.join()
+
+
+def reply(connection: socket.socket) -> bytes:
+    """All that comes until the other side closes."""
+    received = b""
+    with contextlib.suppress(ConnectionResetError):
+        while part := connection.recv(4096):
+            received += part
+    return received
+
+
+def ask(connection: socket.socket, body: bytes = b"abc") -> bytes:
+    head = f"POST / HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n"
+    connection.sendall(head.encode() + body)
+    return reply(connection)
+
+
+def test_a_request_within_the_bounds_is_served_and_its_connection_forgotten() -> None:
+    connections = Connections(10, 10)
+    with served(connections) as dial:
+        for _ in range(30):
+            assert ask(dial()).endswith(b"3 bytes")
+    assert connections == Connections(10, 10)
+
+
+@pytest.mark.parametrize("begun", [b"", b"POST / HTTP/1.1\r\nHo"])
+def test_a_connection_without_a_complete_request_is_closed(begun: bytes) -> None:
+    with served(Connections(10, 10)) as dial:
+        idle = dial()
+        idle.sendall(begun)
+        assert reply(idle) == b""
+        assert ask(dial()).endswith(b"3 bytes")
+
+
+def test_headers_that_come_drop_by_drop_are_not_waited_for() -> None:
+    with served(Connections(10, 10)) as dial:
+        slow = dial()
+        slow.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nSlow: ")
+        until = time.monotonic() + PATIENCE_S
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            while time.monotonic() < until:
+                slow.sendall(b"x")
+                time.sleep(0.05)
+        assert time.monotonic() < until
+
+
+def test_a_second_request_on_a_connection_is_timed_too() -> None:
+    with served(Connections(10, 10)) as dial:
+        kept = dial()
+        kept.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert b"0 bytes" in kept.recv(4096)
+        kept.sendall(b"GET / HT")
+        assert reply(kept) == b""
+
+
+def test_a_body_that_does_not_come_is_answered_with_408() -> None:
+    with served(Connections(10, 10)) as dial:
+        slow = dial()
+        slow.sendall(b"POST / HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: 10\r\n\r\nabc")
+        assert reply(slow).startswith(b"HTTP/1.1 408")
+        assert ask(dial()).endswith(b"3 bytes")
+
+
+def test_a_body_that_is_too_large_is_answered_with_413() -> None:
+    with served(Connections(10, 10)) as dial:
+        assert ask(dial(), b"x" * 1000).endswith(b"1000 bytes")
+        refused = ask(dial(), b"x" * 1001)
+        assert refused.startswith(b"HTTP/1.1 413")
+        assert b"a request has at most 1000 bytes" in refused
+
+
+def test_a_broken_off_upload_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    with served(Connections(10, 10), request_s=PATIENCE_S) as dial:
+        upload = dial()
+        upload.sendall(b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 10\r\n\r\nabc")
+        upload.close()
+        until = time.monotonic() + PATIENCE_S
+        while not caplog.records and time.monotonic() < until:
+            time.sleep(0.01)
+        assert ask(dial()).endswith(b"3 bytes")
+    said = [record.getMessage() for record in caplog.records if record.name.startswith(("physment", "uvicorn.error"))]
+    lines = [line for line in said if "upload" in line or "Exception" in line or "ASGI" in line]
+    assert lines == ["an upload was broken off after 3 bytes"]
+
+
+@pytest.mark.parametrize("limits", [(3, 10), (10, 3)])
+def test_connections_beyond_the_limits_are_closed_and_warned_of_once(
+    limits: tuple[int, int], caplog: pytest.LogCaptureFixture
+) -> None:
+    with served(Connections(*limits), request_s=PATIENCE_S) as dial:
+        held = [dial() for _ in range(3)]
+        for _ in range(5):
+            assert reply(dial()) == b""
+        held[0].close()
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until:  # until the host has noticed
+            with contextlib.suppress(ConnectionError):
+                if ask(dial()).endswith(b"3 bytes"):
+                    break
+        else:
+            pytest.fail("the place of a closed connection is not free again")
+    warned = [record for record in caplog.records if "turned away" in record.getMessage()]
+    assert len(warned) == 1
+
+
+def test_places_are_counted_by_address() -> None:
+    connections = Connections(4, 2)
+    assert [connections.enter(address) for address in "aaabbc"] == [True, True, False, True, True, False]
+    connections.leave("a")
+    assert connections.enter("c")
+    assert not connections.enter("c")
