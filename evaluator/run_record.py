@@ -11,6 +11,9 @@ from scenes import content_hash_of
 DECIDING = ("plan", "packs", "agents")
 """Fields of `run.json` that two runs must share for their episodes to belong together."""
 
+SEED_SHIFT = 1_000_000
+"""Between the seeds of one repetition of an agent with seeds of its own and those of the next."""
+
 
 def _is_text(observations: object) -> bool:
     return observations == "text"
@@ -35,18 +38,25 @@ class Plan(OpenRecord):
     protocols: tuple[str, ...] = ("native",)
     observations: str = Field(default="text", exclude_if=_is_text)
     """`rgb` if results carry pictures; absent for text alone."""
+    own_seeds: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
+    """Agents that meet a scene with other seeds at each repetition, because they may carry something over: programs
+    that play by themselves. Absent if there are none."""
 
     def matrix(self) -> list[EpisodeKey]:
         """All episodes in playing order, so that a run that is stopped early has whole epochs and budgets."""
-        epochs = range(1, self.epochs + 1)
-        prompts = product(self.budgets, self.promptings, self.protocols)
+        repetitions = product(range(1, self.epochs + 1), self.budgets, self.promptings, self.protocols)
         return [
             EpisodeKey(
-                scene=scene, seed=seed, agent=agent, budget=budget, prompting=prompting, protocol=protocol, epoch=epoch
+                scene=scene,
+                seed=seed + (SEED_SHIFT * number if agent in self.own_seeds else 0),
+                agent=agent,
+                budget=budget,
+                prompting=prompting,
+                protocol=protocol,
+                epoch=epoch,
             )
-            for epoch, (budget, prompting, protocol), agent, seed, scene in product(
-                epochs, prompts, self.agents, self.seeds, self.scenes
-            )
+            for number, (epoch, budget, prompting, protocol) in enumerate(repetitions)
+            for agent, seed, scene in product(self.agents, self.seeds, self.scenes)
         ]
 
 

@@ -7,8 +7,8 @@ is played again.
 
 import contextlib
 import os
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +17,9 @@ from pydantic import ValidationError
 
 from evaluator.errors import StoreError
 from evaluator.records import Episode, EpisodeKey, Frame, GradeRecord, Record
+from evaluator.redaction import Redaction
 from evaluator.run_record import RunRecord
+from evaluator.seal import Seal
 
 R = TypeVar("R", bound=Record)
 
@@ -27,6 +29,10 @@ class RunFolder:
     """The files of one run."""
 
     path: Path
+    redaction: Redaction = field(default_factory=Redaction, repr=False, compare=False)
+    """Takes secrets out of episodes before they are written."""
+    on_line: Callable[[bytes], object] = field(default=len, repr=False, compare=False)
+    """Called with the line of each episode that is on disk, without its line feed."""
 
     @property
     def run_file(self) -> Path:
@@ -42,6 +48,11 @@ class RunFolder:
     def grades_file(self) -> Path:
         """One line for each grade."""
         return self.path / "grades.jsonl"
+
+    @property
+    def seal_file(self) -> Path:
+        """The seal of the episodes."""
+        return self.path / "seal.json"
 
     @property
     def summary_file(self) -> Path:
@@ -125,7 +136,9 @@ class RunFolder:
         for frame in _frames(episode):
             if frame.png:
                 self._keep_frame(frame)
-        self._append(self.episodes_file, episode)
+        line = self.redaction.record(episode).model_dump_json().encode("utf-8")
+        self._append(self.episodes_file, line)
+        self.on_line(line)
 
     def copy_frames(self, source: "RunFolder", episode: Episode) -> None:
         """Take the frames of an episode over from the folder that it was read from.
@@ -147,6 +160,27 @@ class RunFolder:
             StoreError: A line in the middle is damaged.
         """
         return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
+
+    def episode_lines(self) -> list[bytes]:
+        """The complete lines of the episodes, as they are on disk."""
+        return self.episodes_file.read_bytes().split(b"\n")[:-1] if self.episodes_file.exists() else []
+
+    def read_seal(self) -> Seal | None:
+        """The seal of the episodes; None if there is none.
+
+        Raises:
+            StoreError: It cannot be read.
+        """
+        if not self.seal_file.exists():
+            return None
+        try:
+            return Seal.model_validate_json(self.seal_file.read_bytes())
+        except (OSError, ValidationError) as error:
+            raise StoreError(f"{self.seal_file} is no seal of a run: {error}") from error
+
+    def write_seal(self, seal: Seal) -> None:
+        """Write the seal of the episodes."""
+        self._replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
 
     def set_damage_aside(self) -> list[str]:
         """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
@@ -208,12 +242,12 @@ class RunFolder:
             raise StoreError(f"{self.frames_folder} cannot be written: {error.strerror}") from error
         self._replace(file, frame.png)
 
-    def _append(self, file: Path, record: Record) -> None:
+    def _append(self, file: Path, line: bytes) -> None:
         try:
             # Only the writer repairs the file; a reader may see an unfinished last line.
             self._set_torn_line_aside(file)
-            with file.open("a", encoding="utf-8") as stream:
-                stream.write(record.model_dump_json() + "\n")
+            with file.open("ab") as stream:
+                stream.write(line + b"\n")
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:

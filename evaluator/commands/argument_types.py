@@ -3,6 +3,10 @@
 import argparse
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name
 
 
 def count_of(things: str) -> Callable[[str], int]:
@@ -64,3 +68,12 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def trust_edited(parser: "ActionsContainer") -> None:
+    """Declare `--trust-edited`."""
+    parser.add_argument(
+        "--trust-edited",
+        action="store_true",
+        help="go on with records that are not as they were sealed at the end of their run; the report says so",
+    )

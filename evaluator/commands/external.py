@@ -1,9 +1,16 @@
 """The options of `run` for external agents: `--agent external -- COMMAND`."""
 
 import argparse
+import os
+from pathlib import Path
 
 from evaluator.agents.external.agent import CALLS_PER_ITERATION
+from evaluator.agents.external.environment import TOKEN, URL
 from evaluator.commands.argument_types import count_of, seconds
+from evaluator.errors import UsageError
+
+USUAL_CONCURRENCY = min(4, os.cpu_count() or 1)
+"""Episodes played at a time, unless the command line says otherwise."""
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
@@ -14,8 +21,10 @@ def add_options(run: argparse.ArgumentParser) -> None:
         "  physment-eval run --agent external --server host -- COMMAND …\n"
         "In COMMAND, {mcp_config} is replaced by the path of a client configuration, {mcp_url}\n"
         "by the address of the episode, and {prompt} by the opening prompt. Without {prompt},\n"
-        "the prompt is written to its stdin. The command runs in an empty folder, and the record\n"
-        "is the host's log of its calls.",
+        "the prompt is written to its stdin. The environment variables\n"
+        f"{URL} and {TOKEN} hold the address, and the token if it needs one.\n"
+        "Each episode has an empty working folder, home and temporary folder of its own, and\n"
+        "the record is the host's log of its calls.",
     )
     group.add_argument("command_words", nargs="*", metavar="-- COMMAND", help="the program and its arguments")
     group.add_argument(
@@ -29,8 +38,53 @@ def add_options(run: argparse.ArgumentParser) -> None:
         "--max-wall-time", type=seconds, default=1800.0, metavar="S", help="most wall time for an episode [s] (1800)"
     )
     group.add_argument(
+        "--home-from",
+        type=Path,
+        metavar="DIR",
+        help="folder whose content each new home starts with, such as the files of a login (default: an empty home)",
+    )
+    group.add_argument(
+        "--same-seeds",
+        action="store_true",
+        help="play the same seeds at each budget and epoch (default: seeds of their own for each after the first, so"
+        " that nothing learned in one helps in another)",
+    )
+    group.add_argument(
         "--sealed",
         action="store_true",
         help="you vouch that COMMAND cannot read any scene pack, because it runs in a container or as another user;"
         " without this, an agent that could read the packs is marked unsealed",
     )
+    group.add_argument(
+        "--sealed-users",
+        default="",
+        metavar="USER,…",
+        help="system users that COMMAND runs as, one for each episode played at a time (needs root)",
+    )
+
+
+def usual_concurrency(args: argparse.Namespace) -> int:
+    """Episodes played at a time if the command line does not say: sealed programs must not meet each other."""
+    return max(1, len(_users(args))) if args.sealed else USUAL_CONCURRENCY
+
+
+def check_sealed(args: argparse.Namespace) -> None:
+    """Refuse options under which sealed programs could meet each other.
+
+    Raises:
+        UsageError: They could, or the options of sealed programs do not fit together.
+    """
+    users, asked = _users(args), args.concurrency
+    if users and not args.sealed:
+        raise UsageError("--sealed-users belongs to --sealed: you vouch that these users cannot read any scene pack")
+    if users and args.executor != "local":
+        raise UsageError("--sealed-users: these are users of this machine, so play with --executor local")
+    if args.sealed and asked is not None and asked > max(1, len(users)):
+        raise UsageError(
+            f"--sealed --concurrency {asked}: programs of one user can read each other's tokens and take over each"
+            f" other's episodes; name {asked} system users with --sealed-users, or play one episode at a time"
+        )
+
+
+def _users(args: argparse.Namespace) -> list[str]:
+    return list(filter(None, args.sealed_users.split(",")))

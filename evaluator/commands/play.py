@@ -28,6 +28,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
 from evaluator.study.provenance import run_record, server_record
+from evaluator.study.sealing import seal_note
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
 
@@ -78,7 +79,7 @@ def _play(args: argparse.Namespace) -> int:
         return 0
     folder.append_episode(episode)
     graded = grade_run(folder, keys)
-    report_on(folder, graded.rows, keys)
+    report_on(folder, graded.rows, keys, seal_note(folder))
     (row,) = graded.rows
     console.print(_verdict(row), markup=False, highlight=False)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import trust_edited
 from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results
@@ -18,6 +19,7 @@ from evaluator.report.tables import tables
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store import RunFolder
+from evaluator.study.sealing import seal_note
 from scenes import PackError, PackFiles, list_packs, same_pack
 
 _DESCRIPTION = """\
@@ -53,6 +55,7 @@ def add(commands: Commands) -> None:
         metavar="DIR",
         help="folder of scene packs that a run was played on (may be repeated; default: the suite)",
     )
+    trust_edited(command)
     command.add_argument("--export", choices=("md", "csv", "latex"), help="write the tables in this form, too")
     command.add_argument(
         "--paper", action="store_true", help="write the tables in the paper's layout, too: paper.html and paper.tex"
@@ -60,13 +63,14 @@ def add(commands: Commands) -> None:
     command.add_argument("--figures", choices=("svg", "pdf"), help="write the figures, too; needs the extra `report`")
 
 
-def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing) -> Path:
+def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, seal: str) -> Path:
     """Write the report of one run into its folder.
 
     Args:
         folder: The run.
         rows: Its scored episodes.
         keys: Answer keys of its scenes.
+        seal: What the seal of its records says.
 
     Returns:
         The file of the page.
@@ -75,7 +79,8 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing) -
         StoreError: The folder cannot be read or written.
     """
     record = folder.read_run()
-    return write_report(folder, [Run(folder.path.resolve().name, record, rows, pictures(record.packs, keys.folder))])
+    shown = pictures(record.packs, keys.folder)
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, seal=seal)])
 
 
 def _report(args: argparse.Namespace) -> int:
@@ -87,7 +92,7 @@ def _report(args: argparse.Namespace) -> int:
     packs = [_packs(ring) for ring in rings]
     target = RunFolder(args.out or args.folders[0])
     runs = [
-        _read(RunFolder(path), name, rings, packs, target)
+        _read(RunFolder(path), name, rings, packs, target, trust=args.trust_edited)
         for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
     try:
@@ -131,13 +136,19 @@ def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], packs: Sequenc
 
 
 def _read(
-    folder: RunFolder, name: str, rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]], target: RunFolder
+    folder: RunFolder,
+    name: str,
+    rings: Sequence[KeyRing],
+    packs: Sequence[Sequence[PackFiles]],
+    target: RunFolder,
+    *,
+    trust: bool,
 ) -> Run:
-    record = folder.read_run()
+    record, seal = folder.read_run(), seal_note(folder, trust=trust)
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
     frames = os.path.relpath(folder.frames_folder.resolve(), target.path.resolve())
-    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(frames).as_posix()))
+    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(frames).as_posix()), seal)
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import trust_edited
 from evaluator.commands.base import Commands
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import print_results
@@ -14,6 +15,7 @@ from evaluator.records import Outcome
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
 from evaluator.study.merging import expand, merge
+from evaluator.study.sealing import seal_note
 
 _GRADE = """\
 Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. If a verdict
@@ -35,6 +37,7 @@ def add(commands: Commands) -> None:
     merging.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new run folder")
     grade.add_argument("folder", type=Path, help="run folder")
     for command in (grade, merging):
+        trust_edited(command)
         command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
         command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
 
@@ -42,16 +45,19 @@ def add(commands: Commands) -> None:
 def _grade(args: argparse.Namespace) -> int:
     folder = RunFolder(args.folder)
     folder.read_run()
-    return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json)
+    note = seal_note(folder, trust=args.trust_edited)
+    return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json, note=note)
 
 
 def _merge(args: argparse.Namespace) -> int:
     folder = RunFolder(args.out)
-    merge(expand(args.folders), folder)
+    merge(expand(args.folders), folder, trust=args.trust_edited)
     return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json)
 
 
-def finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None) -> int:
+def finish(
+    folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None, note: str = ""
+) -> int:
     """Grade and score a run once; write its grades, summary and report; print the results.
 
     Args:
@@ -60,12 +66,13 @@ def finish(folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool,
         console: Where the tables are printed.
         as_json: Whether the summary is printed to stdout as JSON.
         wanted: How many episodes the run should have; None if those that it has are all.
+        note: What the seal says; by default the seal is checked.
 
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
     graded = grade_run(folder, keys)
-    report_on(folder, graded.rows, keys)
+    report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
     for line in graded.changes:
         console.print(line, highlight=False, markup=False, soft_wrap=True)

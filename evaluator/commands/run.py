@@ -3,10 +3,11 @@
 import argparse
 import contextlib
 import functools
+import os
 import sys
 from collections import Counter
 from collections.abc import AsyncGenerator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,10 +18,11 @@ from evaluator.commands.base import Commands, run_async
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import RunOptions, add_options, read_options
 from evaluator.commands.terminal import ProgressDisplay
-from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.connect import HostLaboratory, Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import EpisodeKey
+from evaluator.redaction import Redaction
 from evaluator.run_record import Plan, RunRecord
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
@@ -29,6 +31,7 @@ from evaluator.study.limits import Meter
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
+from evaluator.study.sealing import Sealing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, same_packs, timestep_of
@@ -69,7 +72,7 @@ class _Run:
 def _run(args: argparse.Namespace) -> int:
     options = read_options(args)
     contenders = options.team.build()
-    plan = options.plan(tuple(contenders))
+    plan = options.plan(contenders)
     keys = [key for key in plan.matrix() if options.shard.takes(key)]
     if options.dry_run:
         print(*estimate_lines(plan, keys, options.shard, options.concurrency), sep="\n")
@@ -134,9 +137,8 @@ def _play(run: _Run) -> str:
     """
     try:
         # A malformed pack or a missing key must show now, and not after hours of play.
-        for scene in run.plan.scenes:
-            for seed in run.plan.seeds:
-                run.answers.key(scene, seed)
+        for scene, seed in dict.fromkeys((key.scene, key.seed) for key in run.keys):
+            run.answers.key(scene, seed)
         return run_async(functools.partial(_play_missing, run))
     except UsageError:
         # rmdir removes only an empty folder, so only a run that never started is deleted.
@@ -149,16 +151,20 @@ async def _play_missing(run: _Run) -> str:
     options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(folder.held())
-        for note in folder.set_damage_aside() if options.resume else ():
+        damage = folder.set_damage_aside() if options.resume else []
+        for note in damage:
             print(f"physment-eval: {note}", file=sys.stderr)
+        sealing = Sealing(folder, trust=options.trust_edited, damage=damage)
         laboratory = await stack.enter_async_context(
             connect(options.team.server, options.team.scenes_dir, options.team.observations)
         )
+        folder = replace(folder, redaction=_redaction(laboratory), on_line=sealing.add)
         for contender in run.contenders.values():
             await stack.enter_async_context(contender.running())
         record = await _record(run, laboratory)
         play = await stack.enter_async_context(_executor(run, laboratory, record))
         folder.write_run(_continued(folder, record, options.packs))
+        stack.callback(_seal, folder, sealing, run.console)
         done = folder.episodes()
         run.meter.add_all(episode.usage for episode in done.values())
         todo = missing(run.keys, done)
@@ -172,6 +178,18 @@ async def _play_missing(run: _Run) -> str:
             on_end=display.ended,
         )
         return await runner.run(todo)
+
+
+def _redaction(laboratory: Laboratory) -> Redaction:
+    """Takes the keys of providers and the token of the host out of all records."""
+    token = laboratory.token if isinstance(laboratory, HostLaboratory) else None
+    return Redaction.of(os.environ, {"host token": token} if token else {})
+
+
+def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
+    """Write the seal, and print it for the operator to keep."""
+    folder.write_seal(sealing.seal)
+    console.print(sealing.sentence(), highlight=False, soft_wrap=True)
 
 
 async def _record(run: _Run, laboratory: Laboratory) -> RunRecord:

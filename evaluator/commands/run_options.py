@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
-from evaluator.commands.argument_types import count_of, seconds, temperature, us_dollars
+from evaluator.commands.argument_types import count_of, seconds, temperature, trust_edited, us_dollars
+from evaluator.episode.contender import Contender
 from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
 from evaluator.models.lanes import DEFAULT_LIMIT, Patience
@@ -37,6 +39,8 @@ class RunOptions:
     budgets: tuple[int, ...]
     seeds: tuple[int, ...]
     epochs: int
+    same_seeds: bool
+    """Whether also programs that play by themselves meet the same seeds at each repetition."""
     promptings: tuple[str, ...]
     protocols: tuple[str, ...]
     shard: Shard
@@ -51,21 +55,25 @@ class RunOptions:
     out: Path | None
     """Run folder, or folder of the shards; None for a new one below `runs`."""
     resume: bool
+    trust_edited: bool
+    """Go on with records that do not fit to their seal."""
     dry_run: bool
     as_json: bool
     """Print the summary as JSON on stdout, and everything else on stderr."""
 
-    def plan(self, agents: tuple[str, ...]) -> Plan:
-        """The matrix with these agents."""
+    def plan(self, contenders: Mapping[str, Contender]) -> Plan:
+        """The matrix with these agents, by name."""
+        programs = tuple(name for name, contender in contenders.items() if isinstance(contender, ExternalAgent))
         return Plan(
             scenes=tuple(files.scene_id for files in self.packs),
-            agents=agents,
+            agents=tuple(contenders),
             budgets=self.budgets,
             seeds=self.seeds,
             epochs=self.epochs,
             promptings=self.promptings,
             protocols=self.protocols,
             observations=self.team.observations,
+            own_seeds=() if self.same_seeds else programs,
         )
 
 
@@ -79,6 +87,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
     Raises:
         UsageError: An option is malformed or selects nothing.
     """
+    external.check_sealed(args)
     packs = tuple(parse_scenes(args.scenes, args.scenes_dir))
     team = Team(
         agents=tuple(args.agent or ["reference"]),
@@ -93,7 +102,9 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         command=tuple(args.command_words),
         max_calls=args.max_calls,
         max_wall_s=args.max_wall_time,
+        home=args.home_from,
         sealed=args.sealed,
+        users=tuple(filter(None, args.sealed_users.split(","))),
     )
     return RunOptions(
         team=team,
@@ -101,15 +112,17 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         budgets=parse_numbers(args.budgets, "--budgets", 1),
         seeds=parse_numbers(args.seeds, "--seeds", 0),
         epochs=args.epochs,
+        same_seeds=args.same_seeds,
         promptings=_among(args.prompting, "--prompting", PROMPTINGS),
         protocols=_among(args.protocol, "--protocol", PROTOCOLS),
         shard=parse_shard(args.shard) if args.shard else shard_of_environment(environ),
         limits=Limits(args.max_cost, args.max_tokens, args.max_time),
-        concurrency=args.concurrency,
+        concurrency=args.concurrency or external.usual_concurrency(args),
         executor=args.executor,
         episode_timeout_s=args.episode_timeout,
         out=args.out,
         resume=args.resume,
+        trust_edited=args.trust_edited,
         dry_run=args.dry_run,
         as_json=args.json,
     )
@@ -200,9 +213,8 @@ def _course(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--concurrency",
         type=count_of("episodes"),
-        default=min(4, os.cpu_count() or 1),
         metavar="N",
-        help="episodes played at a time (default %(default)s)",
+        help=f"episodes played at a time (default {external.USUAL_CONCURRENCY}; with --sealed, one for each user)",
     )
     group.add_argument(
         "--executor",
@@ -234,6 +246,7 @@ def _course(group: "ArgumentGroup") -> None:
     )
     group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
     group.add_argument("--resume", action="store_true", help="continue the run in --out")
+    trust_edited(group)
     group.add_argument("--dry-run", action="store_true", help="print the matrix and an estimate, and play nothing")
     group.add_argument(
         "--json", action="store_true", help="print the summary as JSON on stdout, everything else on stderr"

@@ -204,13 +204,18 @@ class LocalHost:
             "--end-with-stdin",
         ]
         command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
-        command += ["--token-env", TOKEN_VARIABLE] if self.token else []
+        command += ["--token-stdin"] if self.token else []
         command += ["--observations", self.observations] if self.observations != TEXT else []
-        environment = os.environ | ({TOKEN_VARIABLE: self.token} if self.token else {})
         self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True, env=environment
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True
         )
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
+        if self.token:
+            # Not by the environment: other programs of this user could read it there.
+            with contextlib.suppress(BrokenPipeError):  # it has ended; the line below says so
+                self._process.stdin.write(f"{self.token}\n")
+                self._process.stdin.flush()
         line = await anyio.to_thread.run_sync(self._process.stdout.readline)
         try:
             return HostLaboratory(json.loads(line)["listening"], self.token)

@@ -25,6 +25,8 @@ class Run:
     """Scene → PNG of its start; scenes without a picture are left out."""
     frames: str = "frames"
     """Where the frames are, as an address relative to the page of the report."""
+    seal: str = ""
+    """What the seal of its records says; empty if it was not asked."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,8 +59,12 @@ class Team:
     """Most tool calls of an external agent in an episode."""
     max_wall_s: float = 1800.0
     """Most wall time of an external agent for an episode [s]."""
+    home: Path | None = None
+    """Folder whose content each home of an external agent starts with."""
     sealed: bool = False
     """The operator vouches that an external agent cannot read the packs."""
+    users: tuple[str, ...] = ()
+    """System users that a sealed agent runs as."""
 
     def build(self) -> dict[str, Contender]:
         """The contenders by name.
@@ -89,6 +93,8 @@ class Team:
             vouched=self.sealed,
             max_calls=self.max_calls,
             max_wall_s=self.max_wall_s,
+            home=self.home,
+            users=self.users,
         )
 
     def _with_stopping(self, contender: AgentContender) -> AgentContender:

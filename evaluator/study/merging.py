@@ -1,12 +1,14 @@
 """Merging: the run folders of shards, or of parts of a study, become one run folder."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from evaluator.errors import UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome
 from evaluator.run_record import MergedPart, RunRecord
 from evaluator.store import RunFolder
+from evaluator.study.sealing import Sealing, seal_note
 
 
 def expand(folders: Iterable[Path]) -> list[RunFolder]:
@@ -27,15 +29,20 @@ def expand(folders: Iterable[Path]) -> list[RunFolder]:
     return found
 
 
-def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Episode]:
+def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False) -> dict[EpisodeKey, Episode]:
     """Write the episodes of all parts into a new run folder, and return them.
 
     An episode that was played replaces the record of an infrastructure error. If two parts played the same episode,
-    their records must be equal: nothing says which of two different records counts.
+    their records must be equal: nothing says which of two different records counts. The whole is sealed anew.
+
+    Args:
+        parts: The run folders.
+        target: The new one.
+        trust: Go on with records that do not fit to their seal; the seal of the whole says so.
 
     Raises:
         UsageError: The parts do not belong together.
-        StoreError: A record is damaged, or the target holds a run already.
+        StoreError: A record is damaged or does not fit to its seal, or the target holds a run already.
     """
     records = [part.read_run() for part in parts]
     for part, record in zip(parts, records, strict=True):
@@ -55,11 +62,16 @@ def merge(parts: Sequence[RunFolder], target: RunFolder) -> dict[EpisodeKey, Epi
                     f"{part.path} holds another record of scene {key.scene}, seed {key.seed}, {key.agent},"
                     f" budget {key.budget}, epoch {key.epoch} than the folders before it"
                 )
+    notes = [seal_note(part, trust=trust) for part in parts]
     target.create(resume=False)
+    sealing = Sealing(target)
+    whole = replace(target, on_line=sealing.add)
     for key, episode in episodes.items():
-        target.copy_frames(sources[key], episode)
-        target.append_episode(episode)
-    target.write_run(_merged(parts, records))
+        whole.copy_frames(sources[key], episode)
+        whole.append_episode(episode)
+    edited = tuple(f"{part.path.name}: {note}" for part, note in zip(parts, notes, strict=True) if "NOT" in note)
+    whole.write_seal(sealing.seal.model_copy(update={"edited": edited}))
+    whole.write_run(_merged(parts, records))
     return episodes
 
 

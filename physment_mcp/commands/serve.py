@@ -13,6 +13,8 @@ from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
 """Connections that may be open at a time, where the system lets us choose."""
+_LONGEST_TOKEN = 4096
+"""[bytes]."""
 
 
 def add(commands: Commands) -> None:
@@ -46,6 +48,11 @@ def add(commands: Commands) -> None:
         help="environment variable with a token; only requests with this token open episodes (default: all do)",
     )
     serve.add_argument(
+        "--token-stdin",
+        action="store_true",
+        help="the same, with a token that is the first line of stdin, where no other program can read it",
+    )
+    serve.add_argument(
         "--allow-host",
         action="append",
         default=[],
@@ -77,14 +84,12 @@ def run(args: argparse.Namespace) -> int:
     from physment_mcp.serving.listening import serve  # noqa: PLC0415
 
     exposed = not is_loopback(args.host)
-    if exposed and args.token_env is None:
+    if exposed and args.token_env is None and not args.token_stdin:
         raise UsageError(
             f"--host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1) is served"
             " without a token: put a secret into an environment variable and name it with --token-env"
         )
-    token = None if args.token_env is None else os.environ.get(args.token_env, "").strip()
-    if token == "":
-        raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
+    token = _token(args)
     scene_ids(args.scenes_dir)
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
     if args.end_with_stdin:
@@ -105,6 +110,35 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
+
+
+def _token(args: argparse.Namespace) -> str | None:
+    """The token of the host; None if it needs none.
+
+    Raises:
+        UsageError: There is no token where it should be, or two places are named.
+    """
+    if args.token_stdin and args.token_env is not None:
+        raise UsageError("--token-env and --token-stdin: give the token in one place")
+    if args.token_stdin:
+        token = _first_line()
+        if not token:
+            raise UsageError("--token-stdin: the first line of stdin holds no token")
+        return token
+    if args.token_env is None:
+        return None
+    token = os.environ.get(args.token_env, "").strip()
+    if not token:
+        raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
+    return token
+
+
+def _first_line() -> str:
+    """The first line of stdin, read byte by byte: `--end-with-stdin` waits for what follows it."""
+    line = b""
+    while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_TOKEN:
+        line += byte
+    return line.decode("utf-8", "replace").strip()
 
 
 def _allow_open_files() -> None:

@@ -62,6 +62,8 @@ class EpisodeRequest(BaseModel):
     seed: int = 0
     max_calls: int | None = Field(default=None, ge=1, le=10_000)
     """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
+    guarded: bool = False
+    """Whether the episode is played only with a token of its own, which its URL does not contain."""
 
 
 @dataclass(slots=True)
@@ -77,6 +79,8 @@ class _HostedEpisode:
     """Places for requests that are served at the same time."""
     owner_token: str | None = None
     """Token that closes the episode and reads its log, if it was opened for another program to play."""
+    player_token: str | None = None
+    """Token that every request of its player needs; None if the URL is enough."""
 
 
 @dataclass(slots=True)
@@ -150,13 +154,14 @@ class Host:
 
         return manager, await self._tasks.start(live)
 
-    async def open_episode(self, scene: int, seed: int, max_calls: int | None = None) -> str:
+    async def open_episode(self, scene: int, seed: int, max_calls: int | None = None, *, guarded: bool = False) -> str:
         """Open an episode and return its unguessable id.
 
         Args:
             scene: Id of the scene.
             seed: Variant of the scene.
             max_calls: As in `EpisodeRequest`.
+            guarded: As in `EpisodeRequest`.
 
         Raises:
             SceneError: The scene cannot be loaded.
@@ -167,7 +172,14 @@ class Host:
         manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
         episode_id = secrets.token_urlsafe(18)
         owner_token = None if max_calls is None else secrets.token_urlsafe(24)
-        self._episodes[episode_id] = _HostedEpisode(manager, slot, close, time.monotonic(), owner_token=owner_token)
+        self._episodes[episode_id] = _HostedEpisode(
+            manager,
+            slot,
+            close,
+            time.monotonic(),
+            owner_token=owner_token,
+            player_token=secrets.token_urlsafe(24) if guarded else None,
+        )
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -195,6 +207,8 @@ class Host:
     def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
         """Whether a request may reach an episode whose URL it knows. With a wrong token it never may."""
         owner_token = None if episode is None else episode.owner_token
+        if episode is not None and episode.player_token is not None:
+            return has_token(request, self.token, owner_token, episode.player_token)
         if self.token is None or has_token(request, self.token, owner_token):
             return True
         return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
@@ -221,7 +235,7 @@ class Host:
             return refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
         self._opening += 1
         try:
-            episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls)
+            episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls, guarded=wanted.guarded)
         except SceneError as error:
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
             # A request with the token comes from the operator, who may read the details.
@@ -231,9 +245,9 @@ class Host:
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
         url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
         body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
-        owner_token = self._episodes[episode_id].owner_token
-        if owner_token is not None:
-            body["owner_token"] = owner_token
+        opened = self._episodes[episode_id]
+        tokens = {"owner_token": opened.owner_token, "player_token": opened.player_token}
+        body |= {name: token for name, token in tokens.items() if token is not None}
         return JSONResponse(body, status_code=201)
 
     async def _delete(self, request: Request) -> Response:

@@ -7,11 +7,10 @@ enforces. Its answer is the one that the laboratory accepted. Its output is reco
 import json
 import os
 import re
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -19,12 +18,15 @@ import anyio
 from pydantic import JsonValue
 
 from evaluator.agents.external.child_process import Ended, run_child
-from evaluator.agents.external.environment import child_environment, without_secrets
+from evaluator.agents.external.environment import TOKEN, URL, child_environment
+from evaluator.agents.external.folders import episode_folders
+from evaluator.agents.external.system_users import SystemUser, SystemUsers
 from evaluator.agents.external.watched import WatchedEpisode, watch_episode
 from evaluator.episode.connect import HostLaboratory, Laboratory
 from evaluator.episode.player import ANSWER
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
+from evaluator.redaction import Redaction
 from scenes import PackError, find_pack, read_public
 
 CALLS_PER_ITERATION = 10
@@ -53,6 +55,12 @@ class ExternalAgent:
     """Wall time it gets to end by itself once it can call nothing more [s]."""
     scenes_dir: Path | None = None
     """The packs played; its environment must not name this folder."""
+    home: Path | None = None
+    """Folder whose content each home starts with; None for empty homes."""
+    guarded: bool = False
+    """Whether an episode can be played only with a token that its address does not contain."""
+    users: SystemUsers = field(default_factory=SystemUsers, repr=False, compare=False)
+    """Whom it runs as."""
 
     @property
     def name(self) -> str:
@@ -62,7 +70,7 @@ class ExternalAgent:
     def facts(self) -> Mapping[str, JsonValue]:
         """The command, without secrets, and its bounds."""
         return {
-            "command": [without_secrets(word, os.environ) for word in self.command],
+            "command": [Redaction.of(os.environ).text(word) for word in self.command],
             "max_calls": self.max_calls,
             "max_wall_s": self.max_wall_s,
             "unsealed": self.unsealed,
@@ -105,20 +113,24 @@ class ExternalAgent:
         started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
         max_calls = self.calls_for(key.scene, key.budget)
         environment = child_environment(os.environ, self.scenes_dir)
-        async with watch_episode(laboratory, key.scene, key.seed, max_calls) as episode:
+        clean = Redaction.of(environment)
+        async with (
+            self.users.one() as user,
+            watch_episode(laboratory, key.scene, key.seed, max_calls, guarded=self.guarded) as episode,
+        ):
             prompt = f"{await episode.prompt(key)}\n\n{_rules(max_calls, self.max_wall_s)}"
             ended: Ended | None = None
             failure = ""
             try:
-                ended = await _run(self, episode, prompt, environment)
+                ended = await _run(self, episode, prompt, environment, user)
             except AgentError as error:
                 failure = str(error)
             turns = await episode.turns()
         outcome, answer = _outcome(turns, max_calls)
         if outcome is Outcome.AGENT_ERROR and ended is not None:
             # Remove secrets before truncating: half a secret would not be recognised.
-            failure = without_secrets(_how_it_ended(self, ended, len(turns), max_calls), environment)[:_FAILURE]
-        output = without_secrets(ended.stdout, environment)[-_REASONING:].strip() if ended else ""
+            failure = clean.text(_how_it_ended(self, ended, len(turns), max_calls))[:_FAILURE]
+        output = clean.text(ended.stdout)[-_REASONING:].strip() if ended else ""
         return Episode(
             key=key,
             outcome=outcome,
@@ -143,35 +155,45 @@ def _calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
     return None if limits is None else limits.calls
 
 
-async def _run(agent: ExternalAgent, episode: WatchedEpisode, prompt: str, environment: Mapping[str, str]) -> Ended:
-    """Run the command in an empty folder until it ends, runs out of time, or can do nothing more."""
+async def _run(
+    agent: ExternalAgent,
+    episode: WatchedEpisode,
+    prompt: str,
+    environment: Mapping[str, str],
+    user: SystemUser | None,
+) -> Ended:
+    """Run the command in folders of its own until it ends, runs out of time, or can do nothing more."""
 
     async def nothing_more_to_do() -> None:
         if await episode.until_end():
             await anyio.sleep(agent.grace_s)
 
-    with tempfile.TemporaryDirectory(prefix="mcp-") as beside, tempfile.TemporaryDirectory(prefix="work-") as work:
-        config = Path(beside) / "mcp.json"
-        config.write_text(json.dumps(client_config(episode.mcp_url), indent=2) + "\n", encoding="utf-8")
-        values = {"mcp_config": str(config), "mcp_url": episode.mcp_url, "prompt": prompt}
+    with episode_folders(agent.home, user) as folders:
+        folders.config.write_text(json.dumps(client_config(episode), indent=2) + "\n", encoding="utf-8")
+        values = {"mcp_config": str(folders.config), "mcp_url": episode.mcp_url, "prompt": prompt}
         # Replace all placeholders in one pass, so that braces in the prompt are left alone.
         command = [_PLACEHOLDER.sub(lambda found: values[found[1]], word) for word in agent.command]
+        address = {URL: episode.mcp_url} | ({TOKEN: episode.token} if episode.token else {})
         try:
             return await run_child(
                 command,
-                cwd=Path(work),
-                env=environment,
+                folders=folders,
+                env={**environment, **address, **folders.variables()},
                 stdin=None if any("{prompt}" in word for word in agent.command) else prompt,
                 max_wall_s=agent.max_wall_s,
                 until=nothing_more_to_do,
+                user=user,
             )
         except OSError as error:
             raise AgentError(f"{agent.command[0]} cannot be started: {error.strerror or error}") from error
 
 
-def client_config(mcp_url: str) -> dict[str, object]:
+def client_config(episode: WatchedEpisode) -> dict[str, object]:
     """A configuration in the form that MCP clients share, with the laboratory as its only server."""
-    return {"mcpServers": {"physment": {"type": "http", "url": mcp_url}}}
+    server: dict[str, object] = {"type": "http", "url": episode.mcp_url}
+    if episode.token:
+        server["headers"] = {"Authorization": f"Bearer {episode.token}"}
+    return {"mcpServers": {"physment": server}}
 
 
 def _rules(max_calls: int, max_wall_s: float) -> str:

@@ -6,6 +6,7 @@ Knows nothing of MCP, agents or episodes.
 import contextlib
 import os
 import signal
+import subprocess
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,12 +15,16 @@ from subprocess import DEVNULL, PIPE
 import anyio
 from anyio.abc import ByteReceiveStream, ByteSendStream, Process
 
+from evaluator.agents.external.folders import EpisodeFolders
+from evaluator.agents.external.system_users import SystemUser
+
 _KEPT = 64 * 1024
 """Last bytes of each output stream that are kept."""
 _TERM_S = 2.0
 """Wall time between asking a process to end and killing it [s]."""
 _FLUSH_S = 2.0
 """Wall time for the last output to arrive [s]."""
+_WATCH = """trap '' HUP INT TERM; read -r line; kill -s KILL -- "-$1"; rm -rf -- "$2\""""
 
 
 @dataclass(slots=True)
@@ -61,32 +66,42 @@ class Ended:
 async def run_child(
     command: Sequence[str],
     *,
-    cwd: Path,
+    folders: EpisodeFolders,
     env: Mapping[str, str],
     stdin: str | None,
     max_wall_s: float,
     until: Callable[[], Awaitable[None]],
+    user: SystemUser | None = None,
 ) -> Ended:
     """Run a command to its end, or stop it. However this returns, no process of its group is left.
 
     Args:
         command: Program and arguments.
-        cwd: Its working directory.
+        folders: Where it runs. If this process is killed, they are removed.
         env: Its whole environment.
         stdin: What it reads; None for nothing.
         max_wall_s: Most wall time [s].
         until: Returns when the command can be stopped.
+        user: Whom it runs as; None for the user of this process.
 
     Raises:
         OSError: The command cannot be started.
     """
     process = await anyio.open_process(
-        list(command), stdin=DEVNULL if stdin is None else PIPE, cwd=cwd, env=env, start_new_session=True
+        list(command),
+        stdin=DEVNULL if stdin is None else PIPE,
+        cwd=folders.work,
+        env=env,
+        start_new_session=True,
+        user=None if user is None else user.uid,
+        group=None if user is None else user.gid,
+        extra_groups=None if user is None else [],
     )
     assert process.stdout is not None
     assert process.stderr is not None
     out, err, limit = _Tail(), _Tail(), anyio.CancelScope(deadline=anyio.current_time() + max_wall_s)
     code, stopped = None, False
+    watchdog = _start_watchdog(process.pid, folders.base)
     try:
         async with anyio.create_task_group() as streams:
             streams.start_soon(out.drain, process.stdout)
@@ -107,7 +122,29 @@ async def run_child(
             if not stopped:
                 await _stop_group(process)
             await process.aclose()
+            _end_watchdog(watchdog)
     return Ended(code, out_of_time=limit.cancelled_caught, stdout=out.text(), stderr=err.text())
+
+
+def _start_watchdog(group: int, folder: Path) -> subprocess.Popen[bytes]:
+    """A process that outlives this one if it is killed, and then ends a process group and removes a folder.
+
+    The operating system closes the pipe to it when this process ends in any way.
+    """
+    return subprocess.Popen(  # noqa: S603 - our own script
+        ["/bin/sh", "-c", _WATCH, "sh", str(group), str(folder)],
+        stdin=PIPE,
+        stdout=DEVNULL,
+        stderr=DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _end_watchdog(watchdog: subprocess.Popen[bytes]) -> None:
+    watchdog.kill()
+    watchdog.wait()
+    assert watchdog.stdin is not None
+    watchdog.stdin.close()
 
 
 async def _wait(process: Process, until: Callable[[], Awaitable[None]]) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from evaluator.agents.external.agent import NEEDS_ADDRESS, ExternalAgent
+from evaluator.agents.external.environment import TOKEN, URL
+from evaluator.agents.external.system_users import SystemUsers, system_users
 from evaluator.episode.connect import TOKEN_VARIABLE
 from evaluator.errors import UsageError
 from scenes import PackError, default_folder, list_packs
@@ -21,8 +23,10 @@ def parse_external(
     scenes_dir: Path | None,
     *,
     vouched: bool = False,
+    users: Sequence[str] = (),
     max_calls: int | None = None,
     max_wall_s: float = 1800.0,
+    home: Path | None = None,
     environ: Mapping[str, str] = os.environ,
 ) -> ExternalAgent:
     """The agent that `--agent external -- COMMAND` names.
@@ -32,24 +36,20 @@ def parse_external(
         server: Value of `--server`.
         scenes_dir: Value of `--scenes-dir`.
         vouched: The operator vouches that no scene pack can be read where COMMAND runs.
+        users: System users that COMMAND runs as.
         max_calls: Most tool calls in an episode; None for as many as the scene allows, or ten for each iteration.
         max_wall_s: Most wall time for an episode [s].
+        home: Folder whose content each home of COMMAND starts with.
         environ: Environment variables, which may hold a token for the host.
 
     Raises:
         UsageError: The command is missing, cannot be found or could not find the laboratory.
     """
-    if not words:
-        raise UsageError(
-            "--agent external needs a command after --, such as: -- my-agent --mcp-config {mcp_config} --print {prompt}"
-        )
-    if not any(placeholder in word for word in words for placeholder in ("{mcp_config}", "{mcp_url}")):
-        raise UsageError(
-            f"the command {shlex.join(words)!r} could not find the laboratory: write {{mcp_config}} (path of a client"
-            " configuration) or {mcp_url} (address of the episode) where it takes one"
-        )
+    _check_placeholders(words, sealed=vouched)
     if server != "host" and not server.startswith(("http://", "https://")):
         raise UsageError(NEEDS_ADDRESS)
+    if home is not None and not home.is_dir():
+        raise UsageError(f"--home-from {home}: there is no such folder")
     program = shutil.which(words[0])
     if program is None:
         raise UsageError(f"there is no program {words[0]!r}")
@@ -64,7 +64,34 @@ def parse_external(
         max_calls,
         max_wall_s,
         scenes_dir=scenes_dir,
+        home=home,
+        guarded=vouched,
+        users=SystemUsers(system_users(users)),
     )
+
+
+def _check_placeholders(words: Sequence[str], *, sealed: bool) -> None:
+    """Refuse a command that could not find the laboratory, or that would show others where it is.
+
+    Raises:
+        UsageError: It does.
+    """
+    if not words:
+        raise UsageError(
+            "--agent external needs a command after --, such as: -- my-agent --mcp-config {mcp_config} --print {prompt}"
+        )
+    if sealed and any("{mcp_url}" in word for word in words):
+        raise UsageError(
+            "--sealed: {mcp_url} would stand in the command line, which every user of the machine can read; write"
+            f" {{mcp_config}} (path of a client configuration), or let the program read {URL} and {TOKEN} from its"
+            " environment"
+        )
+    if not any(place in word for word in words for place in ("{mcp_config}", "{mcp_url}", URL)):
+        raise UsageError(
+            f"the command {shlex.join(words)!r} could not find the laboratory: write {{mcp_config}} (path of a client"
+            f" configuration) or {{mcp_url}} (address of the episode) where it takes one, or {URL} (environment"
+            " variable with the address)"
+        )
 
 
 def _why_unsealed(server: str, scenes_dir: Path | None, *, guarded: bool, vouched: bool) -> str | None:

@@ -1,14 +1,17 @@
-"""What an external program sees of our environment, and what its output may show of it."""
+"""What an external program sees of our environment."""
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from scenes import default_folder
 
 _OWN_VARIABLES = {"PWD", "OLDPWD", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "_"}
-_SECRET_NAME = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|PASSWD|CREDENTIAL", re.IGNORECASE)
+_OWN_PREFIXES = ("PHYSMENT", "PYTEST", "XDG_")
+URL = "PHYSMENT_MCP_URL"
+"""Environment variable in which a program finds the address of its episode."""
+TOKEN = "PHYSMENT_MCP_TOKEN"  # noqa: S105 - a name, not a token
+"""Environment variable in which it finds the bearer token for this address, if one is needed."""
 
 
 def child_environment(ours: Mapping[str, str], scenes_dir: Path | None) -> dict[str, str]:
@@ -27,15 +30,6 @@ def child_environment(ours: Mapping[str, str], scenes_dir: Path | None) -> dict[
     kept = {
         name: value
         for name, value in ours.items()
-        if name not in _OWN_VARIABLES and not name.startswith(("PHYSMENT", "PYTEST")) and not names_a_folder(value)
+        if name not in _OWN_VARIABLES and not name.startswith(_OWN_PREFIXES) and not names_a_folder(value)
     }
     return kept | {"PATH": path}
-
-
-def without_secrets(text: str, environment: Mapping[str, str]) -> str:
-    """A text with each value of a secret environment variable replaced by the variable's name in brackets."""
-    secrets = {value: name for name, value in environment.items() if _SECRET_NAME.search(name) and len(value) >= 8}
-    # Longest first: a secret may contain another one.
-    for value in sorted(secrets, key=len, reverse=True):
-        text = text.replace(value, f"[{secrets[value]}]")
-    return text

@@ -46,7 +46,9 @@ class WatchedEpisode:
     """An open episode on a host that logs its calls."""
 
     mcp_url: str
-    """Address of the episode: the only thing that its player gets."""
+    """Address of the episode: the only thing that its player gets, besides the token."""
+    token: str | None
+    """What its player must send with every request; None if the address is enough."""
     _http: httpx2.AsyncClient
     _path: str
     _owner_token: str
@@ -116,7 +118,9 @@ class WatchedEpisode:
 
 
 @contextlib.asynccontextmanager
-async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: int) -> AsyncGenerator[WatchedEpisode]:
+async def watch_episode(
+    host: HostLaboratory, scene: int, seed: int, max_calls: int, *, guarded: bool = False
+) -> AsyncGenerator[WatchedEpisode]:
     """Open an episode for another program, and close it afterwards.
 
     Args:
@@ -124,17 +128,22 @@ async def watch_episode(host: HostLaboratory, scene: int, seed: int, max_calls: 
         scene: Which scene.
         seed: Which variant of it.
         max_calls: Most tool calls; the laboratory refuses more.
+        guarded: Whether its player needs a token besides its address.
 
     Raises:
         InfrastructureError: The host cannot be reached, or keeps no log of calls.
     """
     async with http_client(host.base_url) as http:
-        opened = await host.request_episode(http, {"scene": scene, "seed": seed, "max_calls": max_calls})
+        wanted = {"scene": scene, "seed": seed, "max_calls": max_calls} | ({"guarded": True} if guarded else {})
+        opened = await host.request_episode(http, wanted)
         if "owner_token" not in opened:
             raise InfrastructureError(f"the host {host.base_url} keeps no logs of calls; it is too old for this")
         path, token = f"/episodes/{opened['episode_id']}", opened["owner_token"]
         try:
-            yield WatchedEpisode(opened["mcp_url"], http, path, token)
+            player_token = opened.get("player_token")
+            if player_token is not None:
+                http.headers["Authorization"] = f"Bearer {player_token}"
+            yield WatchedEpisode(opened["mcp_url"], player_token, http, path, token)
         finally:
             with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})

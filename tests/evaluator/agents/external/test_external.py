@@ -15,7 +15,7 @@ import pytest
 
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
-from evaluator.agents.external.environment import child_environment, without_secrets
+from evaluator.agents.external.environment import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
@@ -228,6 +228,7 @@ def test_variables_that_reveal_where_the_packs_are_are_left_out(tmp_path: Path) 
         "SUITE": f"a {ROOT}/scenes/Scene7",
         "MINE": str(tmp_path / "Scene7"),
         "PHYSMENT_ANYTHING": "x",
+        "XDG_CONFIG_HOME": "/home/someone/.config",
         "PWD": "/",
         "VIRTUAL_ENV": "/",
         "PATH": os.pathsep.join(["/bin", f"{ROOT}/.venv/bin", "/usr/bin"]),
@@ -237,23 +238,37 @@ def test_variables_that_reveal_where_the_packs_are_are_left_out(tmp_path: Path) 
     assert child_environment({}, None) == {"PATH": os.defpath}
 
 
-def test_the_secrets_that_a_program_writes_are_replaced_by_their_names() -> None:
-    environment = {
-        "MODEL_API_KEY": "sk-12345678",
-        "LONGER_TOKEN": "sk-12345678-9",
-        "SHORT_KEY": "1",
-        "HOME": "/home/you",
-    }
-    output = "sk-12345678-9 and sk-12345678 in /home/you, 1 of 2"
-    assert without_secrets(output, environment) == "[LONGER_TOKEN] and [MODEL_API_KEY] in /home/you, 1 of 2"
-
-
 async def test_only_the_end_of_a_long_output_is_kept(host: HostLaboratory, program: Words) -> None:
     source = "import sys\nfor i in range(200_000): print(i)\nprint('the end')\nsys.stderr.write('y' * 10**6)"
     episode = await play(host, program(source))
     said = episode.turns[0].reasoning
     assert said.endswith("199999\nthe end")
     assert len(said) <= 20_000
+
+
+async def test_nothing_is_carried_over_from_one_episode_to_the_next(
+    host: HostLaboratory, program: Words, tmp_path: Path
+) -> None:
+    source = """
+import json, os, pathlib, tempfile
+places = [pathlib.Path.cwd(), pathlib.Path.home(), pathlib.Path(tempfile.gettempdir())]
+print(json.dumps({str(place): os.listdir(place) for place in places}))
+for place in places:
+    (place / "notes").write_text("the answer")
+"""
+    login = tmp_path / "login"
+    (login / ".config").mkdir(parents=True)
+    (login / ".config" / "key").write_text("x", encoding="utf-8")
+    empty = [json.loads((await play(host, program(source))).turns[0].reasoning) for _ in range(2)]
+    assert [list(found.values()) for found in empty] == [[[], [], []]] * 2
+    agent = replace(agent_of(program(source)), home=login)
+    episode = await agent.play(host, episode_key(agent=agent.name), VERSIONS, [])
+    started = json.loads(episode.turns[0].reasoning)
+    assert list(started.values()) == [[], [".config"], []]
+    places = [Path(place) for found in (*empty, started) for place in found]
+    assert len(set(places)) == 9
+    assert not any(place.exists() for place in places)
+    assert [place.name for place in login.iterdir()] == [".config"]
 
 
 async def test_a_host_that_cannot_be_reached_is_an_infrastructure_error(program: Words) -> None:
@@ -313,7 +328,7 @@ def test_an_agent_that_could_read_the_packs_is_marked_unsealed_and_has_another_n
     assert here.unsealed is not None
     assert "who can read the scene packs" in here.unsealed
     assert here.name.startswith("external-unsealed:python")
-    vouched = parse_external(words, "host", None, vouched=True)
+    vouched = parse_external([sys.executable, "{mcp_config}"], "host", None, vouched=True)
     assert (vouched.unsealed, vouched.name) == (None, here.name.replace("-unsealed", ""))
     far = "https://lab.example"
     same_packs = parse_external(words, far, None, environ=ours)
@@ -330,7 +345,7 @@ def test_an_agent_is_unsealed_on_a_host_where_anybody_may_open_episodes(tmp_path
     empty.mkdir()
     for vouched in (True, False):
         open_to_all = parse_external(
-            [sys.executable, "{mcp_url}"], "https://lab.example", empty, vouched=vouched, environ={}
+            [sys.executable, "{mcp_config}"], "https://lab.example", empty, vouched=vouched, environ={}
         )
         assert open_to_all.unsealed is not None
         assert "practise" in open_to_all.unsealed
@@ -416,7 +431,7 @@ async def test_a_malformed_log_is_an_infrastructure_error(
     for status, body in ((200, b"<html>"), (200, b'{"calls": 1}'), (500, b"oh")):
         with web_server(status, body) as address:
             async with httpx2.AsyncClient(base_url=address) as http:
-                episode = WatchedEpisode("", http, "/episodes/a", "x")
+                episode = WatchedEpisode("", None, http, "/episodes/a", "x")
                 assert not await episode.until_end()
                 with pytest.raises(InfrastructureError, match="log of calls could not be read") as failed:
                     await episode.turns()

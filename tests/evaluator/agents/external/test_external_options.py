@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -33,7 +34,7 @@ def test_the_words_after_the_dashes_are_passed_to_the_program_unchanged() -> Non
 
 def test_limits_and_the_operators_voucher_are_options() -> None:
     options = ("--max-calls", "7", "--max-wall-time", "2.5", "--sealed")
-    agent = external_agent(parsed("--agent", "external", *options, "--", sys.executable, "{mcp_url}"))
+    agent = external_agent(parsed("--agent", "external", *options, "--", sys.executable, "{mcp_config}"))
     assert (agent.max_calls, agent.max_wall_s, agent.unsealed) == (7, 2.5, None)
 
 
@@ -50,3 +51,28 @@ def test_only_an_external_agent_has_a_command_and_it_has_no_stopping_policy() ->
     words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
     with pytest.raises(UsageError, match="cannot be told when to answer"):
         read_options(parsed(*words), {}).team.build()
+
+
+def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_otherwise() -> None:
+    words = ("--agent", "external", "--agent", "random", "--scenes", "7,8", "--seeds", "0,3", "--budgets", "5,20")
+    words = (*words, "--epochs", "2")
+
+    def seeds(*more: str) -> dict[str, list[int]]:
+        options = read_options(parsed(*words, *more, "--", sys.executable, "{mcp_url}"), {})
+        keys = options.plan(options.team.build()).matrix()
+        assert len(keys) == len(set(keys)) == 32
+        return {agent: [key.seed for key in keys if key.agent == agent and key.scene == 7] for agent in agents}
+
+    agents = list(read_options(parsed(*words, "--", sys.executable, "{mcp_url}"), {}).team.build())
+    own = seeds()
+    program = next(name for name in own if name.startswith("external"))
+    assert own["random"] == [0, 3] * 4
+    assert own[program][:2] == [0, 3]
+    assert len(set(own[program])) == 8
+    assert seeds("--same-seeds")[program] == [0, 3] * 4
+
+
+def test_a_home_to_start_with_must_be_a_folder(tmp_path: Path) -> None:
+    words = ("--agent", "external", "--home-from", str(tmp_path / "none"), "--", sys.executable, "{mcp_url}")
+    with pytest.raises(UsageError, match="there is no such folder"):
+        external_agent(parsed(*words))
