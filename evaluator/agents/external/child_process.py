@@ -87,16 +87,7 @@ async def run_child(
     Raises:
         OSError: The command cannot be started.
     """
-    process = await anyio.open_process(
-        list(command),
-        stdin=DEVNULL if stdin is None else PIPE,
-        cwd=folders.work,
-        env=env,
-        start_new_session=True,
-        user=None if user is None else user.uid,
-        group=None if user is None else user.gid,
-        extra_groups=None if user is None else [],
-    )
+    process = await _open(command, folders.work, env, user, reads=stdin is not None)
     assert process.stdout is not None
     assert process.stderr is not None
     out, err, limit = _Tail(), _Tail(), anyio.CancelScope(deadline=anyio.current_time() + max_wall_s)
@@ -124,6 +115,22 @@ async def run_child(
             await process.aclose()
             _end_watchdog(watchdog)
     return Ended(code, out_of_time=limit.cancelled_caught, stdout=out.text(), stderr=err.text())
+
+
+async def _open(
+    command: Sequence[str], cwd: Path, env: Mapping[str, str], user: SystemUser | None, *, reads: bool
+) -> Process:
+    """Start the command in a process group of its own."""
+    return await anyio.open_process(
+        list(command),
+        stdin=PIPE if reads else DEVNULL,
+        cwd=cwd,
+        env=env,
+        start_new_session=True,
+        user=None if user is None else user.uid,
+        group=None if user is None else user.gid,
+        extra_groups=None if user is None else [],
+    )
 
 
 def _start_watchdog(group: int, folder: Path) -> subprocess.Popen[bytes]:
