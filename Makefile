@@ -15,7 +15,7 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test bench verify pages pages-check pictures ray-test clients conformance inspect-test mcpb lock \
+.PHONY: help setup demo check format test bench hostile faults verify pages pages-check pictures ray-test clients conformance inspect-test mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -60,6 +60,12 @@ test: $(STAMP) ## run the whole test suite, and require full coverage of the cor
 
 bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothing fails by being slow
 	@$(BIN)/python tests/bench/bench.py
+
+hostile: $(STAMP) ## measure how much each kind of hostile client slows honest clients of one host (10 minutes)
+	@$(BIN)/python -m tests.load.hostile
+
+faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks and damaged files, and resume them (1 to 2 hours)
+	@$(BIN)/python -m tests.load.faults
 
 clean: ## remove the environments, built files and caches
 	@rm -rf $(VENV) .inspect .lowest dist build .pytest_cache .ruff_cache .hypothesis .coverage

@@ -5,11 +5,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from evaluator.commands import compare, models, play, replay, replay_original, report, results, run, scenes, verify
 from evaluator.commands.base import end_as_by_ctrl_c, make_room, own_version
-from evaluator.commands.run_options import long_options
 from evaluator.errors import InfrastructureError, StoreError, UsageError
-from evaluator.study.config import with_config
 
 _DESCRIPTION = """\
 Let agents experiment in the PhysMent laboratory over MCP, grade their answers, and report.
@@ -61,6 +58,22 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         UsageError: The study file that the command line names cannot be used.
         SystemExit: The command line is wrong, or asks for help.
     """
+    # These imports take a second, in which Ctrl-C has to be understood already.
+    from evaluator.commands import (  # noqa: PLC0415
+        compare,
+        models,
+        play,
+        replay,
+        replay_original,
+        report,
+        results,
+        run,
+        scenes,
+        verify,
+    )
+    from evaluator.commands.run_options import long_options  # noqa: PLC0415
+    from evaluator.study.config import with_config  # noqa: PLC0415
+
     parser = argparse.ArgumentParser(
         "physment-eval", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )

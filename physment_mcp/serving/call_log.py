@@ -8,7 +8,7 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mcp_types as types
 from pydantic_core import to_json
@@ -18,9 +18,10 @@ from physment_mcp.tools.episode import ANSWER
 
 MAX_EPISODE_BYTES = 4_000_000
 """Most arguments that an episode may bring in all its calls [bytes of JSON]; 10,000 usual calls bring half of it."""
-MAX_PAGE_BYTES = 100_000
-"""Most arguments and results in one reply about the log [bytes], so that writing it delays no other episode."""
+MAX_PAGE_BYTES = 30_000
+"""Most arguments and results in one reply about the log [bytes], so that writing it takes 1 ms."""
 FULL = f"the calls of this episode have brought {MAX_EPISODE_BYTES} bytes, which is the limit; you can only answer now"
+_TRUTH = {True: "true", False: "false"}
 
 
 class LoggedCall(NamedTuple):
@@ -42,34 +43,30 @@ class LoggedCall(NamedTuple):
         return len(self.written) + len(self.text or "")
 
     @property
-    def arguments(self) -> dict[str, Any]:
-        """The arguments, read from JSON at each use: most are never used."""
-        return json.loads(self.written)
+    def result(self) -> str | None:
+        """The structured result in JSON; None if the call was refused or cancelled."""
+        return None if self.is_error else self.text
 
-    @property
-    def content(self) -> dict[str, Any] | None:
-        """The structured result; None if the call was refused or cancelled."""
-        return None if self.text is None or self.is_error else json.loads(self.text)
+    def as_json(self) -> str:
+        """The call as the owner of the episode reads it, in JSON, of which arguments and result are parts already."""
+        return (
+            f'{{"tool":{json.dumps(self.tool)},"arguments":{self.written.decode()},'
+            f'"returned":{_TRUTH[self.text is not None]},"is_error":{_TRUTH[self.is_error]},'
+            f'"content":{self.result or "null"},"text":{json.dumps(self.text or "")},'
+            f'"started_s":{self.started_s:.6f},"duration_s":{self.duration_s:.6f}}}'
+        )
 
-    def as_json(self) -> dict[str, Any]:
-        """The call as the owner of the episode reads it."""
-        return {
-            "tool": self.tool,
-            "arguments": self.arguments,
-            "returned": self.text is not None,
-            "is_error": self.is_error,
-            "content": self.content,
-            "text": self.text or "",
-            "started_s": round(self.started_s, 6),
-            "duration_s": round(self.duration_s, 6),
-        }
+    def as_note(self, number: int) -> str:
+        """The call as the agent reads it, in JSON: what it saw, without wall-clock times.
 
-    def as_note(self) -> dict[str, Any]:
-        """The call as the agent reads it: what it saw, without wall-clock times."""
-        said = {"tool": self.tool, "arguments": self.arguments}
+        Args:
+            number: Which call of the episode it is, counted from 1.
+        """
         if self.text is None:
-            return said | {"taken_back": True}
-        return said | ({"refused": self.text} if self.is_error else {"result": self.content})
+            seen = '"taken_back":true'
+        else:
+            seen = f'"refused":{json.dumps(self.text)}' if self.is_error else f'"result":{self.text}'
+        return f'{{"call":{number},"tool":{json.dumps(self.tool)},"arguments":{self.written.decode()},{seen}}}'
 
 
 @dataclass(slots=True)

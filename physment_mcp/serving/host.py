@@ -10,6 +10,7 @@ calls be read (`GET /episodes/ID/calls`) and the episode be closed.
 """
 
 import contextlib
+import json
 import logging
 import secrets
 import time
@@ -19,6 +20,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import anyio
+import anyio.to_thread
 from anyio.abc import TaskGroup, TaskStatus
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -36,14 +38,15 @@ from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.turns import Turns
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
 
 MAX_BODY = 64_000
 """Largest accepted request body [bytes]: three times the largest call that a tool looks at."""
-_AT_ONCE = 8
-"""Requests of one episode that are served at the same time; more wait, so that it cannot starve other episodes."""
+_SESSIONS = 1000
+"""Most sessions that an episode may have open [about 40 kB each]: one for each call of a client that ends none."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for expired episodes [s]."""
 _GONE = (
@@ -75,8 +78,7 @@ class _HostedEpisode:
     close: Callable[[], None]
     last_used: float
     in_flight: int = 0
-    turns: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(_AT_ONCE))
-    """Places for requests that are served at the same time."""
+    turns: Turns = field(default_factory=Turns)
     owner_token: str | None = None
     """Token that closes the episode and reads its log, if it was opened for another program to play."""
     player_token: str | None = None
@@ -103,10 +105,12 @@ class Host:
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _opening: int = 0
     """Episodes that are being opened; they count towards the limit."""
+    _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
+    """The place for the scene that is being loaded, in a thread, because that takes up to 50 ms."""
     _tasks: TaskGroup | None = None
     _nowhere: StreamableHTTPSessionManager | None = None
     """Answers in place of an episode that is gone, and says how to open another."""
-    _nowhere_turns: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(_AT_ONCE))
+    _nowhere_turns: Turns = field(default_factory=Turns)
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
@@ -166,10 +170,13 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        loaded = load_scene(scene, seed, self.scenes_dir, self.timestep)
-        slot = EpisodeSlot(Session(loaded, max_calls=max_calls), watch=self.watch)
+        async with self._loading:
+            session = await anyio.to_thread.run_sync(self._load, scene, seed, max_calls)
+        slot = EpisodeSlot(session, watch=self.watch)
         server = build_server(slot)
-        manager, close = await self._run(StreamableHTTPSessionManager(server, session_idle_timeout=None))
+        manager, close = await self._run(
+            StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
+        )
         episode_id = secrets.token_urlsafe(18)
         owner_token = None if max_calls is None else secrets.token_urlsafe(24)
         self._episodes[episode_id] = _HostedEpisode(
@@ -182,6 +189,9 @@ class Host:
         )
         return episode_id
 
+    def _load(self, scene: int, seed: int, max_calls: int | None) -> Session:
+        return Session(load_scene(scene, seed, self.scenes_dir, self.timestep), max_calls=max_calls)
+
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
         request = Request(scope)
@@ -190,7 +200,7 @@ class Host:
             await refuse(401, _AUTHORIZE)(scope, receive, send)
         elif episode is None:
             assert self._nowhere is not None
-            async with self._nowhere_turns:
+            async with self._nowhere_turns.turn():
                 await self._nowhere.handle_request(scope, receive, send)
         elif request.method == "GET":
             # A stream that the client keeps open for messages to come; this does not count as use of the episode.
@@ -198,7 +208,7 @@ class Host:
         else:
             episode.in_flight += 1
             try:
-                async with episode.turns:
+                async with episode.turns.turn():
                     await episode.manager.handle_request(scope, receive, send)
             finally:
                 episode.in_flight -= 1
@@ -275,9 +285,10 @@ class Host:
             return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
         # Wait for the end of a running call, which belongs to the log.
-        async with slot.lock:
-            calls = [logged.as_json() for logged in slot.log.page_from(int(start))]
-            return JSONResponse({"ended": slot.open_session().ended, "calls": calls})
+        async with episode.turns.turn(), slot.lock:
+            calls = ",".join(logged.as_json() for logged in slot.log.page_from(int(start)))
+            ended = json.dumps(slot.open_session().ended)
+            return Response(f'{{"ended":{ended},"calls":[{calls}]}}', media_type="application/json")
 
     async def _sweep(self) -> None:
         while True:

@@ -23,6 +23,10 @@ _CONNECTIONS_EACH = 8
 """Open connections for each episode that may be open: a client that plays one uses two or three."""
 _MORE_CONNECTIONS = 100
 """Open connections besides these."""
+_ACCEPTED_AT_ONCE = 8
+"""Connections that are accepted before requests on open ones are looked at again."""
+_WAITING = 1024
+"""Connections that may wait to be accepted."""
 
 
 def serve(host: Host, address: str, port: int) -> None:
@@ -32,7 +36,7 @@ def serve(host: Host, address: str, port: int) -> None:
         OSError: The system does not allow listening on this address.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=1024)
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=_WAITING)
     # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     bound, chosen = listener.getsockname()[:2]
@@ -42,12 +46,23 @@ def serve(host: Host, address: str, port: int) -> None:
     config = uvicorn.Config(
         host.app(),
         http=bounded_protocol(connections),
+        backlog=_ACCEPTED_AT_ONCE,
         log_config=None,  # as all other lines
         log_level="warning",
         timeout_graceful_shutdown=2,
         timeout_keep_alive=_KEEP_ALIVE_S,
     )
-    uvicorn.Server(config).run(sockets=[listener])
+    PatientServer(config).run(sockets=[listener])
+
+
+class PatientServer(uvicorn.Server):
+    """Accepts `Config.backlog` connections at once, and lets more wait, where uvicorn has one number for both."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to accept connections."""
+        await super().startup(sockets)
+        for listener in sockets or ():
+            listener.listen(_WAITING)
 
 
 def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:

@@ -30,7 +30,8 @@ class _View:
     name: str
     title: str
     description: str
-    write: Callable[[EpisodeSlot], dict[str, Any]]
+    write: Callable[[EpisodeSlot], dict[str, Any] | str]
+    """Makes the content: an object, or the text of one in JSON."""
     settled: bool
     """Whether it never changes, as long as no other scene can be opened."""
 
@@ -48,19 +49,19 @@ def _episode(slot: EpisodeSlot) -> dict[str, Any]:
     return _nothing_open(slot) if slot.session is None else _episode_view(slot.session)
 
 
-def _measurements(slot: EpisodeSlot) -> dict[str, Any]:
+def _measurements(slot: EpisodeSlot) -> str:
     page = slot.log.newest_page()
     return _page(page, slot.log.left_out + len(slot.log.calls) - len(page))
 
 
-def _measurements_from(slot: EpisodeSlot, call: int) -> dict[str, Any]:
+def _measurements_from(slot: EpisodeSlot, call: int) -> str:
     first = max(0, call - 1 - slot.log.left_out)
     return _page(slot.log.page_from(first), slot.log.left_out + first)
 
 
-def _page(calls: Sequence[LoggedCall], before: int) -> dict[str, Any]:
-    notes = [{"call": number, **logged.as_note()} for number, logged in enumerate(calls, before + 1)]
-    return {"left_out": before, "calls": notes}
+def _page(calls: Sequence[LoggedCall], before: int) -> str:
+    notes = ", ".join(logged.as_note(number) for number, logged in enumerate(calls, before + 1))
+    return f'{{"left_out": {before}, "calls": [{notes}]}}'
 
 
 def _nothing_open(slot: EpisodeSlot) -> dict[str, Any]:
@@ -161,8 +162,8 @@ def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
     raise LookupError(f"there is no resource {uri[:_SHOWN]!r}; the resources are {', '.join(_VIEWS)}")
 
 
-def _result(uri: str, content: dict[str, Any], ttl_ms: int) -> types.ReadResourceResult:
-    text = json.dumps(content, ensure_ascii=False)
+def _result(uri: str, content: dict[str, Any] | str, ttl_ms: int) -> types.ReadResourceResult:
+    text = content if isinstance(content, str) else json.dumps(content, ensure_ascii=False)
     return types.ReadResourceResult(
         contents=[types.TextResourceContents(uri=uri, mime_type="application/json", text=text)],
         ttl_ms=ttl_ms,

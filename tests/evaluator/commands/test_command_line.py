@@ -342,3 +342,20 @@ def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path, host
     again = physment_eval(*words, "--resume", cwd=tmp_path)
     assert (again.returncode, again.stderr) == (0, "")
     assert (tmp_path / "run" / "report.html").read_text(encoding="utf-8").count("<script") == 1
+
+
+def test_ctrl_c_is_understood_while_the_program_is_being_loaded() -> None:
+    code = """
+import sys
+from evaluator.__main__ import main
+
+class Pressing:
+    def find_spec(self, name, path, target=None):
+        if name == "evaluator.commands.run":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Pressing())
+sys.exit(main(["--dry-run"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "physment-eval: interrupted\n")

@@ -1,11 +1,13 @@
 """Connections that send nothing, too slowly or too much, and connections that are too many, harm nobody else."""
 
+import asyncio
 import contextlib
 import logging
 import socket
 import threading
 import time
 from collections.abc import Callable, Generator
+from typing import cast
 
 import pytest
 import uvicorn
@@ -14,7 +16,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
 from physment_mcp.serving.connections import BodyGate, Connections
-from physment_mcp.serving.listening import bounded_protocol
+from physment_mcp.serving.listening import PatientServer, bounded_protocol
 
 PATIENCE_S = 30.0
 """How long a test waits for what must happen [s]."""
@@ -105,9 +107,9 @@ def test_a_second_request_on_a_connection_is_timed_too() -> None:
     with served(Connections(10, 10)) as dial:
         kept = dial()
         kept.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
-        answered = b""
-        while not answered.endswith(b"0 bytes"):
-            answered += kept.recv(4096)
+        received = b""
+        while b"0 bytes" not in received:  # it may come in pieces
+            received += kept.recv(4096)
         kept.sendall(b"GET / HT")
         assert reply(kept) == b""
 
@@ -169,3 +171,36 @@ def test_places_are_counted_by_address() -> None:
     connections.leave("a")
     assert connections.enter("c")
     assert not connections.enter("c")
+
+
+def test_few_connections_are_accepted_before_open_ones_are_looked_at_again() -> None:
+    listener = socket.create_server(("127.0.0.1", 0), backlog=200)
+    waiting = [socket.create_connection(listener.getsockname()[:2], timeout=PATIENCE_S) for _ in range(100)]
+    accepted: list[int] = []
+
+    class Counting(asyncio.Protocol):
+        def __init__(self, **_: object) -> None:
+            accepted[-1] += 1
+
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            cast("asyncio.Transport", transport).abort()
+
+    config = uvicorn.Config(echo, http=Counting, backlog=8, log_config=None, lifespan="off")
+
+    async def serve() -> None:
+        server = PatientServer(config)
+        config.load()
+        server.lifespan = config.lifespan_class(config)
+        await server.startup(sockets=[listener])
+        until = time.monotonic() + PATIENCE_S
+        while sum(accepted) < len(waiting) and time.monotonic() < until:
+            accepted.append(0)
+            await asyncio.sleep(0)
+        server.servers[0].close()
+        await asyncio.sleep(0)
+
+    asyncio.run(serve())
+    for connection in waiting:
+        connection.close()
+    assert sum(accepted) == len(waiting)
+    assert max(accepted) <= 16

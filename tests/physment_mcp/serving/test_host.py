@@ -15,6 +15,7 @@ import httpx
 import pytest
 from mcp import Client
 
+from physment_mcp.serving import host as serving_host
 from physment_mcp.serving.host import MAX_BODY
 from tests.builders.laboratory import Command, OpenHost, WritePack
 
@@ -248,3 +249,14 @@ def test_white_space_after_a_header_value_is_ignored(started: Callable[..., Any]
                 f"GET /healthz HTTP/1.1\r\nHost: {address.netloc.decode()} \t\r\nConnection: close\r\n\r\n".encode()
             )
             assert b" 200 " in line.makefile("rb").readline()
+
+
+async def test_an_episode_has_a_bounded_number_of_sessions(inside: OpenHost, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving_host, "_SESSIONS", 2)
+    async with inside() as (_, http):
+        path = httpx.URL((await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]).path
+        replies = [await http.post(path, json=HELLO, headers=ACCEPT) for _ in range(3)]
+        assert [reply.status_code for reply in replies] == [200, 200, 503]
+        ended = {"Mcp-Session-Id": replies[0].headers["mcp-session-id"], **ACCEPT}
+        assert (await http.delete(path, headers=ended)).status_code == 200
+        assert (await http.post(path, json=HELLO, headers=ACCEPT)).status_code == 200

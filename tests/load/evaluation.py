@@ -1,0 +1,148 @@
+"""A run of the evaluator in a process of its own that a fault may strike, and what must hold of its folder. Linux only.
+
+Knows the command line and the run folder. Knows no faults.
+"""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from evaluator.errors import StoreError
+from evaluator.records import Outcome
+from evaluator.store import RunFolder
+
+SCENES = range(7, 13)
+"""Easy scenes, which the reference agent solves within a second."""
+_MARK = "PHYSMENT_FAULT_RUN"
+"""Environment variable by which the processes of a run are recognised."""
+_LONGEST_S = 300.0
+"""Wall time after which a run hangs [s]."""
+_LAST_S = 15.0
+"""Wall time that processes of a run get to end after it [s]."""
+_TRIES = 4
+"""Most starts of a run until it has to be complete."""
+_NOTE = re.compile(r"physment-eval: .*, line \d+ was damaged ")
+
+
+class Broken(Exception):
+    """What should hold after a fault does not."""
+
+
+@dataclass
+class Evaluation:
+    """A run of the reference agent."""
+
+    folder: Path
+    server: str
+    seeds: int
+    mark: str = field(default_factory=lambda: uuid.uuid4().hex)
+    starts: int = 0
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes it has."""
+        return len(SCENES) * self.seeds
+
+    @contextlib.contextmanager
+    def started(self, prepare: Callable[[], None] | None = None) -> Generator[subprocess.Popen[str]]:
+        """Start or resume it.
+
+        Args:
+            prepare: Runs in the new process before the evaluator does.
+        """
+        words = ["--server", self.server, "--scenes", f"{SCENES[0]}-{SCENES[-1]}", "--seeds", f"0-{self.seeds - 1}"]
+        words += ["--concurrency", "4", "--out", str(self.folder), "--resume"]
+        with subprocess.Popen(
+            [sys.executable, "-m", "evaluator", *words],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {_MARK: self.mark},
+            preexec_fn=prepare,  # noqa: PLW1509 - this process has one thread
+        ) as process:
+            self.starts += 1
+            try:
+                yield process
+            finally:
+                process.kill()
+
+    def wait_for(self, process: subprocess.Popen[str]) -> tuple[int, str]:
+        """Wait for its end, and for that of all it started; returns the exit code and what it told.
+
+        Raises:
+            Broken: It hangs, leaves a process behind, or does not say in one sentence why it ended.
+        """
+        try:
+            _, errors = process.communicate(timeout=_LONGEST_S)
+        except subprocess.TimeoutExpired:
+            raise Broken(f"the run did not end within {_LONGEST_S:g} s") from None
+        until = time.monotonic() + _LAST_S
+        while left := self.processes():
+            if time.monotonic() > until:
+                for number in left:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(number, signal.SIGKILL)
+                raise Broken(f"processes were left behind: {left}")
+            time.sleep(0.02)
+        lines = [line for line in errors.splitlines() if not _NOTE.match(line)]
+        if any(not line.startswith("physment-eval: ") for line in lines):
+            raise Broken(f"stderr is no sentence of ours: {errors[-2000:]}")
+        if process.returncode > 0 and len(lines) != 1:
+            raise Broken(f"exit code {process.returncode} with {len(lines)} sentences: {errors}")
+        return process.returncode, errors
+
+    def processes(self) -> list[int]:
+        """Numbers of all processes that it started and that are alive, itself included."""
+        found: list[int] = []
+        for process in Path("/proc").glob("[0-9]*"):
+            # Gone meanwhile, or of another user. A process that has ended has no environment.
+            with contextlib.suppress(OSError):
+                if f"{_MARK}={self.mark}\0".encode() in (process / "environ").read_bytes():
+                    found.append(int(process.name))
+        return sorted(found)
+
+    def complete(self) -> None:
+        """Resume it until it is complete.
+
+        Raises:
+            Broken: It does not get there.
+        """
+        said = ""
+        for _ in range(_TRIES):
+            with self.started() as process:
+                code, said = self.wait_for(process)
+            if code == 0:
+                return
+        raise Broken(f"it is not complete after {self.starts} starts: {said}")
+
+    def results(self) -> dict[str, Any]:
+        """Episode → its answer and its verdicts, when it is complete.
+
+        Raises:
+            Broken: A record is missing, unreadable or there twice.
+        """
+        folder = RunFolder(self.folder)
+        try:
+            folder.read_run()
+            grades, last = folder.grades(), folder.episodes()
+            # An episode that the infrastructure failed is recorded, and played again when the run is resumed.
+            lines = folder.episodes_file.read_bytes().split(b"\n")[:-1]
+        except (StoreError, OSError) as error:
+            raise Broken(f"the folder cannot be read: {error}") from error
+        failed = f'"outcome":"{Outcome.INFRASTRUCTURE_ERROR}"'.encode()
+        played = sum(failed not in line for line in lines)
+        if not played == len(last) == len(grades) == self.episodes:
+            raise Broken(f"{played} records of {len(last)} episodes with {len(grades)} grades; wanted {self.episodes}")
+        return {
+            str(key): (episode.answer, grades[key].grade.strict, grades[key].grade.graded, grades[key].grade.normalised)
+            for key, episode in last.items()
+        }
