@@ -15,7 +15,8 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test bench hostile faults verify pages pages-check pictures ray-test clients conformance inspect-test mcpb lock \
+.PHONY: help setup demo check format test fuzz bench hostile faults verify pages pages-check pictures ray-test clients conformance \
+  inspect-test mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -57,6 +58,9 @@ test: $(STAMP) ## run the whole test suite, and require full coverage of the cor
 	@$(BIN)/python -m pytest -n auto --dist worksteal --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
+
+fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold (5 minutes; FUZZ=--seed=3 for options)
+	@$(BIN)/python -m tests.fuzz.run $(FUZZ)
 
 bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothing fails by being slow
 	@$(BIN)/python tests/bench/bench.py

@@ -18,7 +18,10 @@ PhysMentError
 A refused call changes nothing.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+
+_MOST_LISTED = 16
+"""Most ids that a refusal lists."""
 
 
 class PhysMentError(Exception):
@@ -51,10 +54,10 @@ class RefusedCall(PhysMentError):
 class UnknownObject(RefusedCall):
     """The agent knows of no object with this id."""
 
-    def __init__(self, object_id: str, known: Iterable[str]) -> None:
-        super().__init__(
-            f"there is no object {object_id!r}; the objects you can use are {', '.join(known) or 'none yet'}"
-        )
+    def __init__(self, object_id: str, known: Sequence[str]) -> None:
+        listed = ", ".join(known[:_MOST_LISTED]) or "none yet"
+        more = f" and {len(known) - _MOST_LISTED} more" if len(known) > _MOST_LISTED else ""
+        super().__init__(f"there is no object {object_id!r}; the objects you can use are {listed}{more}")
 
 
 class NotPermitted(RefusedCall):

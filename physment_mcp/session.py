@@ -172,7 +172,7 @@ class Session:
         canonical = f"object_{object_id}" if object_id.isdecimal() else object_id
         found = self.state.objects.get(canonical)
         if found is None or not found.known:
-            raise UnknownObject(object_id, (item.object_id for item in self.known()))
+            raise UnknownObject(object_id, [item.object_id for item in self.known()])
         return found
 
     def known(self) -> list[LabObject]:

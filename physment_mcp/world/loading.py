@@ -8,7 +8,7 @@ from collections.abc import Generator
 import mujoco
 import numpy as np
 
-from physment_mcp.errors import SceneError
+from physment_mcp.errors import SceneError, Unstable
 from physment_mcp.world.laws import laws_after_edit, laws_at_start, refuse_faults
 from physment_mcp.world.passive import data_of, let_act
 
@@ -72,8 +72,17 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
 
 
 def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of an edited spec, with the laws whose bodies are still there."""
-    model = spec.compile()
+    """The model of an edited spec, with the laws whose bodies are still there.
+
+    Raises:
+        Unstable: The engine, which tries a step when it compiles, cannot simulate it: two bodies of an attachment are
+            hundreds of kilometres apart, for example.
+    """
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        # Its text is not passed on: it could name hidden things.
+        raise Unstable("the simulation would become unstable by this change; use smaller distances") from error
     let_act(model, laws_after_edit(spec, model))
     return model
 

@@ -17,6 +17,7 @@ from physment_mcp.world.readings import Array
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """What a saved state contains."""
+_UNSTABLE = "the simulation became unstable and was rolled back; use smaller forces or speeds"
 
 
 class _Instant(NamedTuple):
@@ -78,13 +79,16 @@ class Simulation:
         self._settled = False
         # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
         self._data.warning.number[:] = 0
-        if steps > 1:
-            mujoco.mj_step(self._model, self._data, steps - 1)
-        self._before_step = _Instant(self._model, self._state())
-        self._disturbed = frozenset()
-        mujoco.mj_step(self._model, self._data)
+        try:
+            if steps > 1:
+                mujoco.mj_step(self._model, self._data, steps - 1)
+            self._before_step = _Instant(self._model, self._state())
+            self._disturbed = frozenset()
+            mujoco.mj_step(self._model, self._data)
+        except mujoco.FatalError as error:
+            raise _given_up(self._model, self._data) from error
         if not is_finite(self._data):
-            raise Unstable("the simulation became unstable and was rolled back; use smaller forces or speeds")
+            raise Unstable(_UNSTABLE)
 
     def save(self) -> Snapshot:
         """What `restore` needs to undo all later changes."""
@@ -136,6 +140,22 @@ class Simulation:
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
-    """Put `state` into `data` and bring everything derived up to date."""
+    """Put `state` into `data` and bring everything derived up to date.
+
+    Raises:
+        Unstable: The engine cannot solve for the forces of this state.
+    """
     mujoco.mj_setState(model, data, state, STATE)
-    mujoco.mj_forward(model, data)
+    try:
+        mujoco.mj_forward(model, data)
+    except mujoco.FatalError as error:
+        raise _given_up(model, data) from error
+
+
+def _given_up(model: mujoco.MjModel, data: mujoco.MjData) -> Unstable:
+    """The refusal when the engine stops in the middle of its work, because its equations have no stable solution.
+
+    It leaves its stack in `data` in use then; a reset frees it, and the caller restores the state or sets another.
+    """
+    mujoco.mj_resetData(model, data)
+    return Unstable(_UNSTABLE)

@@ -84,8 +84,8 @@ class World(Simulation):
             raise NoDifference("there is no velocity difference yet; call step first")
         before, state = self._before_step
         earlier = self._scratch if before is self._model else passive.data_of(before)
-        settle(before, earlier, state)
         self._settled = self._settled and before is not self._model
+        settle(before, earlier, state)
         step = self._step_number
         old = self._read_twist(readings.twist(before, earlier, before.body(body).id), body, step - 1).linear
         new = self._read_twist(readings.twist(self._model, self._now(), index), body, step).linear

@@ -281,6 +281,15 @@ async def test_overlapping_objects_are_attached_where_they_are_and_no_longer_col
     assert not (await lab("detect_collision", obj1_id=1, obj2_id=2))["collision_detected"]
 
 
+async def test_attaching_what_is_too_far_away_for_the_engine_is_refused_and_names_nothing_of_the_model() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "1 0 5"))
+    await lab("move_object", object_id=1, x=0, y=0, z=1e6)
+    told = await lab.refused("attach_objects", object1_id=1, object2_id=2)
+    assert told == "the simulation would become unstable by this change; use smaller distances"
+    await lab("move_object", object_id=1, x=0, y=0, z=7)
+    await lab("attach_objects", object1_id=1, object2_id=2)
+
+
 async def test_turned_and_moving_objects_are_attached_at_their_present_pose() -> None:
     lab = open_bench(
         '<body name="object_1" pos="0 0 0" euler="10 20 30"><joint type="free"/>'
