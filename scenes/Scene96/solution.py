@@ -1,77 +1,182 @@
-"""Scene 96: halve the range of the downward and of the upward force at which the crate begins to slide."""
+"""Scene 96: turn the driver step by step up to just below the shield; lags and spins give the laws far above it."""
 
-from math import sqrt
+from math import pi
 
 import numpy as np
+from scipy.optimize import brentq
 
 from scenes.protocol import answer, call
 
-GRAVITY = 9.81
-SINE = sqrt(0.5)
-MOST_N = 32.0
-ROUNDS = 12
-COARSE = 5
+WHEEL, DRIVER = "object_1", "object_2"
+STIFF, CATCH = 5.0, 0.2
+PAIRS, DRAGS = (1, 2, 3), {"even": 1, "square": 2}
+NOISE_RAD, NOISE_RAD_S = 7.2e-4, 1.5e-3
+"""Standard deviation of a lag and of a spin that is read."""
+FIRST_NM, GROWTH, SEEN_RAD, SETTLE_S, SHORT_S = 0.0006, 4.0, 0.028, 2.5, 0.05
+GOALS = ((0.07, 1), (0.1, 7), (0.125, 1), (0.145, 1), (0.158, 1), (0.168, 2), (0.177, 3), (0.185, 10))
+"""Lags that are aimed at, and how many short looks follow the first at each."""
 
 
-def _test(weight, force, watch, rest):
-    """Pull at the weight and look whether the crate stirs; then let it come to rest."""
-    return [
-        call("get_position", object_id="object_1"),
-        call("apply_force", object_id=weight, force_vector=[0, 0, force]),
-        call("step", duration=watch),
-        call("get_position", object_id="object_1"),
-        call("apply_force", object_id=weight, force_vector=[0, 0, 0]),
-        call("step", duration=rest),
-    ]
+def _turn(torque, looks=0):
+    """Turn the driver, wait, and read; then look some more times at both angles."""
+    angles = [call("get_position", object_id=WHEEL), call("get_position", object_id=DRIVER)]
+    calls = [call("apply_torque", object_id=DRIVER, torque_vector=[0, 0, float(torque)])]
+    calls += [call("step", duration=SETTLE_S), *angles, call("get_velocity", object_id=WHEEL)]
+    return calls + [call("step", duration=SHORT_S), *angles] * looks
 
 
-def _stirred(readings, limit):
-    return abs(readings[3]["position"][0] - readings[0]["position"][0]) > limit
+def _rows(exchanges):
+    """Torque, mean lag, number of looks and spin of each turn, until the shield has come."""
+    rows, torque, angle = [], 0.0, 0.0
+    for asked, reading in exchanges:
+        if "error" in reading:
+            continue
+        if asked.tool == "apply_torque":
+            torque = asked.arguments["torque_vector"][2]
+            rows.append([torque, [], 0.0])
+        elif asked.tool == "get_velocity":
+            rows[-1][2] = reading["angular_velocity"]
+        elif asked.tool == "get_position":
+            if asked.arguments["object_id"] == DRIVER:
+                if abs(reading["angle"] - angle) > CATCH + 0.003:
+                    rows.pop()
+                    break
+                rows[-1][1].append(reading["angle"] - angle)
+            angle = reading["angle"]
+    return np.array([(torque, np.mean(lags), len(lags), spin) for torque, lags, spin in rows]).reshape(-1, 4)
+
+
+def _pull(pairs, rows):
+    """Misfit, and the greatest torque of the magnets."""
+    torque, lag, looks, _ = rows.T
+    most = np.geomspace(1.0, 12.0, 12001)[:, None] * torque.max()
+    model = np.where(most > torque, np.arcsin(np.minimum(torque / most, 1.0)) / pairs, 9.0)
+    misfit = ((model - lag) ** 2 * looks).sum(axis=1) / NOISE_RAD**2
+    best = int(np.argmin(misfit))
+    return float(misfit[best]), float(most[best, 0])
+
+
+def _resistance(power, rows):
+    """Misfit, and the resistance as a function of the spin."""
+    torque, _, _, spin = rows[rows[:, 3] > 0.02].T
+
+    def at(edge):
+        table = np.column_stack([spin**power, np.maximum(spin - edge, 0.0)])
+        size = (power * torque / spin + 0.8 * torque.max() / spin.max() * (spin > edge)) * NOISE_RAD_S
+        found = np.linalg.lstsq(table / size[:, None], torque / size, rcond=None)[0]
+        return float((((table @ found - torque) / size) ** 2).sum()) + 1e3 * float((found < 0).sum()), found, edge
+
+    near = min((at(edge) for edge in np.linspace(0.5, 1.0, 101) * spin.max()), key=lambda tried: tried[0])[2]
+    fine = near + np.linspace(-0.006, 0.006, 41) * spin.max()
+    return min((at(edge) for edge in fine), key=lambda tried: tried[0])
+
+
+def _together(pairs, power, rows):
+    """Misfit; spin and torque at which the magnets let go."""
+    (lags, most), (spins, (liquid, brake), edge) = _pull(pairs, rows), _resistance(power, rows)
+    left = lambda spin: liquid * spin**power + brake * max(spin - edge, 0.0) - most  # noqa: E731
+    low, high = 0.0, 1.0
+    while left(high) < 0 and high < 1e6:
+        high *= 2
+    return lags + spins, [float(brentq(left, low, high)) if high < 1e6 else 1.0, most]
+
+
+def _best(rows):
+    """The prediction of the laws that fit best."""
+    return min(_together(pairs, power, rows) for pairs in PAIRS for power in DRAGS.values())[1]
+
+
+def fit(readings, structure):
+    """The prediction with a number of pairs and a kind of liquid."""
+    pairs, drag = structure.split()
+    return _together(int(pairs), DRAGS[drag], _rows(readings))[1]
 
 
 def solve(task):
-    """The hanging weight, more or less, at the two limits of rest gives the crate's weight and friction."""
-    found = yield [call("find_objects")]
-    weight = found[0]["revealed"][0]
-    name = weight["object_id"]
-    down, up = [0.0, MOST_N], [0.0, MOST_N]
-    for turn in range(ROUNDS):
-        # Short looks while the force may be far too large, longer ones for the fine steps.
-        watch, limit, rest = (0.25, 0.0003, 4.0) if turn < COARSE else (0.8, 0.0007, 1.0)
-        pulls = (sum(down) / 2, sum(up) / 2)
-        readings = yield [*_test(name, -pulls[0], watch, rest), *_test(name, pulls[1], watch, rest)]
-        down[_stirred(readings[:6], limit)] = pulls[0]
-        up[_stirred(readings[6:], limit)] = pulls[1]
-    most = weight["mass"] * GRAVITY + sum(down) / 2
-    least = weight["mass"] * GRAVITY - sum(up) / 2
-    yield [answer([(most + least) / (2 * GRAVITY * SINE), (most - least) / (most + least)])]
+    """Tiny torques until the driver is seen ahead; then each torque follows from the lag before."""
+    torque, calls, seen, lag = FIRST_NM, [call("find_objects"), *_turn(FIRST_NM)], [], 0.0
+    while lag < SEEN_RAD:
+        seen += zip(calls, (yield calls), strict=True)
+        lag = _rows(seen)[-1, 1]
+        if lag < SEEN_RAD:
+            torque *= GROWTH
+            calls = _turn(torque)
+    for goal, looks in GOALS:
+        torque *= goal / lag
+        calls = _turn(torque, looks)
+        seen += zip(calls, (yield calls), strict=True)
+        lag = _rows(seen)[-1, 1]
+    yield [answer(_best(_rows(seen)))]
+
+
+def batch(task):
+    """Torques in even ratios, and the best fit."""
+    calls = [call("find_objects")]
+    for rung in range(11):
+        calls += _turn(0.003 * 2.1**rung)
+    rows = _rows(list(zip(calls, (yield calls), strict=True)))
+    yield [answer(_best(rows) if len(rows) > 1 and rows[-1, 3] > 0.02 else [1.0, 1.0])]
+
+
+def stage(task):
+    """Turn the driver harder and harder, and look when the wheel falls behind."""
+    calls = [call("find_objects")]
+    for rung in range(28):
+        calls += _turn(0.001 * 1.4**rung)
+    rows = _rows(list(zip(calls, (yield calls), strict=True)))
+    yield [answer([float(rows[-1, 3]), float(rows[-1, 0])] if len(rows) else [1.0, 1.0])]
+
+
+def structure(knobs):
+    """Pairs of poles, and how the liquid resists."""
+    return f"{knobs['pairs']} {knobs['drag']}"
+
+
+def _spin(knobs, torque, more):
+    """Spin at which liquid and brake take up a torque."""
+    reach, power = knobs["reach"], DRAGS[knobs["drag"]]
+    top = STIFF * knobs["scale"] * np.sin(CATCH * knobs["pairs"]) / knobs["pairs"]
+
+    def left(spin):
+        share = spin / reach
+        return top * (share**power + more * max(share - knobs["share"], 0.0)) - torque
+
+    return float(brentq(left, 0.0, 100 * reach))
 
 
 def theory(knobs):
-    """The mass and the coefficient that were drawn."""
-    return [knobs["M"], knobs["mu"]]
+    """Spin and torque where the sine is 1."""
+    torque = STIFF * knobs["scale"] / knobs["pairs"]
+    return [_spin(knobs, torque, knobs["more"]), torque]
 
 
-def _limit(engine, sign):
-    """The force on the weight [N] at which the crate begins to slide, from a fresh state each time."""
-    start = engine.save()
-    low, high = 0.0, MOST_N
-    for _ in range(16):
-        force = (low + high) / 2
-        engine.restore(start)
-        before = engine.pose("object_1").position[0]
-        engine.push("object_3", force=np.array([0.0, 0.0, sign * force]))
-        engine.step(engine.whole_steps(1.0))
-        if abs(engine.pose("object_1").position[0] - before) > 0.001:
-            high = force
-        else:
-            low = force
-    engine.restore(start)
-    return (low + high) / 2
+def naive(knobs):
+    """No brake; it lets go where the shield comes."""
+    torque = theory(knobs)[1]
+    at_shield = torque * float(np.sin(CATCH * knobs["pairs"]))
+    return {
+        "no brake": [_spin(knobs, torque, 0.0), torque],
+        "shield": [_spin(knobs, at_shield, knobs["more"]), at_shield],
+    }
 
 
 def measure(engine, knobs):
-    """The same two limits in the engine."""
-    most = knobs["m"] * GRAVITY + _limit(engine, -1.0)
-    least = knobs["m"] * GRAVITY - _limit(engine, 1.0)
-    return [(most + least) / (2 * GRAVITY * SINE), (most - least) / (most + least)]
+    """Greatest torque of the magnets on a heavy wheel that turns past a heavy driver; then the spin that it keeps."""
+    heavy = 1e4 * knobs["scale"]
+    held = engine.changed(
+        {"joint[axle].armature": heavy, "joint[shaft].armature": 1e6, "body[shield]/inertial.mass": 1e12}
+    )
+    held.push(WHEEL, torque=np.array([0.0, 0.0, heavy / held.timestep]))
+    held.step(1)
+    held.push(WHEEL, torque=np.zeros(3))
+    spins = [held.turn(WHEEL).spin]
+    for _ in range(held.whole_steps(2 * pi / knobs["pairs"])):
+        held.step(1)
+        spins.append(held.turn(WHEEL).spin)
+    torques = heavy * np.diff(spins) / held.timestep
+    torque = float(torques.max() - torques.min()) / 2
+    free = engine.changed({"joint[shaft].armature": 1e6})
+    free.place("shield", np.array([0.005, 2.0, 3.0]), {})
+    free.push(WHEEL, torque=np.array([0.0, 0.0, torque]))
+    free.step(free.whole_steps(4.0))
+    return [float(free.turn(WHEEL).spin), torque]
