@@ -15,8 +15,8 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test fuzz bench hostile faults verify pages pages-check pictures ray-test clients conformance \
-  inspect-test mcpb lock \
+.PHONY: help setup demo check format test fuzz bench hostile soak faults verify pages pages-check pictures ray-test clients \
+  conformance inspect-test mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -67,6 +67,9 @@ bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothi
 
 hostile: $(STAMP) ## measure how much each kind of hostile client slows honest clients of one host (10 minutes)
 	@$(BIN)/python -m tests.load.hostile
+
+soak: $(STAMP) ## load one host with honest and hostile clients for 30 minutes; fails if its memory or its files grow
+	@$(BIN)/python -m tests.load.soak
 
 faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks and damaged files, and resume them (1 to 2 hours)
 	@$(BIN)/python -m tests.load.faults

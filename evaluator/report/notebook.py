@@ -16,6 +16,9 @@ from evaluator.scores.scored_episode import ScoredEpisode
 _LINE = 92
 """Longest JSON that stays on one line, in characters."""
 
+SHOWN_CHARS = 1_000_000
+"""Most characters of an episode in a report: reasoning, arguments and returns. What is beyond is in the run folder."""
+
 
 class Passage(NamedTuple):
     """A piece of reasoning: a number that it states, or the text between numbers."""
@@ -49,6 +52,16 @@ class Entry:
     def id(self) -> str:
         """Its anchor in the page."""
         return f"episode-{self.number}"
+
+    @property
+    def shown_turns(self) -> int:
+        """How many turns fit on the page; at least one."""
+        size = 0
+        for number, turn in enumerate(self.row.episode.turns):
+            size += len(turn.reasoning) + sum(_size(exchange) for exchange in turn.exchanges)
+            if size > SHOWN_CHARS:
+                return max(1, number)
+        return len(self.row.episode.turns)
 
     def passages(self, turn: int) -> Iterator[Passage]:
         """The reasoning of a turn, cut at the numbers that it states."""
@@ -85,6 +98,10 @@ def _order(key: EpisodeKey) -> tuple[int, ...]:
 
 def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
     return ", ".join([f"Scene {key.scene}", f"seed {key.seed}", *(f"{name} {getattr(key, name)}" for name in varying)])
+
+
+def _size(exchange: Exchange) -> int:
+    return len(exchange.text) + len(json.dumps(exchange.call.arguments))
 
 
 def returned(exchange: Exchange) -> str:

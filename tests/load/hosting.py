@@ -5,9 +5,11 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Generator, Sequence
+import tempfile
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 MEGABYTE = 2**20
 
@@ -18,6 +20,13 @@ class Hosted:
 
     port: int
     process: subprocess.Popen[str]
+    log: IO[str]
+    """What it writes to standard error."""
+
+    def errors(self) -> list[str]:
+        """The lines of its log that tell of errors in our code, or in a library."""
+        self.log.seek(0)
+        return [line.rstrip() for line in self.log if line.startswith(("ERROR", "CRITICAL", "Traceback"))]
 
     @property
     def memory_mb(self) -> float:
@@ -47,28 +56,20 @@ class Hosted:
 
 
 @contextlib.contextmanager
-def hosted(*options: str, environment: dict[str, str] | None = None) -> Generator[Hosted]:
+def hosted(*options: str) -> Generator[Hosted]:
     """Start a host on a free port of loopback; it ends with the context, and also if this process is killed.
 
     Args:
         options: Further options of `physment-mcp serve`.
-        environment: Variables besides those of this process.
     """
     command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin", *options]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | (environment or {})
-    ) as process:
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True) as process,
+    ):
         assert process.stdout is not None
         try:
             address: str = json.loads(process.stdout.readline())["listening"]
-            yield Hosted(int(address.rpartition(":")[2]), process)
+            yield Hosted(int(address.rpartition(":")[2]), process, log)
         finally:
             process.terminate()
-
-
-def slope(values: Sequence[float], every_s: float) -> float:
-    """The slope of a straight line through values at equal distances, by least squares [per hour]."""
-    middle, mean = (len(values) - 1) / 2, sum(values) / len(values)
-    spread = sum((place - middle) ** 2 for place in range(len(values)))
-    rise = sum((place - middle) * (value - mean) for place, value in enumerate(values))
-    return rise / spread / every_s * 3600 if spread else 0.0
