@@ -15,8 +15,8 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test fuzz bench hostile soak faults verify pages pages-check pictures ray-test clients \
-  conformance inspect-test mcpb lock \
+.PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
+  clients conformance inspect-test mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -61,6 +61,9 @@ test: $(STAMP) ## run the whole test suite, and require full coverage of the cor
 
 fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold (5 minutes; FUZZ=--seed=3 for options)
 	@$(BIN)/python -m tests.fuzz.run $(FUZZ)
+
+leaks: $(STAMP) ## search for what gives keys away: at the start, and by fixed lists of calls (30 minutes; LEAKS=--minutes=9)
+	@$(BIN)/python -m tests.fuzz.leaks $(LEAKS)
 
 bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothing fails by being slow
 	@$(BIN)/python tests/bench/bench.py

@@ -1,12 +1,12 @@
-"""Command line of the evaluator: lists the commands, and turns their errors into exit codes."""
+"""Command line of the evaluator: lists the commands, and turns their errors into exit codes.
+
+All modules of the evaluator are imported inside functions: this takes a second, in which Ctrl-C must be understood.
+"""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
-
-from evaluator.commands.base import end_as_by_ctrl_c, make_room, own_version
-from evaluator.errors import InfrastructureError, StoreError, UsageError
 
 _DESCRIPTION = """\
 Let agents experiment in the PhysMent laboratory over MCP, grade their answers, and report.
@@ -38,6 +38,9 @@ Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not;
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    from evaluator.commands.base import make_room  # noqa: PLC0415
+    from evaluator.errors import InfrastructureError, StoreError, UsageError  # noqa: PLC0415
+
     make_room()
     try:
         args = parsed(sys.argv[1:] if argv is None else argv)
@@ -58,7 +61,6 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         UsageError: The study file that the command line names cannot be used.
         SystemExit: The command line is wrong, or asks for help.
     """
-    # These imports take a second, in which Ctrl-C has to be understood already.
     from evaluator.commands import (  # noqa: PLC0415
         compare,
         models,
@@ -71,6 +73,7 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         scenes,
         verify,
     )
+    from evaluator.commands.base import own_version  # noqa: PLC0415
     from evaluator.commands.run_options import long_options  # noqa: PLC0415
     from evaluator.study.config import with_config  # noqa: PLC0415
 
@@ -98,8 +101,13 @@ def _fail(sentence: str, code: int) -> int:
 
 def entry() -> NoReturn:
     """Be the program `physment-eval`."""
-    end_as_by_ctrl_c()
-    sys.exit(main())
+    try:
+        from evaluator.commands.base import end_as_by_ctrl_c  # noqa: PLC0415
+
+        end_as_by_ctrl_c()
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)  # while modules were loaded: nothing has begun, so there is nothing to say
 
 
 if __name__ == "__main__":

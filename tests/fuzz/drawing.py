@@ -62,14 +62,21 @@ def draw_call(session: Session, deleted: Collection[str], mood: Mapping[str, flo
         source: Random numbers.
     """
     name = _tool(session, mood, source)
-    drawing = _Drawing(session, tuple(deleted), source)
-    arguments = drawing.arguments(schemas()[name])
-    drawing.suit(name, arguments)
+    call = fitting_call(session, name, source)
     if source.random() >= _MISCHIEF:
-        return Call(name, arguments)
+        return call
+    drawing, arguments = _Drawing(session, tuple(deleted), source), call.arguments
     for _ in range(1 + (source.random() < 0.2)):
         drawing.spoil(arguments)
     return Call(source.choice(_NO_TOOLS) if source.random() < 0.03 else name, arguments)
+
+
+def fitting_call(session: Session, tool: str, source: random.Random) -> Call:
+    """A call of a tool with arguments that fit its schema and the limits of the laboratory."""
+    drawing = _Drawing(session, (), source)
+    arguments = drawing.arguments(schemas()[tool])
+    drawing.suit(tool, arguments)
+    return Call(tool, arguments)
 
 
 def _tool(session: Session, mood: Mapping[str, float], source: random.Random) -> str:
@@ -84,6 +91,7 @@ class _Drawing:
 
     session: Session
     deleted: tuple[str, ...]
+    """Ids of objects that are gone."""
     source: random.Random
 
     def arguments(self, schema: Any) -> dict[str, Any]:

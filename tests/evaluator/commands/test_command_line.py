@@ -359,3 +359,20 @@ sys.exit(main(["--dry-run"]))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "physment-eval: interrupted\n")
+
+
+def test_ctrl_c_while_modules_are_loaded_is_silent() -> None:
+    """The module that takes Ctrl-C is the first that the program imports."""
+    source = """
+import builtins, sys
+usual = builtins.__import__
+def interrupted(name, *rest):
+    if name == "evaluator.commands.base":
+        raise KeyboardInterrupt
+    return usual(name, *rest)
+builtins.__import__ = interrupted
+from evaluator.__main__ import entry
+entry()
+"""
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

@@ -126,6 +126,17 @@ def look(text: str) -> Exchange:
     return found.model_copy(update={"text": text})
 
 
+def test_an_episode_that_is_too_long_is_cut_and_says_so() -> None:
+    said = ["x" * 400_000 + f" end of the {place}" for place in ("first", "second", "third", "fourth")]
+    text = page(played(0, 20, *(turn(part, look("-7.848")) for part in said)))
+    assert len(text) < 1_300_000
+    assert "end of the second" in text
+    assert "end of the third" not in text
+    assert "2 further iterations would make this page too long" in text
+    whole = page(played(0, 20, turn("x" * 2_000_000 + " end")))
+    assert " end" in whole, "the first iteration is always shown"
+
+
 def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:
     text = page(row(7, True, "easy-single"), row(201, False, "open"), row(202, True, "open"))
     assert "1 of 1; 95 % interval" in text

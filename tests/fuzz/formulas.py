@@ -1,0 +1,101 @@
+"""Which simple formula gives a key by one or two numbers: fitted on some seeds, judged on others.
+
+Knows numbers, and neither scenes nor calls.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_TINY = 1e-9
+"""Smaller numbers have no logarithm here: they are rounding errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """A number agrees with the key within absolute + relative |key|."""
+
+    absolute: float
+    relative: float
+
+    def agree(self, values: Array, keys: Array) -> NDArray[np.bool_]:
+        """Which values agree with their keys; NaN never does."""
+        return np.abs(values - keys) <= self.absolute + self.relative * np.abs(keys)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A formula, and the share of seeds for which it gives the key."""
+
+    formula: str
+    fitted: float
+    """Share of the seeds on which it was fitted."""
+    held_out: float
+    """Share of the other seeds."""
+
+
+def best_formula(features: Array, names: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
+    """The formula that gives the most keys on the first seeds.
+
+    Tried are a constant, a + b x, c xᵖ, c (x y)ᵖ and c (x / y)ᵖ.
+
+    Args:
+        features: A row for each seed, a column for each number (seeds, features); NaN where there is none.
+        names: Of the features.
+        keys: The key of each seed.
+        fitted: On how many of the first seeds formulas are fitted.
+        tolerance: Of the key.
+    """
+    use = np.isfinite(features[:fitted]).all(axis=0) & (np.ptp(np.nan_to_num(features[:fitted]), axis=0) > _TINY)
+    x, labels = features[:, use], [name for name, used in zip(names, use, strict=True) if used]
+    middle = np.full((len(keys), 1), np.median(keys[:fitted]))
+    found = _judged(middle, ["constant"], keys, fitted, tolerance)
+    if not labels:
+        return found
+    lines = _lines(x, keys, fitted)
+    return max(
+        found,
+        _judged(lines, [f"a + b·{label}" for label in labels], keys, fitted, tolerance),
+        _of_powers(x, labels, keys, fitted, tolerance),
+        key=lambda fit: fit.fitted,
+    )
+
+
+def _of_powers(x: Array, labels: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
+    """The best power law of a number, or of the product or ratio of two."""
+    sign = np.sign(np.median(keys[:fitted]))
+    if not (np.sign(keys[:fitted]) == sign).all() or sign == 0:
+        return Fit("none", 0.0, 0.0)
+    with np.errstate(all="ignore"):
+        logs = np.log(np.abs(x))
+        usable = np.abs(x[:fitted]).min(axis=0) > _TINY
+        logs, named = logs[:, usable], [label for label, may in zip(labels, usable, strict=True) if may]
+        if not named:
+            return Fit("none", 0.0, 0.0)
+        one, other = np.triu_indices(len(named), 1)
+        columns = np.hstack([logs, logs[:, one] + logs[:, other], logs[:, one] - logs[:, other]])
+        texts = [
+            *(f"c·({name})^p" for name in named),
+            *(f"c·({named[a]} · {named[b]})^p" for a, b in zip(one, other, strict=True)),
+            *(f"c·({named[a]} / {named[b]})^p" for a, b in zip(one, other, strict=True)),
+        ]
+        wanted = np.log(np.abs(keys))
+        return _judged(sign * np.exp(_lines(columns, wanted, fitted)), texts, keys, fitted, tolerance)
+
+
+def _lines(x: Array, wanted: Array, fitted: int) -> Array:
+    """What the straight line through the first seeds gives for each column of x, by least squares."""
+    centre, level = x[:fitted].mean(axis=0), wanted[:fitted].mean()
+    spread = ((x[:fitted] - centre) ** 2).sum(axis=0)
+    slope = ((x[:fitted] - centre) * (wanted[:fitted, None] - level)).sum(axis=0) / np.where(spread > 0, spread, np.inf)
+    return level + slope * (x - centre)
+
+
+def _judged(values: Array, texts: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
+    """The column of values that gives the most keys of the first seeds."""
+    right = tolerance.agree(values, keys[:, None])
+    best = int(np.argmax(right[:fitted].sum(axis=0)))
+    return Fit(texts[best], float(right[:fitted, best].mean()), float(right[fitted:, best].mean()))
