@@ -59,7 +59,7 @@ test: $(STAMP) ## run the whole test suite, and require full coverage of the cor
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
-fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold (5 minutes; FUZZ=--seed=3 for options)
+fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold (about 5 minutes; FUZZ=--seed=3 for options)
 	@$(BIN)/python -m tests.fuzz.run $(FUZZ)
 
 leaks: $(STAMP) ## search for what gives keys away: at the start, and by fixed lists of calls (30 minutes; LEAKS=--minutes=9)

@@ -26,8 +26,8 @@ _WEIGHT = {"find_objects": 0.2, "delete_objects": 0.5, "answer": 0.15}
 _DISABLED_WEIGHT = 0.1
 _MISCHIEF = 0.3
 """Share of calls that are spoiled."""
-_CROWD = 8
-"""Created objects above which steps are kept short, because every step of a crowd is slow."""
+_FEW, _CROWD = 3, 10
+"""Created objects above which steps are kept short, and very short, because every step of a crowd is slow."""
 _NO_TOOLS = ("", "Step", "step ", "get_position\x00", "__class__", "reset", "𝚜𝚝𝚎𝚙", "s" * 65, "create-objects")
 _TEXTS = (
     "", " ", "object_1", "object_01", "OBJECT_1", "object_1 ", "object_1\x00", "1", "01", "-1", "1.0", "٣", "object_٣",
@@ -187,9 +187,9 @@ class _Drawing:
 
     def _duration(self) -> float:
         kind = self.source.random()
-        crowded = self.session.state.created_count > _CROWD
-        if kind < 0.75 or crowded:
-            return round(self.source.uniform(0.001, 0.1), 4)
+        created = self.session.state.created_count
+        if kind < 0.75 or created > _FEW:
+            return round(self.source.uniform(0.001, 0.02 if created > _CROWD else 0.1), 4)
         if kind < 0.97:
             return round(self.source.uniform(0.1, 2), 3)
         return self.source.choice((5e-324, 1e-9, 10.0, 60, 60.000001, 1e6, math.nan))
