@@ -174,9 +174,8 @@ class Host:
             session = await anyio.to_thread.run_sync(self._load, scene, seed, max_calls)
         slot = EpisodeSlot(session, watch=self.watch)
         server = build_server(slot)
-        manager, close = await self._run(
-            StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
-        )
+        manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
+        manager, close = await self._run(manager)
         episode_id = secrets.token_urlsafe(18)
         owner_token = None if max_calls is None else secrets.token_urlsafe(24)
         self._episodes[episode_id] = _HostedEpisode(
@@ -267,9 +266,13 @@ class Host:
             return refuse(404, "no such episode, or it has expired")
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can close it: send its owner_token as a bearer token")
-        del self._episodes[episode_id]
-        episode.close()
+        self._close(episode_id)
         return Response(status_code=204)
+
+    def _close(self, episode_id: str) -> None:
+        episode = self._episodes.pop(episode_id)
+        episode.close()
+        episode.slot.close(_GONE)
 
     async def _calls(self, request: Request) -> Response:
         episode = self._episodes.get(request.path_params["episode_id"])
@@ -277,17 +280,18 @@ class Host:
             return refuse(404, "no such episode, or it has expired")
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
-        slot = episode.slot
-        if slot.open_session().max_calls is None:
+        # Kept here, because the episode may be closed while this waits.
+        session, log, lock = episode.slot.open_session(), episode.slot.log, episode.slot.lock
+        if session.max_calls is None:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
         if not (start.isdecimal() and len(start) < 10):
             return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
-        # Wait for the end of a running call, which belongs to the log.
-        async with episode.turns.turn(), slot.lock:
-            calls = ",".join(logged.as_json() for logged in slot.log.page_from(int(start)))
-            ended = json.dumps(slot.open_session().ended)
+        # A running call belongs to the log.
+        async with episode.turns.turn(), lock:
+            calls = ",".join(logged.as_json() for logged in log.page_from(int(start)))
+            ended = json.dumps(session.ended)
             return Response(f'{{"ended":{ended},"calls":[{calls}]}}', media_type="application/json")
 
     async def _sweep(self) -> None:
@@ -296,8 +300,7 @@ class Host:
             oldest = time.monotonic() - self.idle_timeout_s
             for episode_id, episode in list(self._episodes.items()):
                 if not episode.in_flight and episode.last_used < oldest:
-                    del self._episodes[episode_id]
-                    episode.close()
+                    self._close(episode_id)
                     logger.info("an episode expired after %g s without a call", self.idle_timeout_s)
 
 

@@ -65,6 +65,14 @@ class EpisodeSlot:
         # With a limit, the log is the record of the episode for its owner, so it must be complete.
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
 
+    def close(self, gone: str) -> None:
+        """Let go of the episode: its model and state take a megabyte, and the garbage collector does not see them.
+
+        Args:
+            gone: Tells further calls why there is no episode.
+        """
+        self.session, self.frames, self.gone, self.log = None, None, gone, CallLog()
+
     def open_session(self) -> Session:
         """The open episode.
 

@@ -1,10 +1,12 @@
 """Many episodes over HTTP, each with its own address, for every kind of client."""
 
 import contextlib
+import gc
 import json
 import socket
 import subprocess
 import sys
+import weakref
 from collections.abc import Callable, Generator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -249,6 +251,37 @@ def test_white_space_after_a_header_value_is_ignored(started: Callable[..., Any]
                 f"GET /healthz HTTP/1.1\r\nHost: {address.netloc.decode()} \t\r\nConnection: close\r\n\r\n".encode()
             )
             assert b" 200 " in line.makefile("rb").readline()
+
+
+async def test_an_episode_that_is_closed_frees_its_memory_without_the_garbage_collector(inside: OpenHost) -> None:
+    async with inside() as (host, http):
+        opened = (await http.post("/episodes", json={"scene": 7})).json()
+        session = host._episodes[opened["episode_id"]].slot.session
+        assert session is not None
+        world = weakref.ref(session.world)
+        del session
+        gc.disable()
+        try:
+            assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
+            assert world() is None
+        finally:
+            gc.enable()
+
+
+async def test_a_log_that_is_read_while_its_episode_is_closed_is_complete(inside: OpenHost) -> None:
+    async with inside() as (host, http):
+        opened = (await http.post("/episodes", json={"scene": 7, "max_calls": 5})).json()
+        path, owner = f"/episodes/{opened['episode_id']}", {"Authorization": f"Bearer {opened['owner_token']}"}
+        replies: list[httpx.Response] = []
+
+        async def read() -> None:
+            replies.append(await http.get(f"{path}/calls", headers=owner))
+
+        async with anyio.create_task_group() as tasks, host._episodes[opened["episode_id"]].slot.lock:
+            tasks.start_soon(read)
+            await anyio.wait_all_tasks_blocked()
+            assert (await http.delete(path, headers=owner)).status_code == 204
+        assert replies[0].json() == {"ended": False, "calls": []}
 
 
 async def test_an_episode_has_a_bounded_number_of_sessions(inside: OpenHost, monkeypatch: pytest.MonkeyPatch) -> None:
