@@ -324,7 +324,8 @@ async def _main(port: int, kind: str) -> None:
     attack.cancel()
     with contextlib.suppress(asyncio.CancelledError):
         await attack
-    print(json.dumps({"sent": target.sent, "sent_bytes": target.sent_bytes, "refused": target.refused}), flush=True)
+    with contextlib.suppress(BrokenPipeError):  # who measured was interrupted
+        print(json.dumps({"sent": target.sent, "sent_bytes": target.sent_bytes, "refused": target.refused}), flush=True)
 
 
 if __name__ == "__main__":

@@ -191,6 +191,7 @@ def main(argv: Sequence[str]) -> int:
         except Broken as broken:
             outcome = "FAILED"
             console.print(f"{kind}, {server}, {folder}: {broken}")
+        console.print(f"{number + 1}/{args.count}: {kind}, {server}: {outcome}")
         outcomes[f"{kind}, {server}"][outcome] += 1
     return _report(console, outcomes, scratch)
 
