@@ -1,100 +1,202 @@
-"""Scene 88: launch faster or slower, by whether the ball went round with its distance from the end unchanged."""
+"""Scene 88: swing the puck out to near the rim, fit each rule of the cord to the course, predict."""
 
-from math import cos, hypot, pi, sin, sqrt
+from itertools import product
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
+from scenes.courses import Laws, force, position, recorded, velocity
 from scenes.protocol import answer, call
 
-CORD, END_Z = 1.0, 2.0
-BOTTOM = {"x": 0, "y": 0, "z": END_Z - CORD}
-SLOW, FAST = 2.0, 20.0
-ROUNDS = 13
-LOOKS_PER_TURN, LOOKS = 30, 60
-SLACK_M = 0.001
+RADIUS_M, SHOT_M_S = 2.5, 10.0
+GREATEST_N, GREATEST_M_S2 = 7.9, 14.0
+NEAR_M, CAUGHT_M = 1.3, 1.6
+LEGS, LEG_S, FREE_S, CALLS = 13, 0.6, 0.8, 150
+STRUCTURES = {"softening": ("m", "k", "d", "s"), "stiffening": ("m", "k", "d", "b"), "slack": ("m", "k", "d", "l")}
 
 
-def _taut_all_round(places):
-    """Whether the ball, launched towards +x, came past the top to the side of -x with the cord never slack."""
-    for x, _, z in places:
-        if hypot(x, z - END_Z) < CORD - SLACK_M:
-            return False
-        if x < 0 and z < END_Z:
-            return True
-    return False
+def _pull(structure, knobs, r):
+    """Pull of the cord over the mass."""
+    if structure == "slack":
+        return knobs["k"] * np.maximum(r - knobs["l"], 0.0)
+    if structure == "softening":
+        return knobs["k"] * r / (1 + r / knobs["s"])
+    return knobs["k"] * r + (knobs["b"] * r**3 if structure == "stiffening" else 0.0)
 
 
-def _turned_back(places):
-    """A slow ball swings back on the taut cord and passes the bottom to -x from there."""
-    first = next((place for place in places if place[0] < 0), None)
-    return first is None or first[2] < END_Z
-
-
-def solve(task):
-    """Every round launches the ball once and follows it."""
-    low, high = SLOW, FAST
-    for _ in range(ROUNDS):
-        speed = sqrt(low * high)
-        # A ball that just goes round takes about half as long again as one at a steady speed.
-        pause = max(round(2 * pi * CORD / speed / LOOKS_PER_TURN / 0.005), 1) * 0.005
-        looks = [call("step", duration=pause), call("get_position", object_id="object_1")] * LOOKS
-        readings = yield [
-            call("set_velocity", object_id="object_1", velocity_vector=[0, 0, 0]),
-            call("move_object", object_id="object_1", **BOTTOM),
-            call("set_velocity", object_id="object_1", velocity_vector=[speed, 0, 0]),
-            *looks,
+def _rates(structure, knobs, time, state, push):
+    """Time derivative of place and velocity."""
+    x, y, vx, vy = state
+    r = np.sqrt(x**2 + y**2 + 1e-12)
+    inward = _pull(structure, knobs, np.minimum(r, knobs.get("far", r))) / r
+    return np.array(
+        [
+            vx,
+            vy,
+            push[0] / knobs["m"] - inward * x - knobs["d"] * vx,
+            push[1] / knobs["m"] - inward * y - knobs["d"] * vy,
         ]
-        places = [reading["position"] for reading in readings[4::2]]
-        round_it_goes = _taut_all_round(places) and not _turned_back(places)
-        low, high = (low, speed) if round_it_goes else (speed, high)
-    yield [answer(sqrt(low * high))]
+    )
 
 
-def _least_pull(speed, gravity, drag):
-    """Least pull of the cord per mass [m/s²] on the way round, or a negative number if the ball turns back."""
-    angle, rate, tick, least = 0.0, speed / CORD, 0.004, gravity
+def _laws(starts, tried, rounds):
+    return Laws(
+        rates=_rates,
+        structures=STRUCTURES,
+        box={"m": (0.001, 2), "k": (2, 60), "d": (0.03, 2), "b": (0.3, 15), "l": (0.1, 1.2), "s": (0.5, 10)},
+        start=(0.0, 0.0, 0.0, 0.0),
+        sigma=(0.02, 0.02, 0.055, 0.055),
+        longest_s=0.1,
+        starts=starts,
+        tried=tried,
+        rounds=rounds,
+    )
 
-    def turning(angle, rate):
-        return -gravity / CORD * sin(angle) - drag * rate
 
-    while angle < 2 * pi:
-        middle = rate + tick / 2 * turning(angle, rate)
-        rate += tick * turning(angle + tick / 2 * rate, middle)
-        angle += tick * middle
-        if rate <= 0:
-            return -gravity
-        least = min(least, CORD * rate**2 + gravity * cos(angle))
-    return least
+LAWS, QUICK = _laws(80, 3, 12), _laws(60, 1, 8)
+
+
+def _course(readings):
+    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
+    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
+
+
+def _predict(structure, knobs):
+    """Speed and pull on the circle, and the greatest distance of the shot."""
+    pull = float(_pull(structure, knobs, RADIUS_M))
+
+    def rates(time, state):
+        return [state[1], -knobs["d"] * state[1] - _pull(structure, knobs, state[0])]
+
+    def turns(time, state):
+        return state[1]
+
+    turns.terminal = True
+    shot = solve_ivp(rates, (0, 30), [0.0, SHOT_M_S], events=turns, rtol=1e-8, atol=1e-9, max_step=0.02)
+    return [(pull * RADIUS_M) ** 0.5, knobs["m"] * pull, float(shot.y[0, -1])]
+
+
+def structure(knobs):
+    """How the cord pulls."""
+    return knobs["kind"]
+
+
+def fit(readings, structure):
+    """The answer by the best fit of a structure."""
+    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
 
 
 def theory(knobs):
-    """The speed at which the least pull on the way round is zero, by halving."""
-    low, high = SLOW, FAST
-    for _ in range(12):
-        speed = sqrt(low * high)
-        low, high = (low, speed) if _least_pull(speed, knobs["g"], knobs["drag"]) > 0 else (speed, high)
-    return sqrt(low * high)
+    """The answer from the drawn law."""
+    return _predict(knobs["kind"], knobs)
+
+
+def naive(knobs):
+    """A spring that pulls alike at 1.2 m; a spring that pulls alike at 0.9 m, without air."""
+    far, middle = (float(_pull(knobs["kind"], knobs, r)) / r for r in (1.2, 0.9))
+    return {
+        "in proportion": _predict("slack", {**knobs, "k": far, "l": 0.0}),
+        "in proportion, no air": _predict("slack", {**knobs, "k": middle, "d": 0.0, "l": 0.0}),
+    }
+
+
+def _push(strength, duration, looks=3):
+    """A push, with looks in even intervals."""
+    look = max(1, round(duration / looks / 0.005)) * 0.005
+    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
+    vector = [*(round(float(part), 6) for part in strength), 0.0]
+    push = call("apply_force", object_id="object_1", force_vector=vector)
+    return [push, *([call("step", duration=round(look, 3)), *eyes] * looks)]
+
+
+def _now(readings):
+    """Place and velocity after the last look."""
+    return np.array([*readings[-2]["position"][:2], *readings[-1]["velocity"][:2]])
+
+
+def _reached(structure, knobs, course):
+    """Place and velocity at the end of a course."""
+    state = np.zeros((4, 1))
+    for duration, control in zip(course.durations, course.controls, strict=True):
+        state = LAWS.advanced(structure, knobs, 0.0, state, duration, control[:, None])
+    return state
+
+
+def _chosen(fits, course, widest, wanted):
+    """Push of a leg that carries the puck this far, and no farther by any rule of the cord, neither let go nor stopped.
+
+    Whether it can be stopped is asked as if the cord pulled no more farther out than where the puck has been.
+    """
+    greatest = min(GREATEST_N, GREATEST_M_S2 * min(knobs["m"] for knobs in fits.values()))
+    angles, shares = (part.ravel() for part in np.meshgrid(np.arange(12) * np.pi / 6, (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)))
+    pushes = greatest * shares * np.array([np.cos(angles), np.sin(angles)])
+    far = np.zeros(len(shares))
+    for (structure, knobs), stopped in product(fits.items(), (False, True)):
+        trusted = {**knobs, "far": widest} if stopped else knobs
+        states = _reached(structure, knobs, course) + np.zeros(len(shares))
+        for moment in range(round((LEG_S + FREE_S) / 0.1)):
+            against = -0.8 * stopped * greatest * states[2:] / np.maximum(np.hypot(*states[2:]), 0.3)
+            held = pushes if moment < round(LEG_S / 0.1) else against
+            states = QUICK.advanced(structure, trusted, 0.0, states, 0.1, held)
+            far = np.maximum(far, np.hypot(*states[:2]))
+    return pushes[:, int(np.argmin(np.where(far < wanted, wanted - far, 10 * (far - wanted))))]
+
+
+def solve(task):
+    """Pushes that grow until the puck moves visibly; then swings out to near the rim, planned with quick fits."""
+    seen, strength = [], 0.01
+    while True:
+        calls = _push((strength, 0.0), 0.1, looks=1)
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+        if _now(readings)[2] > 0.25 or strength >= GREATEST_N:
+            break
+        strength = min(4 * strength, GREATEST_N)
+    for leg in range(LEGS):
+        course = _course(seen)
+        found = {structure: QUICK.fitted(course, structure) for structure in STRUCTURES}
+        least = min(cost for cost, _ in found.values())
+        fits = {structure: knobs for structure, (cost, knobs) in found.items() if cost < 2 * least + 50}
+        widest = max(np.hypot(*part["position"][:2]) for _, part in seen if "position" in part)
+        wanted = min(0.4 + 0.2 * leg, 0.2 + 1.3 * widest, NEAR_M)
+        calls = _push(_chosen(fits, course, widest, wanted), LEG_S)
+        if len(seen) + len(calls) > CALLS:
+            break
+        readings = yield calls
+        seen += zip(calls, readings, strict=True)
+    yield [answer(_predict(*LAWS.best(_course(seen))))]
+
+
+PULSES = ((0.02, 0), (0, 0.06), (-0.2, 0), (0, -0.5), (1.5, 0), (0, 4.0), (-7.0, 0), (0, -7.0))
+
+
+def batch(task):
+    """Ever stronger pushes, and the same fit up to where the rim may have caught."""
+    calls = [asked for strength in PULSES for asked in _push(strength, 0.5, looks=2)]
+    readings = yield calls
+    seen, kept = list(zip(calls, readings, strict=True)), []
+    for turn in range(0, len(seen), 7):
+        places = [reading["position"] for _, reading in seen[turn : turn + 7] if "position" in reading]
+        if any(np.hypot(*place[:2]) > CAUGHT_M for place in places):
+            break
+        kept += seen[turn : turn + 7]
+    yield [answer(_predict(*LAWS.best(_course(kept or seen))))]
+
+
+def stage(task):
+    """Push outwards as hard as one can; the rim catches the puck."""
+    readings = yield _push((GREATEST_N, 0.0), 2.0, looks=1)
+    yield [answer([abs(_now(readings)[3]), GREATEST_N, float(np.hypot(*_now(readings)[:2]))])]
 
 
 def measure(engine, knobs):
-    """The same search in the engine, looking at every step."""
-    start = engine.save()
-    low, high = SLOW, FAST
-    for _ in range(12):
-        speed = sqrt(low * high)
-        engine.restore(start)
-        engine.set_velocity("object_1", np.array([speed, 0.0, 0.0]))
-        places = []
-        while len(places) < 1500 and not (places and (places[-1][0] < 0 or _slack(places[-1]))):
-            engine.step(1)
-            places.append(engine.pose("object_1").position.copy())
-        came_round = places[-1][0] < 0 and places[-1][2] > END_Z
-        while came_round and places[-1][2] > END_Z and not _slack(places[-1]):
-            engine.step(1)
-            places.append(engine.pose("object_1").position.copy())
-        low, high = (low, speed) if came_round and not _slack(places[-1]) else (speed, high)
-    return sqrt(low * high)
-
-
-def _slack(place):
-    return hypot(place[0], place[2] - END_Z) < CORD - SLACK_M
+    """In the engine without rim: the pull from a step at rest at the distance; the shot."""
+    free = engine.changed({"body[rim].pos": (1e6, 0.0, 0.0)})
+    free.place("object_1", np.array([RADIUS_M, 0.0, float(free.pose("object_1").position[2])]), {})
+    free.step(1)
+    pull = -float(free.twist("object_1").linear[0]) * free.whole_steps(1.0)
+    free = engine.changed({"body[rim].pos": (1e6, 0.0, 0.0)})
+    free.set_velocity("object_1", np.array([SHOT_M_S, 0.0, 0.0]))
+    while free.twist("object_1").linear[0] > 0:
+        free.step(1)
+    return [(pull * RADIUS_M) ** 0.5, knobs["m"] * pull, float(free.pose("object_1").position[0])]
