@@ -73,6 +73,7 @@ def seal_note(folder: RunFolder, *, trust: bool = False) -> str:
 
 
 def _refuse(folder: RunFolder, problem: str, *, trust: bool) -> None:
+    folder.episodes()  # if a line cannot even be read, this says which
     if not trust:
         raise StoreError(
             f"{folder.episodes_file} is not what the run wrote: {problem}; --trust-edited goes on with it, and the"

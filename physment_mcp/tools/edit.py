@@ -4,7 +4,6 @@ import math
 import re
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field
 
 from physment_mcp.errors import BadArgument, NotPermitted, NotPossible
@@ -23,8 +22,6 @@ from physment_mcp.tools.base import (
 from physment_mcp.tools.results import Attached, Created, Deleted, Found
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
-_FARTHEST_PAIR = 4e5
-"""Longest distance between two objects that can be attached to each other [m]."""
 _RESERVED = re.compile(r"object(_.*|\d*)|world|laboratory", re.IGNORECASE)
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -129,13 +126,6 @@ def _check_pair(session: Session, first: LabObject, second: LabObject) -> None:
         raise NotPossible(f"{first.object_id} and {second.object_id} are attached already")
     if not any(session.world.is_movable(item.body) for item in (first, second)):
         raise NotPossible(f"{first.object_id} and {second.object_id} are both fixed in the laboratory")
-    apart = session.world.pose(first.body).position - session.world.pose(second.body).position
-    if float(np.linalg.norm(apart)) > _FARTHEST_PAIR:
-        # Such a lever has no use, and its torques leave the range in which the engine is stable.
-        raise NotPossible(
-            f"{first.object_id} and {second.object_id} are more than {_FARTHEST_PAIR / 1000:g} km apart, too far to be"
-            " attached to each other"
-        )
 
 
 CREATE_OBJECTS = Tool(

@@ -4,6 +4,8 @@ from scenes.protocol import answer, call
 
 THROW = (0.0, 4.0, 6.0)
 LOOK_S = 0.5
+HIGH = 60.0
+"""Far from the floor [m]."""
 
 
 def _landing(a, g):
@@ -13,8 +15,9 @@ def _landing(a, g):
 
 
 def solve(task):
-    """Both accelerations are changes of velocity per time."""
+    """Both accelerations are changes of velocity per time, the same everywhere."""
     readings = yield [
+        call("move_object", object_id="object_1", x=0, y=0, z=HIGH),
         call("set_velocity", object_id="object_1", velocity_vector=list(THROW)),
         call("step", duration=LOOK_S),
         call("get_velocity", object_id="object_1"),

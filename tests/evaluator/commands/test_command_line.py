@@ -104,7 +104,7 @@ def test_run_is_the_default_command_and_writes_all_files_of_a_run_folder(tmp_pat
     assert done.returncode == 0, done.stderr
     assert "strict accuracy 100.0 % (1/1)" in done.stdout
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"run.json", "episodes.jsonl", "grades.jsonl", "summary.json", "report.html"}
+    assert names == {"run.json", "episodes.jsonl", "grades.jsonl", "summary.json", "report.html", "seal.json"}
     facts = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
     assert facts["server"]["tools"] == 26
     assert facts["versions"]["mujoco"] == "3.3.3"

@@ -120,9 +120,9 @@ def test_a_run_of_open_worlds_is_graded_by_prediction_and_told_how_much_of_the_l
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     packs = tmp_path / "packs"
-    shutil.copytree(default_folder() / "Scene101", packs / "Scene201")
-    for file in (packs / "Scene201").glob("scene101.*"):
-        file.rename(file.with_name(file.name.replace("101", "201")))
+    shutil.copytree(default_folder() / "Scene104", packs / "Scene201")
+    for file in (packs / "Scene201").glob("scene104.*"):
+        file.rename(file.with_name(file.name.replace("104", "201")))
     file = packs / "Scene201" / "scene201.json"
     pack = json.loads(file.read_text(encoding="utf-8"))
     right, _ = pack["answer"]

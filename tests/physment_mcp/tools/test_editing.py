@@ -6,10 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from physment_mcp.errors import NotPossible
-from physment_mcp.scene import load_scene
-from physment_mcp.session import Session
-from physment_mcp.tools.calls import call
 from tests.builders.bench import Bench, ball_mjcf, open_bench
 
 G = 9.81
@@ -342,17 +338,3 @@ async def test_the_ropes_of_a_scene_do_not_hinder_moving() -> None:
         '<equality><connect body1="object_1" body2="object_2" anchor="0 0 0"/></equality>',
     )
     await lab("change_position", object_id=1, dx=0, dy=0.01, dz=0)
-
-
-@pytest.mark.parametrize("joint", ["weld", "ball"])
-def test_objects_that_are_too_far_apart_are_not_attached(joint: str) -> None:
-    session = Session(load_scene(8))
-    for name, x in (("near", 0.0), ("far", 3.9e5), ("farther", 4.1e5)):
-        ball = {"name": name, "pos": [x, 0, 50], "density": 1000, "rgba": [1, 0, 0, 1]}
-        call(session, "create_objects", ball)
-    before = session.state
-    with pytest.raises(NotPossible, match="more than 400 km apart"):
-        call(session, "attach_objects", {"object1_id": "near", "object2_id": "farther", "joint": joint})
-    assert session.state is before
-    call(session, "attach_objects", {"object1_id": "near", "object2_id": "far", "joint": joint})
-    call(session, "step", {"duration": 0.1})
