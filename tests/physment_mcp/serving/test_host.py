@@ -263,7 +263,9 @@ async def test_an_episode_that_is_closed_frees_its_memory_without_the_garbage_co
         gc.disable()
         try:
             assert (await http.delete(f"/episodes/{opened['episode_id']}")).status_code == 204
-            assert world() is None
+            with anyio.fail_after(60):  # the thread that opened the episode may still be letting go of it
+                while world() is not None:  # noqa: ASYNC110 - nothing tells when
+                    await anyio.sleep(0.01)
         finally:
             gc.enable()
 
