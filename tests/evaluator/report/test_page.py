@@ -126,6 +126,17 @@ def look(text: str) -> Exchange:
     return found.model_copy(update={"text": text})
 
 
+def test_provenance_names_the_programs_that_met_other_seeds_and_what_the_seal_says() -> None:
+    plan = RECORD.plan.model_copy(update={"own_seeds": ("external:x",)})
+    record = RECORD.model_copy(update={"plan": plan})
+    text = render([Run("run", record, [row(7, True, "easy-single")], {}, seal="1 sealed, abc")]).page
+    assert "other ones at each further budget, epoch and prompt for external:x" in text
+    assert "<dt>Records</dt><dd>1 sealed, abc</dd>" in text
+    usual = page(row(7, True, "easy-single"))
+    assert "other ones at each" not in usual
+    assert "<dt>Records</dt>" not in usual
+
+
 def test_an_episode_that_is_too_long_is_cut_and_says_so() -> None:
     said = ["x" * 400_000 + f" end of the {place}" for place in ("first", "second", "third", "fourth")]
     text = page(played(0, 20, *(turn(part, look("-7.848")) for part in said)))
