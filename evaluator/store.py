@@ -185,6 +185,9 @@ class RunFolder:
     def set_damage_aside(self) -> list[str]:
         """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
 
+        An unfinished last line is damage only if it was sealed. Otherwise a kill left it, and the next episode that is
+        written moves it.
+
         Returns:
             A sentence for each such line.
 
@@ -196,6 +199,10 @@ class RunFolder:
             return []
         lines = file.read_bytes().split(b"\n")
         problems = {place: _damage(line) for place, line in enumerate(lines[:-1])}
+        seal = self.read_seal()
+        if lines[-1] and seal and len(lines) <= seal.lines:
+            problems[len(lines) - 1] = "its end is missing"
+            lines.append(b"")
         damaged = [place for place, problem in problems.items() if problem]
         if damaged:
             self._move_aside(file, [lines[place] for place in damaged])

@@ -97,7 +97,8 @@ def _torn_line(run: Struck) -> int:
     code = _signalled(signal.SIGKILL)(run)
     if run.records.exists() and (lines := run.records.read_bytes().splitlines(keepends=True)):
         with run.records.open("r+b") as stream:
-            stream.truncate(run.records.stat().st_size - run.chance.randint(1, len(lines[-1])))
+            # One byte stays: a sealed line that is gone as a whole is no fault but an edit, which is refused.
+            stream.truncate(run.records.stat().st_size - run.chance.randrange(1, len(lines[-1])))
     return code
 
 

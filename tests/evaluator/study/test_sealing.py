@@ -106,3 +106,20 @@ def test_a_seal_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     folder.seal_file.write_text("{", encoding="utf-8")
     with pytest.raises(StoreError, match="is no seal of a run"):
         seal_note(folder)
+
+
+@pytest.mark.parametrize("lost", [1, 2, 100])
+def test_a_finished_run_whose_last_line_lost_its_end_plays_that_episode_again_and_says_so(
+    tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str], lost: int
+) -> None:
+    folder = RunFolder(tmp_path / "run")
+    assert played(folder.path, host_url) == 0
+    whole = folder.episodes()
+    with folder.episodes_file.open("r+b") as stream:
+        stream.truncate(folder.episodes_file.stat().st_size - lost)
+    assert played(folder.path, host_url, "--resume") == 0
+    assert "line 3 was damaged (its end is missing)" in capsys.readouterr().err
+    assert {key: episode.answer for key, episode in folder.episodes().items()} == {
+        key: episode.answer for key, episode in whole.items()
+    }
+    assert "its end is missing" in seal_note(folder)
