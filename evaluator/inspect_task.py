@@ -10,6 +10,7 @@ Inspect provides the model, its limits and its log. The loop, the budget, the an
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 
 from inspect_ai import Task, task
 from inspect_ai.dataset import Sample
@@ -27,7 +28,6 @@ from inspect_ai.util import LimitExceededError
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import own_version
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
@@ -71,7 +71,7 @@ def physment(
         solver=experimenter(server),
         scorer=laboratory_grade(),
         turn_limit=budget,
-        version=own_version(),
+        version=version("physment-mcp"),
         metadata={"budget": budget, "prompting": prompting},
     )
 
@@ -106,7 +106,7 @@ def experimenter(server: str) -> Solver:
         agent = _InspectAgent(model, state)
         async with connect(server, None) as laboratory, laboratory.open(key.scene, key.seed) as client:
             pack = pack_hash(find_pack(key.scene))
-            versions = Versions(physment=own_version(), protocol=client.protocol_version, pack=pack)
+            versions = Versions(physment=version("physment-mcp"), protocol=client.protocol_version, pack=pack)
             episode = await play_episode(agent, client, key, versions)
         state.store.set(EPISODE, episode.model_dump(mode="json"))
         state.completed = True

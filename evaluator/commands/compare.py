@@ -31,7 +31,6 @@ def add(commands: Commands) -> None:
     """Declare `compare`."""
     command = commands.add_parser(
         "compare",
-        help="say which of two runs is better, and with what certainty",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -30,7 +30,6 @@ def add(commands: Commands) -> None:
     """Declare `models`."""
     models = commands.add_parser(
         "models",
-        help="list language models, and what is missing to ask them",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -47,7 +47,6 @@ def add(commands: Commands) -> None:
     """Declare `play`."""
     play = commands.add_parser(
         "play",
-        help="solve a scene yourself",
         description=_PLAY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

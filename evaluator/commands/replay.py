@@ -33,7 +33,6 @@ def add(commands: Commands) -> None:
     """Declare `replay`."""
     command = commands.add_parser(
         "replay",
-        help="play recorded episodes again and compare the returns",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

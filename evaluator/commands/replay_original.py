@@ -38,10 +38,7 @@ Exit code: 0 all logs were played; 1 the laboratory failed on some.
 
 
 def add(commands: Commands) -> None:
-    """Declare `replay-original`.
-
-    It has no `help`, so argparse leaves it out of `physment-eval --help`: only the published logs are played with it.
-    """
+    """Declare `replay-original`."""
     command = commands.add_parser(
         "replay-original",
         description=_DESCRIPTION,

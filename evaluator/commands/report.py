@@ -40,7 +40,6 @@ def add(commands: Commands) -> None:
     """Declare `report`."""
     command = commands.add_parser(
         "report",
-        help="write the report of stored runs",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

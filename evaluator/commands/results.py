@@ -29,9 +29,9 @@ holds shards, all shards are merged.
 
 def add(commands: Commands) -> None:
     """Declare `grade` and `merge`."""
-    grade = commands.add_parser("grade", help="grade a stored run again", description=_GRADE)
+    grade = commands.add_parser("grade", description=_GRADE)
     grade.set_defaults(run=_grade)
-    merging = commands.add_parser("merge", help="put shards or parts together", description=_MERGE)
+    merging = commands.add_parser("merge", description=_MERGE)
     merging.set_defaults(run=_merge)
     merging.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders, or folders of shards")
     merging.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new run folder")

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, run_async
+from evaluator.commands.overview import DESCRIPTION
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import RunOptions, add_options, read_options
 from evaluator.commands.terminal import ProgressDisplay
@@ -37,17 +38,11 @@ from evaluator.study.tally import Tally
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, same_packs, timestep_of
 
 
-def add(commands: Commands, description: str) -> None:
-    """Declare `run`.
-
-    Args:
-        commands: Where.
-        description: Help text of `run`, which is the default command, and of the whole program.
-    """
+def add(commands: Commands) -> None:
+    """Declare `run`, the default command, which has the help text of the whole program."""
     run = commands.add_parser(
         "run",
-        help="play episodes (the default)",
-        description=description,
+        description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     run.set_defaults(run=_run)

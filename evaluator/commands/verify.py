@@ -55,14 +55,12 @@ def add(commands: Commands) -> None:
     """Declare `verify` and `lint`."""
     verify = commands.add_parser(
         "verify",
-        help="prove scenes sound",
         description=_VERIFY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verify.set_defaults(run=_verify)
     lint = commands.add_parser(
         "lint",
-        help="say what is wrong with scenes, unrun",
         description=_LINT,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

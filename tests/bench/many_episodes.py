@@ -13,7 +13,7 @@ from pathlib import Path
 
 import anyio
 
-from evaluator.commands.base import make_room
+from evaluator.commands.process import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply

@@ -367,7 +367,7 @@ def test_ctrl_c_while_modules_are_loaded_is_silent() -> None:
 import builtins, sys
 usual = builtins.__import__
 def interrupted(name, *rest):
-    if name == "evaluator.commands.base":
+    if name == "evaluator.commands.process":
         raise KeyboardInterrupt
     return usual(name, *rest)
 builtins.__import__ = interrupted

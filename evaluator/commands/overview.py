@@ -1,0 +1,46 @@
+"""The commands, and in which module each is declared, so that `--help` need not load them: loading takes a second."""
+
+DESCRIPTION = """\
+Let agents experiment in the PhysMent laboratory over MCP, grade their answers, and report.
+
+  physment-eval --server stdio                     the reference agent in every scene
+  physment-eval --server host --agent blind --seeds 1-20 --concurrency 8
+  physment-eval --agent scripted:turns.json --scenes 7,21 --budgets 5,10
+  physment-eval --agent model:gpt-5.5 --budgets 5,10,15,20 --server host --concurrency 50 --max-cost 100
+  physment-eval --config study.toml --dry-run      the size of a study, without playing it
+  physment-eval run --out runs/mine --resume       continue after an interruption (same options)
+  physment-eval merge runs/mine --out runs/whole   merge the shards of a run
+  physment-eval grade runs/mine                    grade a stored run again
+  physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
+  physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
+  physment-eval play 7                             solve a scene yourself
+  physment-eval replay runs/mine                   play its episodes again and compare every return
+
+  physment-eval scenes list                        the scenes, with their certificates
+  physment-eval scenes show 21                     what an agent learns about a scene
+  physment-eval scenes new 112 --category hard-single --scenes-dir my_scenes
+  physment-eval lint --scenes-dir my_scenes        what is wrong with a pack, without running it
+  physment-eval verify --scene 112 --scenes-dir my_scenes
+                                                   prove a scene sound, on twenty seeds
+
+A run is a folder: run.json, episodes.jsonl, grades.jsonl, summary.json, report.html.
+Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not; 2 wrong usage; 130 interrupted.
+"""
+"""What `physment-eval --help` and `physment-eval run --help` say first."""
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "run": ("run", "play episodes (the default)"),
+    "grade": ("results", "grade a stored run again"),
+    "merge": ("results", "put shards or parts together"),
+    "report": ("report", "write the report of stored runs"),
+    "compare": ("compare", "say which of two runs is better, and with what certainty"),
+    "play": ("play", "solve a scene yourself"),
+    "verify": ("verify", "prove scenes sound"),
+    "lint": ("verify", "say what is wrong with scenes, unrun"),
+    "scenes": ("scenes", "list, show, start or document scenes"),
+    "models": ("models", "list language models, and what is missing to ask them"),
+    "replay": ("replay", "play recorded episodes again and compare the returns"),
+    "replay-original": ("replay_original", ""),
+}
+"""Command → the module of this folder that declares it by `add`, and what it does; nothing if `--help` leaves it
+out, as only the published logs are played with it."""
