@@ -65,8 +65,8 @@ fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold
 leaks: $(STAMP) ## search for what gives keys away: at the start, and by fixed lists of calls (30 minutes; LEAKS=--minutes=9)
 	@$(BIN)/python -m tests.fuzz.leaks $(LEAKS)
 
-bench: $(STAMP) ## measure speed as ratios of two things timed in one run; nothing fails by being slow
-	@$(BIN)/python tests/bench/bench.py
+bench: $(STAMP) ## measure speed as ratios of two things timed in one run, into bench.json; nothing fails by being slow
+	@$(BIN)/python -m tests.bench.bench $(BENCH)
 
 hostile: $(STAMP) ## measure how much each kind of hostile client slows honest clients of one host (10 minutes)
 	@$(BIN)/python -m tests.load.hostile

@@ -9,7 +9,7 @@ from functools import partial
 
 import anyio
 
-from physment_mcp.commands import bundle, config, export, serve
+from physment_mcp.commands import bundle, config, export, fork_server, serve
 from physment_mcp.commands.base import common_options, observations, timestep
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.serving.log_lines import PatientLines
@@ -60,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
     commands = words.add_subparsers(metavar="COMMAND")
     for command in (serve, export, config, bundle):
         command.add(commands)
+    fork_server.add(commands, main)
     return words
 
 

@@ -19,11 +19,13 @@ class PatientLines(logging.Handler):
     def __init__(self) -> None:
         super().__init__()
         self._lines: queue.Queue[str] = queue.Queue(_WAITING)
-        self._writer = threading.Thread(target=self._write, name="log", daemon=True)
-        self._writer.start()
+        self._writer: threading.Thread | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a line, or lose it if too many wait."""
+        """Take a line, or lose it if too many wait. `logging` calls this in one thread at a time."""
+        if self._writer is None:  # not earlier: a process with threads should not fork
+            self._writer = threading.Thread(target=self._write, name="log", daemon=True)
+            self._writer.start()
         with contextlib.suppress(queue.Full):
             self._lines.put_nowait(self.format(record) + "\n")
 

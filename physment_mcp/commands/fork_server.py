@@ -1,0 +1,107 @@
+"""`physment-mcp fork-server`: a process for each episode, without the time in which one loads its modules.
+
+Loading the engine and the MCP library takes most of a second of processor time. This process loads them once and forks:
+each fork is `physment-mcp --scene N` on its own stdin and stdout. POSIX only.
+"""
+
+import argparse
+import gc
+import json
+import os
+import signal
+import socket
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+
+from physment_mcp.commands.base import Commands, common_options
+from physment_mcp.errors import UsageError
+
+_LOADED = ("mcp.server.stdio", "physment_mcp.serving.frames", "physment_mcp.serving.server", "physment_mcp.session")
+"""What an episode on stdio needs; the rest comes with it."""
+_LONGEST_LINE = 64_000
+"""[bytes]."""
+
+Program = Callable[[Sequence[str]], int]
+
+
+def add(commands: Commands, program: Program) -> None:
+    """Declare `fork-server`. It has no `help`, so argparse leaves it out of the list: programs start it, not people.
+
+    Args:
+        commands: Where.
+        program: What a fork runs, with its words.
+    """
+    command = commands.add_parser(
+        "fork-server",
+        parents=[common_options(again=True)],
+        description="Load everything, then start episodes on stdio by forking. For each, the program that started this"
+        " one sends a byte through the control socket, with two descriptors: a socket, which becomes stdin and stdout,"
+        ' and one for stderr. The first line on the socket is a JSON list of words, such as ["--scene", "7"].',
+    )
+    command.add_argument(
+        "--control-fd", type=int, required=True, metavar="FD", help="descriptor of an inherited Unix socket"
+    )
+    command.set_defaults(run=partial(_run, program))
+
+
+def _run(program: Program, args: argparse.Namespace) -> int:
+    """Fork until the other end of the control socket is closed.
+
+    Raises:
+        UsageError: This system does not fork, or the descriptor is not that of a Unix socket.
+    """
+    if not hasattr(os, "fork") or not hasattr(socket, "recv_fds"):
+        raise UsageError("this system does not fork processes; start physment-mcp --scene N for each episode")
+    try:
+        control = socket.socket(fileno=args.control_fd)
+    except (OSError, OverflowError, ValueError):
+        raise UsageError(f"--control-fd {args.control_fd}: is not the descriptor of an open Unix socket") from None
+    for name in _LOADED:
+        import_module(name)
+    gc.collect()
+    gc.freeze()  # the forks share these objects, and do not search them for cycles
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system forgets forks that have ended
+    while True:
+        mark, brought, _, _ = socket.recv_fds(control, 1, 2)
+        if not mark:
+            return 0
+        if len(brought) == 2 and os.fork() == 0:
+            code = 1
+            try:
+                control.close()
+                code = _episode(brought, program)
+            except Exception:  # noqa: BLE001 - what the interpreter would print, too
+                traceback.print_exc()
+            finally:
+                os._exit(code)  # a fork that goes on would take the requests of its parent
+        for descriptor in brought:
+            os.close(descriptor)
+
+
+def _episode(brought: Sequence[int], program: Program) -> int:
+    """Be an episode on these descriptors; returns the exit code."""
+    connection, errors = brought
+    for source, target in ((connection, 0), (connection, 1), (errors, 2)):
+        os.dup2(source, target)
+    for descriptor in brought:
+        os.close(descriptor)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    try:
+        return program(_words())
+    except SystemExit as end:  # wrong words
+        return end.code if isinstance(end.code, int) else 1
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+
+
+def _words() -> list[str]:
+    """The first line of stdin, read byte by byte, because MCP reads what follows it."""
+    line = bytearray()
+    while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_LINE:
+        line += byte
+    words: list[str] = json.loads(line)
+    return words
