@@ -5,16 +5,15 @@
 is played again.
 """
 
-import contextlib
-import os
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import ValidationError
 
+from evaluator import durable
 from evaluator.errors import StoreError
 from evaluator.records import Episode, EpisodeKey, Frame, GradeRecord, Record
 from evaluator.redaction import Redaction
@@ -83,36 +82,17 @@ class RunFolder:
         except OSError as error:
             raise StoreError(f"the folder {self.path} cannot be written: {error.strerror}") from error
 
-    @contextlib.contextmanager
-    def held(self) -> Generator[None]:
+    def held(self) -> AbstractContextManager[None]:
         """Lock the folder while its run is played. The operating system unlocks it when the process ends in any way.
 
         Raises:
             StoreError: Another process has locked it.
         """
-        if find_spec("fcntl") is None:
-            yield  # Windows has no such lock
-            return
-        import fcntl  # noqa: PLC0415
-
-        handle = os.open(self.path, os.O_RDONLY)
-        try:
-            # Some network file systems have no locks; a run must not fail there.
-            with contextlib.suppress(OSError):
-                try:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    sentence = (
-                        f"{self.path} is being played by another process; wait for its end, or choose another --out"
-                    )
-                    raise StoreError(sentence) from None
-            yield
-        finally:
-            os.close(handle)
+        return durable.locked(self.path)
 
     def write_run(self, record: RunRecord) -> None:
         """Write `run.json`."""
-        self._replace(self.run_file, record.model_dump_json(indent=2) + "\n")
+        durable.replace(self.run_file, record.model_dump_json(indent=2) + "\n")
 
     def read_run(self) -> RunRecord:
         """Read `run.json`.
@@ -137,7 +117,7 @@ class RunFolder:
             if frame.png:
                 self._keep_frame(frame)
         line = self.redaction.record(episode).model_dump_json().encode("utf-8")
-        self._append(self.episodes_file, line)
+        durable.append_line(self.episodes_file, line)
         self.on_line(line)
 
     def copy_frames(self, source: "RunFolder", episode: Episode) -> None:
@@ -180,7 +160,7 @@ class RunFolder:
 
     def write_seal(self, seal: Seal) -> None:
         """Write the seal of the episodes."""
-        self._replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
+        durable.replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
 
     def set_damage_aside(self) -> list[str]:
         """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
@@ -205,9 +185,9 @@ class RunFolder:
             lines.append(b"")
         damaged = [place for place, problem in problems.items() if problem]
         if damaged:
-            self._move_aside(file, [lines[place] for place in damaged])
+            durable.keep_aside(file, [lines[place] for place in damaged])
             kept = [line for place, line in enumerate(lines) if place not in damaged]
-            self._replace(file, b"\n".join(kept))
+            durable.replace(file, b"\n".join(kept))
         return [
             f"{file}, line {place + 1} was damaged ({problems[place]}); it is in {file.name}.torn, and its episode is"
             " played again"
@@ -216,7 +196,7 @@ class RunFolder:
 
     def write_grades(self, grades: Iterable[GradeRecord]) -> None:
         """Replace all grades."""
-        self._replace(self.grades_file, "".join(grade.model_dump_json() + "\n" for grade in grades))
+        durable.replace(self.grades_file, "".join(grade.model_dump_json() + "\n" for grade in grades))
 
     def grades(self) -> dict[EpisodeKey, GradeRecord]:
         """All grades by the key of their episodes.
@@ -231,12 +211,12 @@ class RunFolder:
         number = 1
         while (kept := self.path / f"grades.{number}.jsonl").exists():
             number += 1
-        self._replace(kept, self.grades_file.read_text(encoding="utf-8"))
+        durable.replace(kept, self.grades_file.read_text(encoding="utf-8"))
         return kept
 
     def write_text(self, file: Path, text: str) -> None:
         """Write a file that is made from the records, all at once."""
-        self._replace(file, text)
+        durable.replace(file, text)
 
     def _keep_frame(self, frame: Frame) -> None:
         """Write a frame, unless one with the same content is there."""
@@ -247,18 +227,7 @@ class RunFolder:
             self.frames_folder.mkdir(exist_ok=True)
         except OSError as error:
             raise StoreError(f"{self.frames_folder} cannot be written: {error.strerror}") from error
-        self._replace(file, frame.png)
-
-    def _append(self, file: Path, line: bytes) -> None:
-        try:
-            # Only the writer repairs the file; a reader may see an unfinished last line.
-            self._set_torn_line_aside(file)
-            with file.open("ab") as stream:
-                stream.write(line + b"\n")
-                stream.flush()
-                os.fsync(stream.fileno())
-        except OSError as error:
-            raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+        durable.replace(file, frame.png)
 
     def _read(self, file: Path, kind: type[R]) -> list[R]:
         if not file.exists():
@@ -274,55 +243,6 @@ class RunFolder:
                     " options of the run sets it aside"
                 ) from error
         return records
-
-    @staticmethod
-    def _set_torn_line_aside(file: Path) -> None:
-        """Move an unfinished last line to another file beside this one."""
-        if not file.exists() or file.stat().st_size == 0:
-            return
-        with file.open("rb") as stream:
-            stream.seek(-1, os.SEEK_END)
-            if stream.read() == b"\n":
-                return
-        content = file.read_bytes()
-        whole, _, torn = content.rpartition(b"\n")
-        RunFolder._move_aside(file, [torn])
-        RunFolder._replace(file, whole + b"\n" if whole else b"")
-
-    @staticmethod
-    def _move_aside(file: Path, lines: Iterable[bytes]) -> None:
-        """Keep lines beside a file that they are about to be taken from."""
-        try:
-            with file.with_name(file.name + ".torn").open("ab") as aside:
-                aside.writelines(line + b"\n" for line in lines)
-                aside.flush()
-                os.fsync(aside.fileno())
-        except OSError as error:
-            raise StoreError(f"{file}.torn cannot be written: {error.strerror}") from error
-
-    @staticmethod
-    def _replace(file: Path, content: str | bytes) -> None:
-        """Write a file so that a kill leaves either the old or the new content."""
-        fresh = file.with_name(f".{file.name}.new")
-        try:
-            with fresh.open("wb") as stream:
-                stream.write(content.encode("utf-8") if isinstance(content, str) else content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            fresh.replace(file)
-            _sync_folder(file.parent)
-        except OSError as error:
-            raise StoreError(f"{file} cannot be written: {error.strerror}") from error
-
-
-def _sync_folder(folder: Path) -> None:
-    """Put the folder's entries on disk: until then a power cut may undo a rename."""
-    if os.name == "posix":  # Windows opens no folders
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def _frames(episode: Episode) -> Iterator[Frame]:

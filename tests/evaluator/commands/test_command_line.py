@@ -13,6 +13,7 @@ from random import Random
 import pytest
 
 from evaluator.__main__ import main
+from evaluator.commands.overview import COMMANDS
 from evaluator.commands.run_options import PROMPTINGS, PROTOCOLS
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
@@ -376,3 +377,25 @@ entry()
 """
     done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_help_needs_none_of_the_libraries_that_take_long_to_load() -> None:
+    code = """
+import sys
+from evaluator.__main__ import main
+try:
+    main(["--help"])
+except SystemExit:
+    sys.exit(" ".join({"mcp", "pydantic", "rich", "numpy", "evaluator.records"} & set(sys.modules)) or 0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "play recorded episodes again" in done.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_listed_command_is_declared_by_its_module(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: physment-eval {name} ")

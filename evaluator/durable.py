@@ -1,0 +1,105 @@
+"""Files that survive a kill: replaced as a whole, or longer by a line. Knows no records."""
+
+import contextlib
+import os
+from collections.abc import Generator, Iterable
+from importlib.util import find_spec
+from pathlib import Path
+
+from evaluator.errors import StoreError
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Lock a folder. The operating system unlocks it when the process ends in any way.
+
+    Raises:
+        StoreError: Another process has locked it.
+    """
+    if find_spec("fcntl") is None:
+        yield  # Windows has no such lock
+        return
+    import fcntl  # noqa: PLC0415
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        # Some network file systems have no locks; a run must not fail there.
+        with contextlib.suppress(OSError):
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                sentence = f"{folder} is being played by another process; wait for its end, or choose another --out"
+                raise StoreError(sentence) from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def append_line(file: Path, line: bytes) -> None:
+    """Add a line. When this returns, it is on disk. An unfinished last line is moved aside first.
+
+    Args:
+        file: Where.
+        line: The line, without its line feed.
+
+    Raises:
+        StoreError: The file cannot be written.
+    """
+    try:
+        # Only the writer repairs the file; a reader may see an unfinished last line.
+        _keep_torn_line_aside(file)
+        with file.open("ab") as stream:
+            stream.write(line + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def replace(file: Path, content: str | bytes) -> None:
+    """Write a file so that a kill leaves either the old or the new content."""
+    fresh = file.with_name(f".{file.name}.new")
+    try:
+        with fresh.open("wb") as stream:
+            stream.write(content.encode("utf-8") if isinstance(content, str) else content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(file)
+        _sync_folder(file.parent)
+    except OSError as error:
+        raise StoreError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def keep_aside(file: Path, lines: Iterable[bytes]) -> None:
+    """Keep lines beside a file that they are about to be taken from."""
+    try:
+        with file.with_name(file.name + ".torn").open("ab") as aside:
+            aside.writelines(line + b"\n" for line in lines)
+            aside.flush()
+            os.fsync(aside.fileno())
+    except OSError as error:
+        raise StoreError(f"{file}.torn cannot be written: {error.strerror}") from error
+
+
+def _keep_torn_line_aside(file: Path) -> None:
+    """Move an unfinished last line to another file beside this one."""
+    if not file.exists() or file.stat().st_size == 0:
+        return
+    with file.open("rb") as stream:
+        stream.seek(-1, os.SEEK_END)
+        if stream.read() == b"\n":
+            return
+    content = file.read_bytes()
+    whole, _, torn = content.rpartition(b"\n")
+    keep_aside(file, [torn])
+    replace(file, whole + b"\n" if whole else b"")
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the folder's entries on disk: until then a power cut may undo a rename."""
+    if os.name == "posix":  # Windows opens no folders
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
