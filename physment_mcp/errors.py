@@ -3,6 +3,7 @@
 PhysMentError
 ├─ UsageError            the command line asks for something impossible     → the operator, before serving
 ├─ SceneError            the scene cannot be loaded                         → the operator, before serving
+├─ NotOpened             a host opens no episode                            → the client that asked, as a reply
 └─ RefusedCall           the agent can do better: its message is all it sees → the agent, as an error result
    ├─ UnknownObject      no such object, as far as the agent may know
    ├─ NotPermitted       the attribute is withheld, or the object is sealed
@@ -45,6 +46,19 @@ class SceneError(PhysMentError):
     ) -> None:
         super().__init__(sentence)
         self.for_client = for_client
+
+
+class NotOpened(PhysMentError):
+    """A host does not open an episode.
+
+    Args:
+        status: The HTTP status that says so.
+        sentence: Why, for the client.
+    """
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = status
 
 
 class RefusedCall(PhysMentError):

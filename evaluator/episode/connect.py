@@ -6,6 +6,7 @@ import json
 import os
 import secrets
 import shlex
+import socket
 import ssl
 import subprocess
 import sys
@@ -22,6 +23,8 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
+from evaluator.episode.host_process import start_host
+from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 
@@ -85,25 +88,35 @@ class ProcessLaboratory:
 
 @dataclass(frozen=True, slots=True)
 class HostLaboratory:
-    """Opens episodes on a host over HTTP."""
+    """Opens episodes on a host: over HTTP, or over sockets if this process started it."""
 
     base_url: str
     token: str | None = field(default=None, repr=False)
     """Required to open episodes; None if anybody may open them."""
     toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
+    sockets: HostSockets | None = field(default=None, repr=False, compare=False)
+    """Opens episodes without HTTP, on a host that we started; None for other hosts."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
+        wanted = {"scene": scene, "seed": seed}
+        place = self._over_http(wanted) if self.sockets is None else self.sockets.episode(wanted, _CALL_TIMEOUT_S)
+        try:
+            async with place as client:
+                yield client
+        except Exception as error:
+            failure = InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}")
+            raise _ours(error, EvaluatorError) or failure from error
+
+    @contextlib.asynccontextmanager
+    async def _over_http(self, wanted: Mapping[str, int]) -> AsyncGenerator[Client]:
         async with http_client(self.base_url) as http:
-            opened = await self.request_episode(http, {"scene": scene, "seed": seed})
+            opened = await self.request_episode(http, wanted)
             try:
                 http.headers.update(self._authorization(opened["mcp_url"]))
                 async with mcp_client(opened["mcp_url"], http) as client:
                     yield client
-            except Exception as error:
-                failure = InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}")
-                raise _ours(error, EvaluatorError) or failure from error
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                     await http.delete(f"/episodes/{opened['episode_id']}", headers=self._authorization(self.base_url))
@@ -182,6 +195,7 @@ class LocalHost:
     observations: str = TEXT
     """`text`, or `rgb` for results with pictures."""
     _process: subprocess.Popen[str] | None = None
+    _control: socket.socket | None = None
     _errors: IO[str] | None = field(default=None)
 
     async def __aenter__(self) -> HostLaboratory:
@@ -190,43 +204,41 @@ class LocalHost:
         Raises:
             UsageError: It does not start.
         """
-        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed below
-        command = [
-            sys.executable,
-            "-m",
-            "physment_mcp",
-            "serve",
-            "--port",
-            "0",
-            "--max-episodes",
-            str(self.max_episodes),
-            # Its stdin is our pipe, which the operating system closes even if this process is killed.
-            "--end-with-stdin",
-        ]
-        command += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
-        command += ["--token-stdin"] if self.token else []
-        command += ["--observations", self.observations] if self.observations != TEXT else []
-        self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - starts our own server, and does not wait
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        if self.token:
-            # Not by the environment: other programs of this user could read it there.
-            with contextlib.suppress(BrokenPipeError):  # it has ended; the line below says so
-                self._process.stdin.write(f"{self.token}\n")
-                self._process.stdin.flush()
-        line = await anyio.to_thread.run_sync(self._process.stdout.readline)
         try:
-            return HostLaboratory(json.loads(line)["listening"], self.token)
+            process = self._start()
+        except OSError as error:
+            self._let_go()
+            raise UsageError(f"the local host did not start: {error.strerror}") from error
+        assert process.stdout is not None
+        line = await anyio.to_thread.run_sync(process.stdout.readline)
+        try:
+            address: str = json.loads(line)["listening"]
         except (ValueError, KeyError, TypeError):
+            process.terminate()
+            await anyio.to_thread.run_sync(process.wait)
+            assert self._errors is not None
+            failure = _failed("the local host did not start", RuntimeError("it ended at once"), self._errors)
             await self.__aexit__()
-            raise UsageError("the local host did not start; run `physment-mcp serve` to see why") from None
+            raise UsageError(str(failure)) from None
+        sockets = HostSockets(self._control) if self._control else None
+        return HostLaboratory(address, self.token, Toolboxes(trusted=True), sockets)
+
+    def _start(self) -> subprocess.Popen[str]:
+        """Start the process, which prints the address that it listens on.
+
+        Raises:
+            OSError: The system has no process or no file left.
+        """
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed below
+        options = ["--max-episodes", str(self.max_episodes)]
+        options += ["--scenes-dir", str(self.scenes_dir)] if self.scenes_dir else []
+        options += ["--observations", self.observations] if self.observations != TEXT else []
+        self._process, self._control = start_host(options, self.token, self._errors)
+        return self._process
 
     async def __aexit__(self, *_: object) -> None:
         """Stop the host."""
         assert self._process is not None
-        assert self._errors is not None
         self._process.terminate()
         with anyio.CancelScope(shield=True):
             await anyio.to_thread.run_sync(self._process.wait)
@@ -234,7 +246,13 @@ class LocalHost:
         assert self._process.stdout is not None
         self._process.stdin.close()
         self._process.stdout.close()
-        self._errors.close()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._errors is not None:
+            self._errors.close()
+        if self._control is not None:
+            self._control.close()
 
 
 @contextlib.asynccontextmanager

@@ -26,6 +26,7 @@ class Toolbox:
     tools: tuple[ToolDescription, ...]
     _arguments: _Schemas
     _results: _Schemas
+    """Empty for a server of this package, which makes its results and their schemas from the same classes."""
 
     def misfit(self, call: ToolCall) -> str:
         """Why a call does not fit the published schema of its tool; empty if it fits."""
@@ -40,7 +41,7 @@ class Toolbox:
         return f"{call.tool}: {problem}" if problem else ""
 
     async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
-        """Let the server run a call, and check its result against the schema.
+        """Let the server run a call, and check its result against the schema, unless the server is ours.
 
         The MCP client could check it too, but would compile the schema again for each connection.
 
@@ -67,6 +68,8 @@ class Toolboxes:
 
     clock: Callable[[], float] = time.monotonic
     """[s]."""
+    trusted: bool = False
+    """Whether results need no check: the server is of this package, and we started it."""
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
     """Whether the server has given every client the same tools so far."""
@@ -80,23 +83,27 @@ class Toolboxes:
             MCPError: The server refused to list them.
         """
         if not self._alike:
-            return _toolbox((await client.list_tools()).tools)
+            return _toolbox((await client.list_tools()).tools, checked=not self.trusted)
         async with self._lock:
             if self._kept is not None and self.clock() < self._fresh_until:
                 return self._kept
             asked_at = self.clock()
             listed = await client.list_tools()
-            toolbox = _toolbox(listed.tools)
+            toolbox = _toolbox(listed.tools, checked=not self.trusted)
             self._alike = listed.cache_scope == "public" and listed.ttl_ms > 0
             if self._alike:
                 self._kept, self._fresh_until = toolbox, asked_at + listed.ttl_ms / 1000
             return toolbox
 
 
-def _toolbox(tools: Sequence[types.Tool]) -> Toolbox:
+def _toolbox(tools: Sequence[types.Tool], *, checked: bool) -> Toolbox:
     described = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools)
     return Toolbox(
         described,
         {tool.name: schema_validator(tool.input_schema) for tool in tools},
-        {tool.name: schema_validator(tool.output_schema) for tool in tools if tool.output_schema is not None},
+        {
+            tool.name: schema_validator(tool.output_schema)
+            for tool in tools
+            if checked and tool.output_schema is not None
+        },
     )

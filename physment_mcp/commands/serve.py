@@ -64,6 +64,13 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="end when stdin does: for a program that starts a host and must leave none behind, however it dies",
     )
+    serve.add_argument(
+        "--control-fd",
+        type=int,
+        metavar="FD",
+        help="descriptor of an inherited Unix socket, through which the program that starts this host also opens"
+        " episodes, each on a socket of its own, without HTTP and without a token",
+    )
     observations(serve, again=True)
     timestep(serve, again=True)
     serve.set_defaults(run=run)
@@ -89,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             f"--host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1) is served"
             " without a token: put a secret into an environment variable and name it with --token-env"
         )
-    token = _token(args)
+    token, control = _token(args), _control(args)
     scene_ids(args.scenes_dir)
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
     if args.end_with_stdin:
@@ -103,6 +110,7 @@ def run(args: argparse.Namespace) -> int:
         names,
         watching(args.observations, args.scenes_dir),
         args.timestep,
+        control,
     )
     _allow_open_files()
     try:
@@ -131,6 +139,25 @@ def _token(args: argparse.Namespace) -> str | None:
     if not token:
         raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
     return token
+
+
+def _control(args: argparse.Namespace) -> socket.socket | None:
+    """The inherited control socket; None if there is none.
+
+    Raises:
+        UsageError: The descriptor is not that of a Unix socket.
+    """
+    if args.control_fd is None:
+        return None
+    problem = UsageError(f"--control-fd {args.control_fd}: is not the descriptor of an open Unix socket")
+    try:
+        control = socket.socket(fileno=args.control_fd)
+    except (OSError, OverflowError, ValueError):
+        raise problem from None
+    if not hasattr(socket, "recv_fds") or control.family is not socket.AF_UNIX:
+        control.detach()
+        raise problem
+    return control
 
 
 def _first_line() -> str:

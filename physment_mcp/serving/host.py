@@ -13,6 +13,7 @@ import contextlib
 import json
 import logging
 import secrets
+import socket
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import dataclass, field
@@ -20,10 +21,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import anyio
-import anyio.to_thread
 from anyio.abc import TaskGroup, TaskStatus
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -31,13 +30,14 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from physment_mcp.errors import SceneError
-from physment_mcp.scene import load_scene
+from physment_mcp.errors import NotOpened
+from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.connections import BodyGate
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.socket_episodes import SocketEpisodes
 from physment_mcp.serving.turns import Turns
 from physment_mcp.session import Session
 
@@ -54,19 +54,6 @@ _GONE = (
     ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
 )
 _AUTHORIZE = "send the token of this host as a bearer token (Authorization: Bearer ...)"
-
-
-class EpisodeRequest(BaseModel):
-    """Body of `POST /episodes`."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    scene: int
-    seed: int = 0
-    max_calls: int | None = Field(default=None, ge=1, le=10_000)
-    """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
-    guarded: bool = False
-    """Whether the episode is played only with a token of its own, which its URL does not contain."""
 
 
 @dataclass(slots=True)
@@ -102,11 +89,11 @@ class Host:
     """Makes the frames for results; None for results without frames."""
     timestep: float | None = None
     """Time step that replaces those of the models [s]."""
+    control: socket.socket | None = None
+    """Brings the sockets on which the program that started this host opens episodes; None if there is none."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
-    _opening: int = 0
-    """Episodes that are being opened; they count towards the limit."""
-    _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
-    """The place for the scene that is being loaded, in a thread, because that takes up to 50 ms."""
+    _admission: Admission = field(init=False)
+    _sockets: SocketEpisodes = field(init=False)
     _tasks: TaskGroup | None = None
     _nowhere: StreamableHTTPSessionManager | None = None
     """Answers in place of an episode that is gone, and says how to open another."""
@@ -114,6 +101,9 @@ class Host:
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
+        # A request with the token comes from the operator, who may read the details.
+        self._admission = Admission(self.scenes_dir, self.max_episodes, self.timestep, bool(self.token))
+        self._sockets = SocketEpisodes(self._admission, self.watch)
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -138,6 +128,8 @@ class Host:
         async with anyio.create_task_group() as tasks:
             self._tasks = tasks
             tasks.start_soon(self._sweep)
+            if self.control is not None:
+                tasks.start_soon(self._sockets.serve, self.control)
             # Stateless, so that it can also answer a client that is in the middle of a session.
             nowhere = build_server(EpisodeSlot(gone=_GONE))
             self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
@@ -158,38 +150,34 @@ class Host:
 
         return manager, await self._tasks.start(live)
 
-    async def open_episode(self, scene: int, seed: int, max_calls: int | None = None, *, guarded: bool = False) -> str:
+    async def open_episode(self, body: bytes) -> str:
         """Open an episode and return its unguessable id.
 
         Args:
-            scene: Id of the scene.
-            seed: Variant of the scene.
-            max_calls: As in `EpisodeRequest`.
-            guarded: As in `EpisodeRequest`.
+            body: The request, as `EpisodeRequest` in JSON.
 
         Raises:
-            SceneError: The scene cannot be loaded.
+            NotOpened: It is not opened.
         """
-        async with self._loading:
-            session = await anyio.to_thread.run_sync(self._load, scene, seed, max_calls)
-        slot = EpisodeSlot(session, watch=self.watch)
-        server = build_server(slot)
-        manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
-        manager, close = await self._run(manager)
+        wanted, session = await self._admission.open(body)
+        try:
+            slot = EpisodeSlot(session, watch=self.watch)
+            server = build_server(slot)
+            manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
+            manager, close = await self._run(manager)
+        except BaseException:
+            self._admission.leave()
+            raise
         episode_id = secrets.token_urlsafe(18)
-        owner_token = None if max_calls is None else secrets.token_urlsafe(24)
         self._episodes[episode_id] = _HostedEpisode(
             manager,
             slot,
             close,
             time.monotonic(),
-            owner_token=owner_token,
-            player_token=secrets.token_urlsafe(24) if guarded else None,
+            owner_token=None if wanted.max_calls is None else secrets.token_urlsafe(24),
+            player_token=secrets.token_urlsafe(24) if wanted.guarded else None,
         )
         return episode_id
-
-    def _load(self, scene: int, seed: int, max_calls: int | None) -> Session:
-        return Session(load_scene(scene, seed, self.scenes_dir, self.timestep), max_calls=max_calls)
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
@@ -229,28 +217,15 @@ class Host:
         return has_token(request, self.token, episode.owner_token)
 
     async def _health(self, _request: Request) -> Response:
-        return JSONResponse({"status": "ok", "episodes": len(self._episodes)})
+        return JSONResponse({"status": "ok", "episodes": len(self._episodes) + len(self._sockets)})
 
     async def _create(self, request: Request) -> Response:
         if self.token is not None and not has_token(request, self.token):
             return refuse(401, f"episodes are opened with a token; {_AUTHORIZE}")
         try:
-            wanted = EpisodeRequest.model_validate_json(await request.body() or b"{}")
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(str(part) for part in first["loc"]) or "body"
-            return refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
-        if len(self._episodes) + self._opening >= self.max_episodes:
-            return refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
-        self._opening += 1
-        try:
-            episode_id = await self.open_episode(wanted.scene, wanted.seed, wanted.max_calls, guarded=wanted.guarded)
-        except SceneError as error:
-            logger.warning("scene %d was asked for: %s", wanted.scene, error)
-            # A request with the token comes from the operator, who may read the details.
-            return refuse(404, str(error) if self.token else error.for_client)
-        finally:
-            self._opening -= 1
+            episode_id = await self.open_episode(await request.body())
+        except NotOpened as refusal:
+            return refuse(refusal.status, str(refusal))
         expires = datetime.now(UTC) + timedelta(seconds=self.idle_timeout_s)
         url = f"{request.url.scheme}://{request.url.netloc}/episodes/{episode_id}/mcp"
         body = {"episode_id": episode_id, "mcp_url": url, "expires_at": expires.isoformat(timespec="seconds")}
@@ -271,6 +246,7 @@ class Host:
 
     def _close(self, episode_id: str) -> None:
         episode = self._episodes.pop(episode_id)
+        self._admission.leave()
         episode.close()
         episode.slot.close(_GONE)
 
@@ -298,10 +274,15 @@ class Host:
         while True:
             await anyio.sleep(min(_SWEEP_S, self.idle_timeout_s / 2))
             oldest = time.monotonic() - self.idle_timeout_s
-            for episode_id, episode in list(self._episodes.items()):
-                if not episode.in_flight and episode.last_used < oldest:
-                    self._close(episode_id)
-                    logger.info("an episode expired after %g s without a call", self.idle_timeout_s)
+            expired = [
+                episode_id
+                for episode_id, episode in self._episodes.items()
+                if not episode.in_flight and episode.last_used < oldest
+            ]
+            for episode_id in expired:
+                self._close(episode_id)
+            if count := len(expired) + self._sockets.expire(oldest):
+                logger.info("%d episodes expired after %g s without a call", count, self.idle_timeout_s)
 
 
 class _Endpoint:

@@ -215,8 +215,8 @@ async def test_closing_the_host_closes_its_episodes(inside: OpenHost) -> None:
 
 async def test_an_episode_in_use_does_not_expire(inside: OpenHost) -> None:
     async with inside(idle_timeout_s=0.05) as (host, _):
-        busy = await host.open_episode(7, 0)
-        await host.open_episode(7, 0)
+        busy = await host.open_episode(b'{"scene": 7}')
+        await host.open_episode(b'{"scene": 7}')
         host._episodes[busy].in_flight += 1
         with anyio.fail_after(120):
             while len(host._episodes) > 1:

@@ -1,0 +1,85 @@
+"""Opening episodes on a host: what a request must say, how many may be open, and loading the scene.
+
+Knows no HTTP, no sockets and no MCP.
+"""
+
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import anyio
+import anyio.to_thread
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from physment_mcp.errors import NotOpened, SceneError
+from physment_mcp.scene import load_scene
+from physment_mcp.session import Session
+
+logger = logging.getLogger(__name__)
+
+
+class EpisodeRequest(BaseModel):
+    """A request for an episode: the body of `POST /episodes`, or the first line on a socket."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    scene: int
+    seed: int = 0
+    max_calls: int | None = Field(default=None, ge=1, le=10_000)
+    """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
+    guarded: bool = False
+    """Whether the episode is played only with a token of its own, which its URL does not contain."""
+
+
+@dataclass(slots=True)
+class Admission:
+    """Opens sessions, and counts the places of those that are open."""
+
+    scenes_dir: Path | None
+    most: int
+    """Most episodes that may be open."""
+    timestep: float | None
+    """Time step that replaces those of the models [s]."""
+    for_operator: bool
+    """Whether refusals may tell details of packs: true if only the operator can ask."""
+    _taken: int = 0
+    """Places of episodes that are open or being opened."""
+    _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
+    """The place for the scene that is being loaded, in a thread, because that takes up to 50 ms."""
+
+    async def open(self, body: bytes) -> tuple[EpisodeRequest, Session]:
+        """Open a session, which takes a place until `leave`.
+
+        Args:
+            body: The request in JSON.
+
+        Raises:
+            NotOpened: The request is malformed, all places are taken, or the scene cannot be loaded.
+        """
+        try:
+            wanted = EpisodeRequest.model_validate_json(body or b"{}")
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(str(part) for part in first["loc"]) or "body"
+            raise NotOpened(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
+        if self._taken >= self.most:
+            raise NotOpened(429, f"{self.most} episodes are open, which is the limit; delete some or wait")
+        self._taken += 1
+        try:
+            async with self._loading:
+                return wanted, await anyio.to_thread.run_sync(self._load, wanted)
+        except SceneError as error:
+            self.leave()
+            logger.warning("scene %d was asked for: %s", wanted.scene, error)
+            raise NotOpened(404, str(error) if self.for_operator else error.for_client) from error
+        except BaseException:
+            self.leave()
+            raise
+
+    def leave(self) -> None:
+        """Give back the place of an episode that is closed."""
+        self._taken -= 1
+
+    def _load(self, wanted: EpisodeRequest) -> Session:
+        scene = load_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
+        return Session(scene, max_calls=wanted.max_calls)

@@ -1,0 +1,232 @@
+"""Episodes of the program that started this host: each over a Unix socket of its own, one JSON line a message.
+
+The program holds one end of a control socket, and this process inherited the other. For each episode the program makes
+a pair of sockets and sends one of them through the control socket. The first line on it is the request for the episode,
+and the reply is `{"opened": true}` or why not. All lines after that are MCP messages. Whoever closes the socket closes
+the episode. These sockets have no address: no other program can reach them, and nothing is left behind by a kill.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import socket
+import time
+from collections.abc import AsyncGenerator, Callable, Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Self
+
+import anyio
+import mcp_types as types
+from mcp.server.runner import modern_on_request
+from mcp.shared.dispatcher import DispatchContext, OnRequest
+from mcp.shared.jsonrpc_dispatcher import JSONRPCDispatcher
+from mcp.shared.message import SessionMessage
+from mcp.shared.transport_context import TransportContext
+
+from physment_mcp.errors import NotOpened
+from physment_mcp.serving.admission import Admission
+from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.server import build_server
+from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.turns import Turns
+from physment_mcp.session import Session
+
+logger = logging.getLogger(__name__)
+
+MAX_LINE = 64_000
+"""Longest accepted line [bytes]: as the body of a request over HTTP."""
+_REQUEST_S = 15.0
+"""Longest wall time until the first line is complete [s]."""
+_CLOSED = "the connection of this episode was closed"
+
+
+@dataclass(slots=True, eq=False)
+class _Lines:
+    """A socket as the pair of streams that MCP sessions use. It is closed by whoever made it."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    last_used: float = field(default_factory=time.monotonic)
+    in_flight: int = 0
+    """Requests that are being served."""
+
+    async def request(self) -> bytes | None:
+        """The first line; None if it does not come in time, is too long, or the socket is closed."""
+        with anyio.move_on_after(_REQUEST_S), contextlib.suppress(OSError, ValueError):
+            line = await self.reader.readline()
+            return line if line.endswith(b"\n") else None
+        return None
+
+    def write(self, line: Mapping[str, object]) -> None:
+        """Write a line that is no MCP message."""
+        self.writer.write(json.dumps(line).encode() + b"\n")
+
+    async def receive(self) -> SessionMessage | Exception:
+        """The next message, or why a line is none.
+
+        Raises:
+            anyio.EndOfStream: The other end is closed, or has sent a line that is too long.
+        """
+        try:
+            line = await self.reader.readline()
+        except ValueError:
+            logger.warning("an episode is closed: a line on its socket had more than %d bytes", MAX_LINE)
+            raise anyio.EndOfStream from None
+        except OSError:
+            raise anyio.EndOfStream from None
+        if not line.endswith(b"\n"):
+            raise anyio.EndOfStream
+        self.last_used = time.monotonic()
+        try:
+            return SessionMessage(types.jsonrpc_message_adapter.validate_json(line, by_name=False))
+        except ValueError as error:
+            return error
+
+    async def send(self, item: SessionMessage, /) -> None:
+        """Write a message; waits while the other end does not read."""
+        written = item.message.model_dump_json(by_alias=True, exclude_unset=True)
+        try:
+            self.writer.write(written.encode() + b"\n")
+            await self.writer.drain()
+        except OSError as error:
+            raise anyio.BrokenResourceError from error
+
+    async def aclose(self) -> None:
+        """Nothing: the socket is closed as a whole, when the episode ends."""
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> SessionMessage | Exception:
+        try:
+            return await self.receive()
+        except anyio.EndOfStream:
+            raise StopAsyncIteration from None
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+
+class SocketEpisodes:
+    """The open episodes on sockets."""
+
+    def __init__(self, admission: Admission, watch: Callable[[Session], Frames] | None) -> None:
+        """Set up.
+
+        Args:
+            admission: Opens their sessions.
+            watch: Makes the frames for results; None for results without frames.
+        """
+        self._admission = admission
+        self._watch = watch
+        self._open: dict[_Lines, anyio.CancelScope] = {}
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    async def serve(self, control: socket.socket) -> None:
+        """Serve an episode on each socket that the control socket brings, until its other end is closed."""
+        control.setblocking(False)
+        async with anyio.create_task_group() as tasks:
+            while True:
+                await anyio.wait_readable(control)
+                try:
+                    mark, brought, _, _ = socket.recv_fds(control, 1, 1)
+                except BlockingIOError:
+                    continue
+                except OSError as error:
+                    logger.warning("no more episodes are opened on sockets: %s", error.strerror)
+                    return
+                if not mark:
+                    return
+                if brought:
+                    tasks.start_soon(self._serve_one, socket.socket(fileno=brought[0]))
+                else:
+                    # The system has closed the socket, which tells the program at its other end.
+                    logger.warning("an episode is not opened: more files than the system allows would be open")
+
+    def expire(self, oldest: float) -> int:
+        """Close the episodes that were last used before a time; returns how many.
+
+        Args:
+            oldest: By the monotonic clock [s].
+        """
+        expired = [scope for lines, scope in self._open.items() if not lines.in_flight and lines.last_used < oldest]
+        for scope in expired:
+            scope.cancel()
+        return len(expired)
+
+    async def _serve_one(self, connection: socket.socket) -> None:
+        try:
+            async with _lines_of(connection) as lines:
+                request = await lines.request()
+                if request is not None:
+                    await self._open_and_play(lines, request)
+        except Exception as crash:  # an error in our code must not end the other episodes
+            # The traceback may name hidden things, so it is not logged at the default level.
+            logger.error("an episode on a socket failed: %s", type(crash).__name__)  # noqa: TRY400
+            logger.debug("traceback", exc_info=True)
+
+    async def _open_and_play(self, lines: _Lines, request: bytes) -> None:
+        try:
+            _, session = await self._admission.open(request)
+        except NotOpened as refusal:
+            lines.write({"status": refusal.status, "error": str(refusal)})
+            return
+        try:
+            await self._play(lines, session)
+        finally:
+            self._admission.leave()
+
+    async def _play(self, lines: _Lines, session: Session) -> None:
+        """Serve a session until its socket is closed or it expires."""
+        slot = EpisodeSlot(session, watch=self._watch)
+        server = build_server(slot)
+        lines.write({"opened": True})
+        try:
+            with anyio.CancelScope() as self._open[lines]:
+                async with server.lifespan(server) as state:
+                    serve = _in_turn(lines, modern_on_request(server, state))
+                    await JSONRPCDispatcher(lines, lines).run(serve, _ignore)
+        finally:
+            self._open.pop(lines, None)
+            slot.close(_CLOSED)
+
+
+def _in_turn(lines: _Lines, serve: OnRequest) -> OnRequest:
+    """Serve the requests of an episode one after another, as over HTTP, and count those that are not answered yet."""
+    turns = Turns()
+
+    async def served(
+        context: DispatchContext[TransportContext], method: str, params: Mapping[str, Any] | None
+    ) -> dict[str, Any]:
+        lines.in_flight += 1
+        try:
+            async with turns.turn():
+                return await serve(context, method, params)
+        finally:
+            lines.in_flight -= 1
+            lines.last_used = time.monotonic()
+
+    return served
+
+
+async def _ignore(_context: DispatchContext[TransportContext], _method: str, _params: Mapping[str, Any] | None) -> None:
+    """What a notification does beyond cancelling a call, which the dispatcher sees to: nothing."""
+
+
+@contextlib.asynccontextmanager
+async def _lines_of(connection: socket.socket) -> AsyncGenerator[_Lines]:
+    """The streams of a socket, which is closed afterwards; what was written still arrives."""
+    reader, writer = await asyncio.open_connection(sock=connection, limit=MAX_LINE)
+    try:
+        yield _Lines(reader, writer)
+    finally:
+        writer.close()
