@@ -23,8 +23,11 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
+from evaluator.episode.broken_connection import first_error, own_error, server_failure
+from evaluator.episode.forked_processes import ForkedLaboratory
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
+from evaluator.episode.passed_sockets import AVAILABLE
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 
@@ -81,7 +84,7 @@ class ProcessLaboratory:
                     yield client
             except Exception as error:
                 # If a call did not return, the last line that the server wrote says more than the client knows.
-                raise _ours(error, PermanentFailure, UsageError) or _failed(
+                raise own_error(error, PermanentFailure, UsageError) or server_failure(
                     f"the server command {shlex.join(line)!r} failed", error, errors
                 ) from error
 
@@ -106,8 +109,8 @@ class HostLaboratory:
             async with place as client:
                 yield client
         except Exception as error:
-            failure = InfrastructureError(f"the host {self.base_url} failed: {_root(error)!r}")
-            raise _ours(error, EvaluatorError) or failure from error
+            failure = InfrastructureError(f"the host {self.base_url} failed: {first_error(error)!r}")
+            raise own_error(error, EvaluatorError) or failure from error
 
     @contextlib.asynccontextmanager
     async def _over_http(self, wanted: Mapping[str, int]) -> AsyncGenerator[Client]:
@@ -217,7 +220,7 @@ class LocalHost:
             process.terminate()
             await anyio.to_thread.run_sync(process.wait)
             assert self._errors is not None
-            failure = _failed("the local host did not start", RuntimeError("it ended at once"), self._errors)
+            failure = server_failure("the local host did not start", RuntimeError("it ended at once"), self._errors)
             await self.__aexit__()
             raise UsageError(str(failure)) from None
         sockets = HostSockets(self._control) if self._control else None
@@ -273,10 +276,13 @@ async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT
             f" {server} with --observations {observations} itself: its pictures are kept without this option"
         )
     if server == "stdio":
-        command = [sys.executable, "-m", "physment_mcp"]
-        command += ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
-        command += ["--observations", observations] if observations != TEXT else []
-        yield ProcessLaboratory(tuple(command))
+        words = ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
+        words += ["--observations", observations] if observations != TEXT else []
+        if AVAILABLE:
+            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S) as laboratory:
+                yield laboratory
+        else:
+            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words))
     elif server == "host":
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
@@ -297,24 +303,3 @@ async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT
         if not parts:
             raise UsageError("--server is empty; use stdio, host, a URL or a command")
         yield ProcessLaboratory(tuple(parts))
-
-
-def _failed(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
-    """The error for a server process that failed, with the last line that it wrote."""
-    errors.seek(0)
-    lines = [line.strip() for line in errors.read().splitlines() if line.strip()]
-    return InfrastructureError(f"{what}: {lines[-1] if lines else repr(_root(error))}")
-
-
-def _ours(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
-    """An error of one of these kinds that a connected client wrapped; None if the error is of another kind."""
-    root = _root(error)
-    return root if isinstance(root, kinds) else None
-
-
-def _root(error: BaseException) -> BaseException:
-    """The first error inside exception groups that is not itself a group."""
-    if isinstance(error, BaseExceptionGroup):
-        parts = cast(BaseExceptionGroup[BaseException], error).exceptions
-        return _root(parts[0])
-    return error

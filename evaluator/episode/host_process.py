@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import IO
 
-from evaluator.episode.host_sockets import AVAILABLE
+from evaluator.episode.passed_sockets import AVAILABLE
 
 
 def start_host(

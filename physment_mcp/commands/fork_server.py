@@ -5,6 +5,7 @@ each fork is `physment-mcp --scene N` on its own stdin and stdout. POSIX only.
 """
 
 import argparse
+import contextlib
 import gc
 import json
 import os
@@ -15,6 +16,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from types import FrameType
 
 from physment_mcp.commands.base import Commands, common_options
 from physment_mcp.errors import UsageError
@@ -23,6 +25,9 @@ _LOADED = ("mcp.server.stdio", "physment_mcp.serving.frames", "physment_mcp.serv
 """What an episode on stdio needs; the rest comes with it."""
 _LONGEST_LINE = 64_000
 """[bytes]."""
+
+_PATIENCE_S = 5
+"""Wall time that forks get to end [s]."""
 
 Program = Callable[[Sequence[str]], int]
 
@@ -67,7 +72,7 @@ def _run(program: Program, args: argparse.Namespace) -> int:
     while True:
         mark, brought, _, _ = socket.recv_fds(control, 1, 2)
         if not mark:
-            return 0
+            return _ended()
         if len(brought) == 2 and os.fork() == 0:
             code = 1
             try:
@@ -79,6 +84,21 @@ def _run(program: Program, args: argparse.Namespace) -> int:
                 os._exit(code)  # a fork that goes on would take the requests of its parent
         for descriptor in brought:
             os.close(descriptor)
+
+
+def _ended() -> int:
+    """Wait for the forks, which end with their stdin, and end those that do not; returns the exit code."""
+    signal.signal(signal.SIGALRM, _kill_group)
+    if os.getpid() == os.getpgrp():  # else the group holds others than our forks
+        signal.alarm(_PATIENCE_S)
+    # With SIGCHLD ignored, this returns when there is no fork left.
+    with contextlib.suppress(ChildProcessError):
+        os.wait()
+    return 0
+
+
+def _kill_group(_sign: int, _frame: FrameType | None) -> None:
+    os.killpg(0, signal.SIGKILL)
 
 
 def _episode(brought: Sequence[int], program: Program) -> int:

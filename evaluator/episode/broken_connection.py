@@ -1,0 +1,32 @@
+"""What a broken connection to a server means: an error of our own inside it, or a failed server with its last words."""
+
+from typing import IO, cast
+
+from evaluator.errors import EvaluatorError, InfrastructureError
+
+
+def server_failure(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
+    """The error for a server process that failed, with the last line that it wrote.
+
+    Args:
+        what: What failed, as a clause.
+        error: What the client noticed.
+        errors: What the process wrote to stderr.
+    """
+    errors.seek(0)
+    lines = [line.strip() for line in errors.read().splitlines() if line.strip()]
+    return InfrastructureError(f"{what}: {lines[-1] if lines else repr(first_error(error))}")
+
+
+def own_error(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
+    """An error of one of these kinds that a connected client wrapped; None if the error is of another kind."""
+    first = first_error(error)
+    return first if isinstance(first, kinds) else None
+
+
+def first_error(error: BaseException) -> BaseException:
+    """The first error inside exception groups that is not itself a group."""
+    if isinstance(error, BaseExceptionGroup):
+        parts = cast(BaseExceptionGroup[BaseException], error).exceptions
+        return first_error(parts[0])
+    return error

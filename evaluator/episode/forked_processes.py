@@ -1,0 +1,106 @@
+"""Sessions on stdio in processes that are forked from one of ours, which has loaded the engine once.
+
+As with a command, each episode has a process of its own, with its own stdin, stdout and stderr. Starting one takes a
+fiftieth of the processor time. POSIX only.
+"""
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass, field
+from typing import Self
+
+from mcp import Client
+
+from evaluator.episode.broken_connection import own_error, server_failure
+from evaluator.episode.passed_sockets import passed
+from evaluator.errors import PermanentFailure, UsageError
+
+_END_S = 10.0
+"""Longest wall time for the process and its forks to end [s]."""
+
+
+@dataclass(slots=True)
+class ForkedLaboratory:
+    """Forks a server process on stdio for each episode, as long as the context is open."""
+
+    words: tuple[str, ...]
+    """Options of `physment-mcp` for every episode."""
+    timeout_s: float
+    """Longest wall time of a call [s]."""
+    _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
+    _control: socket.socket | None = field(default=None, repr=False)
+
+    @property
+    def toolboxes(self) -> None:
+        """None: each session has its own server."""
+
+    def __enter__(self) -> Self:
+        """Start the process that forks, so that it loads while the run is prepared."""
+        with contextlib.suppress(OSError):  # `open` tries again and says why
+            self._running()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it, and every fork that has not ended yet."""
+        self._let_go()
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """Fork a process and connect to it."""
+        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
+            try:
+                async with passed(self._running(), errors.fileno()) as messages:
+                    messages.write([*self.words, "--scene", str(scene), "--seed", str(seed)])
+                    async with messages.client(self.timeout_s) as client:
+                        yield client
+            except Exception as error:
+                # If a call did not return, the last line that the server wrote says more than the client knows.
+                raise own_error(error, PermanentFailure, UsageError) or server_failure(
+                    f"the server process of scene {scene} failed", error, errors
+                ) from error
+
+    def _running(self) -> socket.socket:
+        """The control socket of the process that forks. If it has died, another one is started; its forks live on.
+
+        Raises:
+            OSError: The system has no process or no file left.
+        """
+        if self._control is not None and self._process is not None and self._process.poll() is None:
+            return self._control
+        self._let_go()
+        ours, theirs = socket.socketpair()
+        with theirs:
+            ours.setblocking(False)
+            try:
+                self._process = subprocess.Popen(  # noqa: S603 - our own server
+                    [sys.executable, "-m", "physment_mcp", "fork-server", "--control-fd", str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno()],
+                    # Forking is for processes of one thread.
+                    env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                    start_new_session=True,  # Ctrl-C is for us; we end it
+                )
+            except BaseException:
+                ours.close()
+                raise
+        self._control = ours
+        return ours
+
+    def _let_go(self) -> None:
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+        if self._process is not None:
+            try:
+                self._process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self._process = None

@@ -1,0 +1,133 @@
+"""Sockets that are passed to a process of our own, one for each episode, with one JSON line a message. POSIX only."""
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import anyio
+import mcp_types as types
+from mcp import Client
+from mcp.client._transport import TransportStreams
+from mcp.shared.message import SessionMessage
+
+AVAILABLE = hasattr(socket, "send_fds")
+"""Whether this system passes sockets between processes; Windows does not."""
+_MAX_LINE = 64 * 2**20
+"""Longest accepted line [bytes]: results may hold pictures."""
+_CLOSE_S = 5.0
+"""Longest wall time for the other process to let go of an episode [s]."""
+
+
+@dataclass(slots=True, eq=False)
+class Messages:
+    """A socket as the pair of streams that MCP sessions use. It is closed by whoever made it."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+
+    async def receive(self) -> SessionMessage | Exception:
+        """The next message, or why a line is none.
+
+        Raises:
+            anyio.EndOfStream: The server has closed the episode, or is gone.
+        """
+        try:
+            line = await self.reader.readline()
+        except (OSError, ValueError):
+            raise anyio.EndOfStream from None
+        if not line.endswith(b"\n"):
+            raise anyio.EndOfStream
+        try:
+            return SessionMessage(types.jsonrpc_message_adapter.validate_json(line, by_name=False))
+        except ValueError as error:
+            return error
+
+    async def send(self, item: SessionMessage, /) -> None:
+        """Write a message; waits while the server does not read."""
+        written = item.message.model_dump_json(by_alias=True, exclude_unset=True)
+        try:
+            self.writer.write(written.encode() + b"\n")
+            await self.writer.drain()
+        except OSError as error:
+            raise anyio.BrokenResourceError from error
+
+    async def aclose(self) -> None:
+        """Nothing: the socket is closed as a whole, when the episode ends."""
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> SessionMessage | Exception:
+        try:
+            return await self.receive()
+        except anyio.EndOfStream:
+            raise StopAsyncIteration from None
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    def write(self, line: object) -> None:
+        """Write a line that is no MCP message."""
+        self.writer.write(json.dumps(line).encode() + b"\n")
+
+    @contextlib.asynccontextmanager
+    async def client(self, timeout_s: float) -> AsyncGenerator[Client]:
+        """An MCP client that is connected over this socket.
+
+        Args:
+            timeout_s: Longest wall time of a call [s].
+        """
+        streams: TransportStreams = (self, self)
+        async with Client(contextlib.nullcontext(streams), read_timeout_seconds=timeout_s, cache=None) as client:
+            yield client
+
+
+@contextlib.asynccontextmanager
+async def passed(control: socket.socket, *more: int) -> AsyncGenerator[Messages]:
+    """A new connection to the process at the other end of a control socket, which is closed afterwards.
+
+    Args:
+        control: Our end, which does not block.
+        more: Descriptors that are sent along.
+
+    Raises:
+        OSError: The process is gone, or too many files are open.
+    """
+    ours, theirs = socket.socketpair()
+    try:
+        with theirs:
+            await _send(control, [theirs.fileno(), *more])
+        reader, writer = await asyncio.open_connection(sock=ours, limit=_MAX_LINE)
+    except BaseException:
+        ours.close()
+        raise
+    try:
+        yield Messages(reader, writer)
+    finally:
+        with contextlib.suppress(OSError):
+            writer.write_eof()
+        # The other process closes its end once it has let go of the episode, so the next one has room.
+        with anyio.move_on_after(_CLOSE_S, shield=True), contextlib.suppress(OSError):
+            while await reader.read(_MAX_LINE):
+                pass
+        writer.close()
+
+
+async def _send(control: socket.socket, descriptors: list[int]) -> None:
+    while True:
+        try:
+            socket.send_fds(control, [b"\n"], descriptors)
+        except BlockingIOError:
+            await anyio.wait_writable(control)
+        else:
+            return
