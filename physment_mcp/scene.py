@@ -3,19 +3,27 @@
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
 
+import functools
+import hashlib
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from physment_mcp.errors import SceneError
-from scenes import PackError, PublicPack, find_pack, list_packs, read_hosted, read_public
+from scenes import PackError, PackFiles, PublicPack, find_pack, hosted_files, list_packs, read_hosted, read_public
 
 logger = logging.getLogger(__name__)
 
+_KEPT = 256
+"""Most scenes that a process keeps to open them again, each at one seed [about 12 kB each]."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Scene:
-    """A scene at one seed: the public half of its pack, and its model with the drawn values."""
+    """A scene at one seed: the public half of its pack, and its model with the drawn values.
+
+    Its episodes share it, so nothing may change it. It is equal to itself alone, as the key of what is kept for it.
+    """
 
     public: PublicPack
     mjcf: str = field(repr=False)
@@ -25,7 +33,7 @@ class Scene:
 
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
-    """Read the public half of a scene and draw its hidden values.
+    """Read the public half of a scene and draw its hidden values. A scene that was loaded lately is the same object.
 
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.
@@ -41,10 +49,24 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     except PackError as error:
         raise SceneError(str(error), for_client=error.problem) from error
     try:
-        public, mjcf = read_hosted(files, seed)
+        written = tuple(_digest(path) for path in hosted_files(files, seed))
+        return _drawn(files, seed, timestep, written)
     except PackError as error:
         raise SceneError(str(error)) from error
-    return Scene(public, mjcf, timestep)
+
+
+@functools.lru_cache(_KEPT)
+def _drawn(files: PackFiles, seed: int, timestep: float | None, _written: tuple[bytes, ...]) -> Scene:
+    """The scene of a pack; `_written` tells apart the contents that the files of one path have in turn."""
+    return Scene(*read_hosted(files, seed), timestep)
+
+
+def _digest(path: Path) -> bytes:
+    """What stands for the content of a file; empty for one that cannot be read, of which the reader will complain."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError:
+        return b""
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:

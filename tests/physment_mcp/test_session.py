@@ -63,7 +63,7 @@ async def test_progress_does_not_change_the_physics() -> None:
         await often("step", duration=0.05)
     assert seen
     assert all(0 < done < total == 20 for done, total in seen)
-    assert once.session.world._state().tobytes() == often.session.world._state().tobytes()
+    assert once.session.world.save().state.tobytes() == often.session.world.save().state.tobytes()
 
 
 async def test_a_cancelled_step_changes_nothing() -> None:
@@ -85,7 +85,7 @@ async def test_a_cancelled_step_changes_nothing() -> None:
     await twin("step", duration=0.5)
     for side in (lab, twin):
         await side("step", duration=1)
-    assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
+    assert lab.session.world.save().state.tobytes() == twin.session.world.save().state.tobytes()
 
 
 async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -215,7 +215,7 @@ async def test_extra_reads_leave_the_dynamics_bit_identical(script: Any) -> None
         await play(curious, extra)
         assert curious.fingerprint() == before
         assert await play(curious, [action]) == told
-        assert curious.session.world._state().tobytes() == plain.session.world._state().tobytes()
+        assert curious.session.world.save().state.tobytes() == plain.session.world.save().state.tobytes()
 
 
 @slow
@@ -223,7 +223,7 @@ async def test_extra_reads_leave_the_dynamics_bit_identical(script: Any) -> None
 async def test_the_same_calls_give_the_same_results(script: Any) -> None:
     first, second = open_bench(PLAYGROUND), open_bench(PLAYGROUND)
     assert await play(first, script) == await play(second, script)
-    assert first.session.world._state().tobytes() == second.session.world._state().tobytes()
+    assert first.session.world.save().state.tobytes() == second.session.world.save().state.tobytes()
 
 
 @slow
