@@ -7,6 +7,7 @@ and `mj_forward` changes the solver's warm start, so a step after it would end e
 the state, whatever was read before.
 """
 
+import time
 from typing import NamedTuple
 
 import mujoco
@@ -57,6 +58,7 @@ class Simulation:
         self._before_step: _Instant | None = None
         self._disturbed: frozenset[str] = frozenset()
         self._revealed: frozenset[str] = frozenset()
+        self._pace_s: float | None = None
 
     # The clock
 
@@ -80,6 +82,11 @@ class Simulation:
         """The nearest whole number of time steps to a duration [s], at least one."""
         return max(1, round(duration / self.timestep))
 
+    @property
+    def pace_s(self) -> float | None:
+        """Wall time [s] that a time step took when the world was last stepped; None before that."""
+        return self._pace_s
+
     def step(self, steps: int) -> None:
         """Advance by a number of time steps.
 
@@ -91,6 +98,7 @@ class Simulation:
         model, data = self._model, self._live()
         # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
         data.warning.number[:] = 0
+        started = time.perf_counter()
         try:
             if steps > 1:
                 mujoco.mj_step(model, data, steps - 1)
@@ -98,6 +106,7 @@ class Simulation:
             mujoco.mj_step(model, data)
         except mujoco.FatalError as error:
             raise _given_up(model, data) from error
+        self._pace_s = (time.perf_counter() - started) / steps
         state = state_of(model, data)
         if not is_finite(data, state):
             raise Unstable(_UNSTABLE)

@@ -94,7 +94,7 @@ async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: p
     with anyio.CancelScope() as scope:
 
         def cancelled_meanwhile(steps: int) -> None:
-            anyio.from_thread.run_sync(scope.cancel)
+            scope.cancel()
             step(steps)
 
         monkeypatch.setattr(lab.session.world, "step", cancelled_meanwhile)
