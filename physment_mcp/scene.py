@@ -3,11 +3,13 @@
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
 
-import functools
 import hashlib
 import logging
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
+from typing import NamedTuple
 
 from physment_mcp.errors import SceneError
 from scenes import PackError, PackFiles, PublicPack, find_pack, hosted_files, list_packs, read_hosted, read_public
@@ -18,11 +20,11 @@ _KEPT = 256
 """Most scenes that a process keeps to open them again, each at one seed [about 12 kB each]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Scene:
     """A scene at one seed: the public half of its pack, and its model with the drawn values.
 
-    Its episodes share it, so nothing may change it. It is equal to itself alone, as the key of what is kept for it.
+    Its episodes share it, so nothing may change it.
     """
 
     public: PublicPack
@@ -30,6 +32,52 @@ class Scene:
     """For the world alone: it contains the hidden values."""
     timestep: float | None = None
     """Time step that replaces the one of the model [s]."""
+
+    def __hash__(self) -> int:
+        """The model decides: not everything that is public has a hash."""
+        return hash(self.mjcf)
+
+
+class _Source(NamedTuple):
+    """What decides a scene: its pack, the content of the two files that it is made from, and how it is drawn."""
+
+    files: PackFiles
+    written: tuple[bytes, bytes]
+    seed: int
+    timestep: float | None
+
+
+class _KeptScenes:
+    """The scenes that this process loaded last, at most so many."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._scenes: OrderedDict[_Source, Scene] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, source: _Source) -> Scene | None:
+        """The scene, if it is kept."""
+        with self._lock:
+            scene = self._scenes.get(source)
+            if scene is not None:
+                self._scenes.move_to_end(source)
+            return scene
+
+    def keep(self, source: _Source, scene: Scene) -> Scene:
+        """Keep a scene, and let go of the one that was not used for longest; returns the one that is kept."""
+        with self._lock:
+            kept = self._scenes.setdefault(source, scene)
+            if len(self._scenes) > self._most:
+                self._scenes.popitem(last=False)
+            return kept
+
+    def clear(self) -> None:
+        """Let go of all."""
+        with self._lock:
+            self._scenes.clear()
+
+
+_SCENES = _KeptScenes(_KEPT)
 
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
@@ -44,21 +92,35 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     Raises:
         SceneError: There is no such scene, or its pack is malformed or outside the folder.
     """
+    source = _source(scene_id, seed, folder, timestep)
+    scene = _SCENES.get(source)
+    if scene is None:
+        try:
+            scene = _SCENES.keep(source, Scene(*read_hosted(source.files, seed), timestep))
+        except PackError as error:
+            raise SceneError(str(error)) from error
+    return scene
+
+
+def kept_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene | None:
+    """The scene, if it was loaded lately; None if `load_scene` would have to draw it, which takes milliseconds.
+
+    Raises:
+        SceneError: As for `load_scene`.
+    """
+    return _SCENES.get(_source(scene_id, seed, folder, timestep))
+
+
+def _source(scene_id: int, seed: int, folder: Path | None, timestep: float | None) -> _Source:
     try:
         files = find_pack(scene_id, folder)
     except PackError as error:
         raise SceneError(str(error), for_client=error.problem) from error
     try:
-        written = tuple(_digest(path) for path in hosted_files(files, seed))
-        return _drawn(files, seed, timestep, written)
+        description, model = hosted_files(files, seed)
     except PackError as error:
         raise SceneError(str(error)) from error
-
-
-@functools.lru_cache(_KEPT)
-def _drawn(files: PackFiles, seed: int, timestep: float | None, _written: tuple[bytes, ...]) -> Scene:
-    """The scene of a pack; `_written` tells apart the contents that the files of one path have in turn."""
-    return Scene(*read_hosted(files, seed), timestep)
+    return _Source(files, (_digest(description), _digest(model)), seed, timestep)
 
 
 def _digest(path: Path) -> bytes:

@@ -32,7 +32,7 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import SceneError
-from physment_mcp.scene import load_scene
+from physment_mcp.scene import kept_scene, load_scene
 from physment_mcp.serving.connections import BodyGate
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
@@ -170,8 +170,12 @@ class Host:
         Raises:
             SceneError: The scene cannot be loaded.
         """
-        async with self._loading:
-            session = await anyio.to_thread.run_sync(self._load, scene, seed, max_calls)
+        kept = kept_scene(scene, seed, self.scenes_dir, self.timestep)
+        if kept is not None:
+            session = Session(kept, max_calls=max_calls)  # takes less time than a thread
+        else:
+            async with self._loading:
+                session = await anyio.to_thread.run_sync(self._load, scene, seed, max_calls)
         slot = EpisodeSlot(session, watch=self.watch)
         server = build_server(slot)
         manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)

@@ -6,5 +6,5 @@ from physment_mcp.world import loading
 
 def forget_scenes() -> None:
     """Forget all scenes and compiled models that are kept; open episodes go on."""
-    scene._drawn.cache_clear()  # pyright: ignore[reportPrivateUsage] - nothing but a test has a use for this
+    scene._SCENES.clear()  # pyright: ignore[reportPrivateUsage] - nothing but a test has a use for this
     loading.kept.cache_clear()

@@ -1,6 +1,7 @@
 """Time, limits and roll-back; readings change nothing; the same calls give the same episode."""
 
 import math
+import threading
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,22 @@ async def test_a_cancelled_step_changes_nothing() -> None:
     for side in (lab, twin):
         await side("step", duration=1)
     assert lab.session.world.save().state.tobytes() == twin.session.world.save().state.tobytes()
+
+
+async def test_only_pieces_that_take_long_run_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
+    world, ran_in = lab.session.world, list[int]()
+    step = world.step
+
+    def watched(steps: int) -> None:
+        ran_in.append(threading.get_ident())
+        step(steps)
+
+    monkeypatch.setattr(world, "step", watched)
+    for pace_s, inline in ((None, True), (1e-6, True), (1.0, False)):
+        world._pace_s = pace_s
+        await lab("step", duration=0.04)
+        assert (ran_in[-1] == threading.get_ident()) is inline
 
 
 async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
