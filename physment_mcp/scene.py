@@ -3,19 +3,29 @@
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
 
+import hashlib
 import logging
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
+from typing import NamedTuple
 
 from physment_mcp.errors import SceneError
-from scenes import PackError, PublicPack, find_pack, list_packs, read_hosted, read_public
+from scenes import PackError, PackFiles, PublicPack, find_pack, hosted_files, list_packs, read_hosted, read_public
 
 logger = logging.getLogger(__name__)
 
+_KEPT = 256
+"""Most scenes that a process keeps to open them again, each at one seed [about 12 kB each]."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Scene:
-    """A scene at one seed: the public half of its pack, and its model with the drawn values."""
+    """A scene at one seed: the public half of its pack, and its model with the drawn values.
+
+    Its episodes share it, so nothing may change it.
+    """
 
     public: PublicPack
     mjcf: str = field(repr=False)
@@ -23,9 +33,55 @@ class Scene:
     timestep: float | None = None
     """Time step that replaces the one of the model [s]."""
 
+    def __hash__(self) -> int:
+        """The model decides: not everything that is public has a hash."""
+        return hash(self.mjcf)
+
+
+class _Source(NamedTuple):
+    """What decides a scene: its pack, the content of the two files that it is made from, and how it is drawn."""
+
+    files: PackFiles
+    written: tuple[bytes, bytes]
+    seed: int
+    timestep: float | None
+
+
+class _KeptScenes:
+    """The scenes that this process loaded last, at most so many."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._scenes: OrderedDict[_Source, Scene] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, source: _Source) -> Scene | None:
+        """The scene, if it is kept."""
+        with self._lock:
+            scene = self._scenes.get(source)
+            if scene is not None:
+                self._scenes.move_to_end(source)
+            return scene
+
+    def keep(self, source: _Source, scene: Scene) -> Scene:
+        """Keep a scene, and let go of the one that was not used for longest; returns the one that is kept."""
+        with self._lock:
+            kept = self._scenes.setdefault(source, scene)
+            if len(self._scenes) > self._most:
+                self._scenes.popitem(last=False)
+            return kept
+
+    def clear(self) -> None:
+        """Let go of all."""
+        with self._lock:
+            self._scenes.clear()
+
+
+_SCENES = _KeptScenes(_KEPT)
+
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
-    """Read the public half of a scene and draw its hidden values.
+    """Read the public half of a scene and draw its hidden values. A scene that was loaded lately is the same object.
 
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.
@@ -36,15 +92,43 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     Raises:
         SceneError: There is no such scene, or its pack is malformed or outside the folder.
     """
+    source = _source(scene_id, seed, folder, timestep)
+    scene = _SCENES.get(source)
+    if scene is None:
+        try:
+            scene = _SCENES.keep(source, Scene(*read_hosted(source.files, seed), timestep))
+        except PackError as error:
+            raise SceneError(str(error)) from error
+    return scene
+
+
+def kept_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene | None:
+    """The scene, if it was loaded lately; None if `load_scene` would have to draw it, which takes milliseconds.
+
+    Raises:
+        SceneError: As for `load_scene`.
+    """
+    return _SCENES.get(_source(scene_id, seed, folder, timestep))
+
+
+def _source(scene_id: int, seed: int, folder: Path | None, timestep: float | None) -> _Source:
     try:
         files = find_pack(scene_id, folder)
     except PackError as error:
         raise SceneError(str(error), for_client=error.problem) from error
     try:
-        public, mjcf = read_hosted(files, seed)
+        description, model = hosted_files(files, seed)
     except PackError as error:
         raise SceneError(str(error)) from error
-    return Scene(public, mjcf, timestep)
+    return _Source(files, (_digest(description), _digest(model)), seed, timestep)
+
+
+def _digest(path: Path) -> bytes:
+    """What stands for the content of a file; empty for one that cannot be read, of which the reader will complain."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError:
+        return b""
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:

@@ -8,16 +8,18 @@ import math
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from physment_mcp.errors import BeyondLimit, EpisodeOver, NotPermitted, NotPossible, SceneError, UnknownObject
 from physment_mcp.limits import readout_of
 from physment_mcp.scene import Scene
+from physment_mcp.session_state import LabObject, SessionState
 from physment_mcp.world import World
 from physment_mcp.world.readings import Array
-from scenes import USUAL_TIMESTEP_S, LabLimits, Permissions, PublicObject
+from scenes import USUAL_TIMESTEP_S, LabLimits, Permissions, PublicObject, PublicPack
 
 logger = logging.getLogger(__name__)
 
@@ -33,42 +35,15 @@ _PUBLIC = Permissions(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LabObject:
-    """An object in the laboratory."""
+class _Beginning(NamedTuple):
+    """What all episodes of a scene begin with; nothing in it is ever changed."""
 
-    object_id: str
-    name: str
-    body: str
-    permissions: Permissions
-    start: Array
-    """Position of its origin at the start of the episode, or where it was created (3,) [m]."""
-    known: bool
-    """False while hidden."""
-    created: bool = False
-    attached: bool = False
-    """Part of a pair joined by `attach_objects`."""
+    state: SessionState
+    opening: tuple[tuple[LabObject, dict[str, object]], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class SessionState:
-    """All of a session that calls change and a roll-back restores, besides the world.
-
-    A change replaces the whole record, so keeping a reference to it is enough to restore it.
-    """
-
-    objects: Mapping[str, LabObject]
-    """Every object by id, hidden ones too, in the order in which the agent met them."""
-    joined: frozenset[frozenset[str]] = frozenset()
-    """Pairs of ids joined by `attach_objects`."""
-    simulated_s: float = 0.0
-    created_count: int = 0
-    created_mass: float = 0.0
-    """Total mass of the objects created so far, deleted ones too [kg]."""
-    answer: object = None
-    steps: Mapping[str, object] | None = None
-    """Quantities stated beside the answer."""
-    answered: bool = False
+_BEGINNINGS: WeakKeyDictionary[Scene, _Beginning] = WeakKeyDictionary()
+"""Made for the first episode of a scene, and kept as long as the scene."""
 
 
 @dataclass(slots=True)
@@ -89,17 +64,24 @@ class Session:
 
     def __post_init__(self) -> None:
         self.world = World(self.scene.mjcf, self.scene.timestep, readout=readout_of(self.scene.public))
-        public, bodies = self.scene.public, set(self.world.bodies)
+        public = self.scene.public
         if self.scene.timestep is None and not math.isclose(self.world.timestep, USUAL_TIMESTEP_S):
             logger.warning(
                 "scene %d runs with the time step of its model, %g s; the suite has %g s (--timestep %g forces it)",
                 *(public.scene_id, self.world.timestep, USUAL_TIMESTEP_S, USUAL_TIMESTEP_S),
             )
+        beginning = _BEGINNINGS.get(self.scene)
+        if beginning is None:
+            beginning = _BEGINNINGS[self.scene] = self._begin(public)
+        self.state, self.opening = beginning
+
+    def _begin(self, public: PublicPack) -> _Beginning:
+        bodies = set(self.world.bodies)
         missing = [listed.object_id for listed in public.objects if listed.object_id not in bodies]
         if missing:
             raise SceneError(f"scene {public.scene_id}: its XML has no body named {', '.join(missing)}")
         self.state = SessionState({listed.object_id: self._at_start(listed) for listed in public.objects})
-        self.opening = tuple((item, self.describe(item)) for item in self.known())
+        return _Beginning(self.state, tuple((item, self.describe(item)) for item in self.known()))
 
     def _at_start(self, listed: PublicObject) -> LabObject:
         return LabObject(

@@ -13,7 +13,7 @@ from scenes.laboratory import Instruments, LabLimits, Noise
 from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
 from scenes.pack import CANARY, Category, Law, Pack, Permissions, Rung
-from scenes.public import AnswerForm, PublicObject, PublicPack, PublicQuantity, read_hosted, read_public
+from scenes.public import AnswerForm, PublicObject, PublicPack, PublicQuantity, hosted_files, read_hosted, read_public
 
 __all__ = [
     "CANARY",
@@ -43,6 +43,7 @@ __all__ = [
     "drawn_mjcf",
     "export_packs",
     "find_pack",
+    "hosted_files",
     "list_packs",
     "pack_hash",
     "read_hosted",

@@ -122,21 +122,32 @@ def read_public(files: PackFiles) -> PublicPack:
         raise PackError(path, f"field {field}: {first['msg']}") from error
 
 
+def hosted_files(files: PackFiles, seed: int) -> tuple[Path, Path]:
+    """The two files that `read_hosted` reads, of a pack that is whole or exported.
+
+    Raises:
+        PackError: One of them is outside the folder of packs, or the seed was not exported.
+    """
+    public, path = exported_json(files), exported_mjcf(files, seed)
+    if not public.is_file():
+        files.check_inside(files.json, files.mjcf)
+        return files.json, files.mjcf
+    files.check_inside(public, path)
+    if not path.is_file():
+        raise PackError(files.folder, f"seed {seed} was not exported; there are the seeds {_ranges(_seeds(files))}")
+    return public, path
+
+
 def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
     """What a laboratory needs of a pack, whole or exported: its public half, and the model of a seed.
 
     Raises:
         PackError: A file is missing, malformed or outside the folder of packs, or the seed was not exported.
     """
-    if exported_json(files).is_file():
-        public, path = read_public(files), exported_mjcf(files, seed)
-        files.check_inside(path)
-        if not path.is_file():
-            known = _ranges(_seeds(files))
-            raise PackError(files.folder, f"seed {seed} was not exported; there are the seeds {known}")
-        mjcf = path.read_text(encoding="utf-8")
+    description, model = hosted_files(files, seed)
+    if description == exported_json(files):
+        public, mjcf = read_public(files), model.read_text(encoding="utf-8")
     else:
-        files.check_inside(files.json, files.mjcf)
         pack = read_pack(files)
         public = PublicPack.of(files.scene_id, pack)
         mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)

@@ -33,7 +33,10 @@ def add(commands: Commands) -> None:
         "--port", type=port, default=8000, help="port (default 8000; 0: any free one, printed at the start)"
     )
     serve.add_argument(
-        "--max-episodes", type=positive(int), default=1000, metavar="N", help="most open episodes (1000)"
+        "--max-episodes",
+        type=positive(int),
+        metavar="N",
+        help="most open episodes (default: as many as half of the free memory holds, at 1 MB each; at most 8000)",
     )
     serve.add_argument(
         "--idle-timeout",
@@ -85,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     """
     # --help need not wait for the engine.
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
+    from physment_mcp.serving.capacity import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.gate import is_loopback  # noqa: PLC0415
     from physment_mcp.serving.host import Host  # noqa: PLC0415
@@ -103,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
         Thread(target=_end_with_stdin, daemon=True).start()
     host = Host(
         args.scenes_dir,
-        args.max_episodes,
+        args.max_episodes or usual_episodes(free_memory()),
         args.idle_timeout,
         token,
         exposed,

@@ -12,7 +12,7 @@ import anyio.to_thread
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physment_mcp.errors import NotOpened, SceneError
-from physment_mcp.scene import load_scene
+from physment_mcp.scene import kept_scene, load_scene
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -66,6 +66,9 @@ class Admission:
             raise NotOpened(429, f"{self.most} episodes are open, which is the limit; delete some or wait")
         self._taken += 1
         try:
+            kept = kept_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
+            if kept is not None:
+                return wanted, Session(kept, max_calls=wanted.max_calls)  # takes less time than a thread
             async with self._loading:
                 return wanted, await anyio.to_thread.run_sync(self._load, wanted)
         except SceneError as error:

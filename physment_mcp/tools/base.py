@@ -67,6 +67,8 @@ class Progress(NamedTuple):
 
     done: float
     total: float
+    next_s: float = 0.0
+    """Wall time that the next piece is expected to take [s]."""
 
 
 Pieces = Generator[Progress, None, Result]

@@ -19,6 +19,9 @@ from physment_mcp.tools.results import Result
 ReportProgress = Callable[[float, float], Awaitable[None]]
 """Receives how much of how much is done."""
 
+_SHORT_S = 1e-3
+"""Pieces that are expected to take less wall time [s] than this are not worth a thread, which takes up to 0.3 ms."""
+
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
 
@@ -43,7 +46,7 @@ def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:
 async def call_async(
     session: Session, name: str, arguments: dict[str, Any], report: ReportProgress = no_progress
 ) -> Result:
-    """As `call`, but long work runs in a thread, reports its progress, and is undone if the task is cancelled.
+    """As `call`, but long pieces of work run in a thread, report progress, and are undone if the task is cancelled.
 
     Raises:
         RefusedCall: As for `call`.
@@ -53,11 +56,11 @@ async def call_async(
             return work
         made = _next(work)
         while isinstance(made, Progress):
-            done, total = made
+            done, total, next_s = made
             if done < total:
                 if done > 0:
                     await report(done, total)
-                made = await anyio.to_thread.run_sync(_next, work)
+                made = _next(work) if next_s < _SHORT_S else await anyio.to_thread.run_sync(_next, work)
             else:
                 # A caller that cancels during the last piece gets no result, so the call must change nothing.
                 await anyio.lowlevel.checkpoint_if_cancelled()

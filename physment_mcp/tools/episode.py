@@ -1,6 +1,5 @@
 """Tools that advance the episode: let time pass, and answer."""
 
-import time
 from typing import Annotated
 
 from pydantic import Field
@@ -12,6 +11,8 @@ from physment_mcp.tools.results import Answered, Stepped
 
 _PIECE_S = 0.05
 """Wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
+_TRIED = 8
+"""Time steps of the first piece, which shows how long a time step takes now."""
 
 Part = str | int | float
 
@@ -44,15 +45,14 @@ def _step(session: Session, args: StepArguments) -> Pieces:
     left = session.lab_time_left
     if length > left + world.timestep / 2:
         raise BeyondLimit(f"step: {length:g} s is too long: {left:g} s of laboratory time are left in this episode")
-    done, piece = 0, min(steps, 64)
+    done = 0
     while done < steps:
-        yield Progress(done * world.timestep, length)
-        started = time.perf_counter()
+        # The size of the pieces does not change the physics.
+        pace_s = world.pace_s or 0.0
+        piece = min(steps - done, max(1, int(_PIECE_S / pace_s)) if done and pace_s else _TRIED)
+        yield Progress(done * world.timestep, length, piece * pace_s)
         world.step(piece)
         done += piece
-        # Pieces grow until one takes about _PIECE_S; their size does not change the physics.
-        taken = max(time.perf_counter() - started, 1e-6)
-        piece = min(steps - done, max(1, int(piece * min(8.0, _PIECE_S / taken))))
     yield Progress(length, length)
     session.pass_time(length)
     return Stepped(sim_time=world.time, steps=steps, lab_time_left=session.lab_time_left, calls_left=session.calls_left)

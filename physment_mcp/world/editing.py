@@ -6,7 +6,6 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from physment_mcp.world.loading import compiled_copy
 from physment_mcp.world.readings import Array
 
 JointKind = Literal["weld", "ball", "hinge"]
@@ -18,7 +17,7 @@ def with_ball(
     spec: mujoco.MjSpec, body: str, position: Array, density: float, radius: float, rgba: Array
 ) -> mujoco.MjSpec:
     """A copy of `spec` with a free sphere in it."""
-    edited = compiled_copy(spec)
+    edited = spec.copy()
     ball = edited.worldbody.add_body(name=body, pos=position)
     ball.add_joint(name=f"{body}_joint", type=mujoco.mjtJoint.mjJNT_FREE)
     ball.add_geom(
@@ -29,7 +28,7 @@ def with_ball(
 
 def without_body(spec: mujoco.MjSpec, body: str) -> mujoco.MjSpec:
     """A copy of `spec` without the body, the bodies jointed to it, and the constraints that refer to any of them."""
-    edited = compiled_copy(spec)
+    edited = spec.copy()
     edited.detach_body(edited.body(body))
     return edited
 
@@ -50,7 +49,7 @@ def with_joint(
         kind: `weld`, or a pivot at the second body's origin: `ball`, `hinge`.
         axis: Axis of a hinge (3,), world, not zero; None for the other kinds.
     """
-    edited = compiled_copy(spec)
+    edited = spec.copy()
     taken = {site.name for site in edited.sites}
     # When one of two joined bodies is deleted, the other keeps its sites, so names made of body names could repeat.
     label = next(

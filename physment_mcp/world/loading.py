@@ -3,15 +3,23 @@
 Knows MuJoCo specs, models and data, and no use of them.
 """
 
+import copy
+import functools
 from collections.abc import Generator
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from physment_mcp.errors import SceneError, Unstable
-from physment_mcp.world.laws import laws_after_edit, laws_at_start, refuse_faults
+from physment_mcp.world.laws import BoundLaw, laws_after_edit, laws_at_start, refuse_faults
 from physment_mcp.world.passive import data_of, let_act
+from physment_mcp.world.readings import Array
 
+KEPT = 256
+"""Most compiled models that a process keeps to open them again [about 0.3 MB each]."""
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""What a saved state contains: all that the next step depends on, besides the model."""
 START_KEY = "start"
 """Name of the keyframe that holds the initial state."""
 
@@ -34,8 +42,19 @@ def _ignore_warning(_text: str) -> None:
 mujoco.set_mju_user_warning(_ignore_warning)
 
 
-def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoco.MjModel, mujoco.MjData]:
-    """Compile `mjcf` and set its start state.
+class CompiledScene(NamedTuple):
+    """A compiled scene at its start. Many worlds share it, so nothing may change it: an edit works on a copy."""
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    laws: tuple[BoundLaw, ...]
+    """Laws of the scene; they do not act on this model, but on the copies that `model_of` makes."""
+    state: Array
+    """The state at the start, in the layout of `STATE`."""
+
+
+def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
+    """Compile `mjcf`.
 
     Args:
         mjcf: MuJoCo XML.
@@ -62,13 +81,37 @@ def load(mjcf: str, timestep: float | None = None) -> tuple[mujoco.MjSpec, mujoc
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise SceneError(f"the scene's XML does not compile: {reason}") from error
-    laws = laws_at_start(spec, model)
-    let_act(model, laws)
     data = data_of(model)
     for field in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         getattr(data, field)[:] = getattr(started, field)
+    state = state_of(model, data)
+    laws = laws_at_start(spec, model)
     refuse_faults(laws, model, data)
-    return spec, model, data
+    return CompiledScene(spec, model, laws, state)
+
+
+kept = functools.lru_cache(KEPT)(load)
+"""As `load`, but a scene that was compiled lately is not compiled again."""
+
+
+def model_of(start: CompiledScene) -> mujoco.MjModel:
+    """The model of a start for one world, with the laws of the scene acting on it.
+
+    Without laws it is that of the start. Laws act on a copy: while a model with laws lives, the engine calls them back
+    in every step of every model, so a model that is kept has none.
+    """
+    if not start.laws:
+        return start.model
+    model = copy.copy(start.model)
+    let_act(model, start.laws)
+    return model
+
+
+def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """The state in `data`: all that the next step depends on, in a new array."""
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    return state
 
 
 def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -85,13 +128,6 @@ def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
         raise Unstable("the simulation would become unstable by this change; use smaller distances") from error
     let_act(model, laws_after_edit(spec, model))
     return model
-
-
-def compiled_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """A copy of `spec` to edit; if the edit fails, the original is unchanged."""
-    copy = spec.copy()
-    copy.compile()
-    return copy
 
 
 def carry_state(old: mujoco.MjModel, state: mujoco.MjData, new: mujoco.MjModel) -> mujoco.MjData:
@@ -139,10 +175,16 @@ def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
     return slice(position, position + n_position), slice(dof, dof + n_dof)
 
 
-def is_finite(data: mujoco.MjData) -> bool:
-    """Whether the state is finite and the engine raised no instability warning since the counters were cleared."""
-    unstable = bool(data.warning.number[_INSTABILITY].any())
-    return not unstable and all(bool(np.isfinite(field).all()) for field in (data.qpos, data.qvel, data.qacc))
+def is_finite(data: mujoco.MjData, state: Array) -> bool:
+    """Whether a state is finite and the engine raised no instability warning since the counters were cleared.
+
+    Args:
+        data: Data that a step has just brought to the state.
+        state: The state in `data`, as `state_of` gives it.
+    """
+    raised = data.warning.number.tolist()  # faster to look into than the array
+    unstable = any(raised[kind] for kind in _INSTABILITY)
+    return not unstable and bool(np.isfinite(state).all()) and bool(np.isfinite(data.qacc).all())
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:

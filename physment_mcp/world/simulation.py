@@ -1,10 +1,13 @@
-"""The state of a model in time: steps, snapshots, a settled copy to read from, and the exchange of the model.
+"""The state of a model in time: steps, snapshots, settled data to read from, and the exchange of the model.
 
-Readings come from a settled copy of the live state, for two reasons. `mj_forward` on the live data would change later
-steps through the solver's warm start. And after `mj_step` the engine's own poses and contacts are one time step older
-than its joint positions.
+The state is an array that nothing writes to: a change makes another. The engine's data is only where it computes. It
+is either *live*, ready for the next step from the state, or *settled*, with everything derived from the state up to
+date. The two differ: after `mj_step` the engine's poses and contacts are one time step older than its joint positions,
+and `mj_forward` changes the solver's warm start, so a step after it would end elsewhere. A step therefore starts from
+the state, whatever was read before.
 """
 
+import time
 from typing import NamedTuple
 
 import mujoco
@@ -12,11 +15,9 @@ import numpy as np
 
 from physment_mcp.errors import Unstable
 from physment_mcp.world import passive, readings
-from physment_mcp.world.loading import carry_state, compiled_edit, is_finite, load
+from physment_mcp.world.loading import STATE, carry_state, compiled_edit, is_finite, kept, model_of, state_of
 from physment_mcp.world.readings import Array
 
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""What a saved state contains."""
 _UNSTABLE = "the simulation became unstable and was rolled back; use smaller forces or speeds"
 
 
@@ -25,6 +26,13 @@ class _Instant(NamedTuple):
 
     model: mujoco.MjModel
     state: Array
+
+
+class _Motion(NamedTuple):
+    """Places of the origins and velocities of the centres of mass of all bodies (nbody, 3)."""
+
+    places: Array
+    velocities: Array
 
 
 class Snapshot(NamedTuple):
@@ -36,28 +44,34 @@ class Snapshot(NamedTuple):
     state: Array
     before_step: _Instant | None
     disturbed: frozenset[str]
+    revealed: frozenset[str]
 
 
 class Simulation:
     """One MuJoCo model and its state in time."""
 
     def __init__(self, mjcf: str, timestep: float | None = None) -> None:
-        self._spec, self._model, self._data = load(mjcf, timestep)
-        self._scratch = passive.data_of(self._model)
-        self._settled = False
+        start = kept(mjcf, timestep)
+        self._spec, self._model, self._state = start.spec, model_of(start), start.state
+        self._data = passive.data_of(self._model)
+        self._is_live = self._is_settled = False
         self._before_step: _Instant | None = None
         self._disturbed: frozenset[str] = frozenset()
+        self._revealed: frozenset[str] = frozenset()
+        self._pace_s: float | None = None
 
     # The clock
 
     @property
     def time(self) -> float:
         """Simulation clock [s]: a whole number of time steps, without the rounding errors of their addition."""
-        return round(self._step_number * self.timestep, 12)
+        timestep = self.timestep
+        return round(round(self._state.item(0) / timestep) * timestep, 12)
 
     @property
     def _step_number(self) -> int:
-        return round(self._data.time / self.timestep)
+        # The time is the first number of a state.
+        return round(self._state.item(0) / self.timestep)
 
     @property
     def timestep(self) -> float:
@@ -68,75 +82,91 @@ class Simulation:
         """The nearest whole number of time steps to a duration [s], at least one."""
         return max(1, round(duration / self.timestep))
 
+    @property
+    def pace_s(self) -> float | None:
+        """Wall time [s] that a time step took when the world was last stepped; None before that."""
+        return self._pace_s
+
     def step(self, steps: int) -> None:
         """Advance by a number of time steps.
 
         Raises:
-            Unstable: The state is no longer finite; the caller rolls back.
+            Unstable: The state would no longer be finite; the world is as before.
 
         Source: MuJoCo `mj_step(nstep)`.
         """
-        self._settled = False
+        model, data = self._model, self._live()
         # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
-        self._data.warning.number[:] = 0
+        data.warning.number[:] = 0
+        started = time.perf_counter()
         try:
             if steps > 1:
-                mujoco.mj_step(self._model, self._data, steps - 1)
-            self._before_step = _Instant(self._model, self._state())
-            self._disturbed = frozenset()
-            mujoco.mj_step(self._model, self._data)
+                mujoco.mj_step(model, data, steps - 1)
+            before = state_of(model, data)
+            mujoco.mj_step(model, data)
         except mujoco.FatalError as error:
-            raise _given_up(self._model, self._data) from error
-        if not is_finite(self._data):
+            raise _given_up(model, data) from error
+        self._pace_s = (time.perf_counter() - started) / steps
+        state = state_of(model, data)
+        if not is_finite(data, state):
             raise Unstable(_UNSTABLE)
+        self._before_step, self._disturbed = _Instant(model, before), frozenset()
+        self._state, self._is_live = state, True
 
     def save(self) -> Snapshot:
         """What `restore` needs to undo all later changes."""
-        return Snapshot(self._spec, self._model, self._data, self._state(), self._before_step, self._disturbed)
+        return Snapshot(
+            self._spec, self._model, self._data, self._state, self._before_step, self._disturbed, self._revealed
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Undo everything since `save`, bit for bit."""
-        if snapshot.model is not self._model:
-            self._scratch = passive.data_of(snapshot.model)
-        self._spec, self._model, self._data, state, self._before_step, self._disturbed = snapshot
-        mujoco.mj_setState(self._model, self._data, state, STATE)
-        self._settled = False
+        self._is_live = self._is_settled = False
+        self._spec, self._model, self._data, self._state = snapshot[:4]
+        self._before_step, self._disturbed, self._revealed = snapshot[4:]
+        # What failed may have left the engine's stack in use.
+        mujoco.mj_resetData(self._model, self._data)
 
     def _replace(self, spec: mujoco.MjSpec) -> None:
         model = compiled_edit(spec)
-        data = carry_state(self._model, self._data, model)
+        data = carry_state(self._model, self._live(), model)
         self._spec, self._model, self._data = spec, model, data
-        self._scratch = passive.data_of(model)
-        self._settled = False
+        self._keep()
 
     def _id(self, body: str) -> int:
         return int(self._model.body(body).id)
 
-    def _state(self) -> Array:
-        state = np.empty(mujoco.mj_stateSize(self._model, STATE))
-        mujoco.mj_getState(self._model, self._data, state, STATE)
-        return state
+    def _live(self) -> mujoco.MjData:
+        """The data, ready for a step or for a change of the state, which `_keep` then makes the world's state."""
+        if not self._is_live:
+            mujoco.mj_setState(self._model, self._data, self._state, STATE)
+        # Until the change is complete: if it fails, the state is still the one before.
+        self._is_live = self._is_settled = False
+        return self._data
+
+    def _keep(self) -> None:
+        """Make what is in the live data the state of the world."""
+        self._state, self._is_live = state_of(self._model, self._data), True
 
     def _now(self) -> mujoco.MjData:
-        """A settled copy of the live state; the same object until the state changes."""
-        if not self._settled:
-            settle(self._model, self._scratch, self._state())
-            self._settled = True
-        return self._scratch
+        """The data, with everything derived from the state up to date; valid until the next change of the world."""
+        if not self._is_settled:
+            self._is_live = False
+            settle(self._model, self._data, self._state)
+            self._is_settled = True
+        return self._data
 
-    def _disturb(self) -> None:
+    def _motion(self) -> _Motion:
+        model, now = self._model, self._now()
+        speeds = [readings.twist(model, now, index).linear for index in range(model.nbody)]
+        return _Motion(now.xpos.copy(), np.array(speeds))
+
+    def _disturb(self, before: _Motion) -> None:
         """Note which bodies the change just made has moved or given another velocity."""
-        model = self._model
-        old_places = self._scratch.xpos.copy()
-        old_speeds = [readings.twist(model, self._scratch, index).linear for index in range(model.nbody)]
-        self._settled = False
-        now = self._now()
-        self._disturbed |= {
-            model.body(index).name
-            for index in range(1, model.nbody)
-            if not np.array_equal(old_places[index], now.xpos[index])
-            or not np.allclose(old_speeds[index], readings.twist(model, now, index).linear, rtol=1e-12, atol=1e-12)
-        }
+        after = self._motion()
+        moved = (before.places != after.places).any(axis=1)
+        turned = ~np.isclose(before.velocities, after.velocities, rtol=1e-12, atol=1e-12).all(axis=1)
+        self._disturbed |= {self._model.body(index).name for index in np.flatnonzero((moved | turned)[1:]) + 1}
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
@@ -155,7 +185,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
 def _given_up(model: mujoco.MjModel, data: mujoco.MjData) -> Unstable:
     """The refusal when the engine stops in the middle of its work, because its equations have no stable solution.
 
-    It leaves its stack in `data` in use then; a reset frees it, and the caller restores the state or sets another.
+    It leaves its stack in `data` in use then; a reset frees it.
     """
     mujoco.mj_resetData(model, data)
     return Unstable(_UNSTABLE)

@@ -15,7 +15,7 @@ from physment_mcp.world.pictures import showing
 from physment_mcp.world.pictures.looks import Part
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
 from physment_mcp.world.readout import EXACT, Readout
-from physment_mcp.world.simulation import STATE, Simulation, settle
+from physment_mcp.world.simulation import Simulation, settle
 
 OVERLAP_LIMIT = 1e-3
 """Depth [m] to which a body may be placed into another."""
@@ -83,8 +83,7 @@ class World(Simulation):
         if self._before_step is None or body in self._disturbed:
             raise NoDifference("there is no velocity difference yet; call step first")
         before, state = self._before_step
-        earlier = self._scratch if before is self._model else passive.data_of(before)
-        self._settled = self._settled and before is not self._model
+        earlier = passive.data_of(before) if before is not self._model else self._live()
         settle(before, earlier, state)
         step = self._step_number
         old = self._read_twist(readings.twist(before, earlier, before.body(body).id), body, step - 1).linear
@@ -132,7 +131,7 @@ class World(Simulation):
 
     def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
         """A model that contains only what may be seen now; see `showing.shown_model`."""
-        return showing.shown_model(self._model, self._now(), bodies, parts, turns)
+        return showing.shown_model(self._model, self._now(), bodies, parts, turns, self._revealed)
 
     def fixtures(self, objects: Collection[str]) -> frozenset[str]:
         """Fixed bodies that are neither objects nor parts of objects; see `showing.fixtures`."""
@@ -149,16 +148,16 @@ class World(Simulation):
 
         Source: MuJoCo `xfrc_applied`.
         """
-        row = self._data.xfrc_applied[self._id(body)]
+        row = self._live().xfrc_applied[self._id(body)]
         if force is not None:
             row[:3] = force
         if torque is not None:
             row[3:] = torque
-        self._settled = False
+        self._keep()
 
     def applied_torque(self, body: str) -> Array:
         """The external torque set now (3,) [N·m]."""
-        return self._data.xfrc_applied[self._id(body), 3:].copy()
+        return self._now().xfrc_applied[self._id(body), 3:].copy()
 
     def place(self, body: str, target: Array, obstacles: Mapping[str, str]) -> bool:
         """Move the body's origin to a place; velocities stay, jointed children ride along.
@@ -176,14 +175,13 @@ class World(Simulation):
             NotPossible: It has no joint to move along, or it would overlap an obstacle.
         """
         index = self._id(body)
-        now = self._now()
+        now, old = self._now(), self._motion()
         tree = [self._id(name) for name in self.with_children(body)]
         before = readings.overlaps(self._model, now, tree)
         qpos = now.qpos.copy()
         target = self._readout.on_grid(target)
         motion.place(self._model, now, qpos, index, target)
-        trial = passive.data_of(self._model)
-        mujoco.mj_setState(self._model, trial, self._state(), STATE)
+        trial = self._live()
         trial.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, trial)
         for pair, depth in readings.overlaps(self._model, trial, tree).items():
@@ -191,8 +189,9 @@ class World(Simulation):
             # Hidden bodies that ride along are no obstacles: a refusal would reveal them. Neither are soft ones.
             if mine in obstacles and other in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
                 raise _overlap(obstacles[other])
-        self._data.qpos[:] = qpos
-        self._disturb()
+        self._live().qpos[:] = qpos
+        self._keep()
+        self._disturb(old)
         return np.allclose(self._now().xpos[index], target, rtol=0, atol=1e-9)
 
     def shift(self, body: str, shift: Array, obstacles: Mapping[str, str]) -> bool:
@@ -205,8 +204,8 @@ class World(Simulation):
         Raises:
             NotPossible: No joint of the body can move its centre of mass.
         """
-        self._data.qvel[:] = motion.velocity_rates(self._model, self._now(), self._id(body), velocity)
-        self._disturb()
+        rates = motion.velocity_rates(self._model, self._now(), self._id(body), velocity)
+        self._set_rates(rates)
 
     def bounce(self, first: str, second: str) -> float:
         """Apply the perfectly elastic impulse along the normal of the contact of two bodies, and return it [N·s].
@@ -222,9 +221,14 @@ class World(Simulation):
             raise NotPossible("they do not touch")
         row = readings.normal_row(self._model, now, true.point, true.normal, *ids)
         rates, impulse = motion.elastic_rates(self._model, now, row)
-        self._data.qvel[:] = rates
-        self._disturb()
+        self._set_rates(rates)
         return impulse * read.approach_speed / true.approach_speed if true.approach_speed else impulse
+
+    def _set_rates(self, rates: Array) -> None:
+        old = self._motion()
+        self._live().qvel[:] = rates
+        self._keep()
+        self._disturb(old)
 
     # Editing
 
@@ -258,12 +262,8 @@ class World(Simulation):
         self._replace(editing.with_joint(self._spec, self._now(), (first, second), kind, axis))
 
     def reveal(self, body: str) -> None:
-        """Make the body's geoms opaque."""
-        index = self._id(body)
-        first, count = int(self._model.body_geomadr[index]), int(self._model.body_geomnum[index])
-        self._model.geom_rgba[first : first + count, 3] = 1.0
-        for geom in self._spec.body(body).geoms:
-            geom.rgba[3] = 1.0
+        """Show the body's geoms in pictures from now on, however transparent they are."""
+        self._revealed |= {body}
 
 
 def _overlap(label: str) -> NotPossible:

@@ -98,7 +98,7 @@ def fingerprint(session: Session, saved: Snapshot | None = None) -> tuple[Any, .
     return (
         *(objects, state.joined, state.simulated_s, state.created_count, state.created_mass, given),
         *(id(world.spec), id(world.model), id(world.data), world.state.tobytes(), model_bytes(world.model)),
-        *(world.disturbed, None if earlier is None else (id(earlier.model), earlier.state.tobytes())),
+        *(world.disturbed, world.revealed, None if earlier is None else (id(earlier.model), earlier.state.tobytes())),
     )
 
 
@@ -161,8 +161,7 @@ def _of_state(session: Session, before: tuple[Any, ...], *, unchanged: bool, ref
         parts = [number for number, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
         what = "a refusal" if refused else "a reading"
         return Problem(f"{what} changed something", f"parts {parts} of the fingerprint")
-    data = session.world.save().data
-    if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all() and np.isfinite(data.xfrc_applied).all()):
+    if not np.isfinite(session.world.save().state).all():
         return Problem("state", "the state of the world is not finite")
     return None
 

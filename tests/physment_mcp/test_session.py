@@ -1,6 +1,7 @@
 """Time, limits and roll-back; readings change nothing; the same calls give the same episode."""
 
 import math
+import threading
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ async def test_progress_does_not_change_the_physics() -> None:
         await often("step", duration=0.05)
     assert seen
     assert all(0 < done < total == 20 for done, total in seen)
-    assert once.session.world._state().tobytes() == often.session.world._state().tobytes()
+    assert once.session.world.save().state.tobytes() == often.session.world.save().state.tobytes()
 
 
 async def test_a_cancelled_step_changes_nothing() -> None:
@@ -85,7 +86,23 @@ async def test_a_cancelled_step_changes_nothing() -> None:
     await twin("step", duration=0.5)
     for side in (lab, twin):
         await side("step", duration=1)
-    assert lab.session.world._state().tobytes() == twin.session.world._state().tobytes()
+    assert lab.session.world.save().state.tobytes() == twin.session.world.save().state.tobytes()
+
+
+async def test_only_pieces_that_take_long_run_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5"))
+    world, ran_in = lab.session.world, list[int]()
+    step = world.step
+
+    def watched(steps: int) -> None:
+        ran_in.append(threading.get_ident())
+        step(steps)
+
+    monkeypatch.setattr(world, "step", watched)
+    for pace_s, inline in ((None, True), (1e-6, True), (1.0, False)):
+        world._pace_s = pace_s
+        await lab("step", duration=0.04)
+        assert (ran_in[-1] == threading.get_ident()) is inline
 
 
 async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +111,7 @@ async def test_a_step_cancelled_in_its_last_piece_changes_nothing(monkeypatch: p
     with anyio.CancelScope() as scope:
 
         def cancelled_meanwhile(steps: int) -> None:
-            anyio.from_thread.run_sync(scope.cancel)
+            scope.cancel()
             step(steps)
 
         monkeypatch.setattr(lab.session.world, "step", cancelled_meanwhile)
@@ -215,7 +232,7 @@ async def test_extra_reads_leave_the_dynamics_bit_identical(script: Any) -> None
         await play(curious, extra)
         assert curious.fingerprint() == before
         assert await play(curious, [action]) == told
-        assert curious.session.world._state().tobytes() == plain.session.world._state().tobytes()
+        assert curious.session.world.save().state.tobytes() == plain.session.world.save().state.tobytes()
 
 
 @slow
@@ -223,7 +240,7 @@ async def test_extra_reads_leave_the_dynamics_bit_identical(script: Any) -> None
 async def test_the_same_calls_give_the_same_results(script: Any) -> None:
     first, second = open_bench(PLAYGROUND), open_bench(PLAYGROUND)
     assert await play(first, script) == await play(second, script)
-    assert first.session.world._state().tobytes() == second.session.world._state().tobytes()
+    assert first.session.world.save().state.tobytes() == second.session.world.save().state.tobytes()
 
 
 @slow

@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 import mujoco
 import numpy as np
 
-from physment_mcp.world.loading import load
+from physment_mcp.world.loading import STATE, load
 from physment_mcp.world.readings import Array
 
 SHAPES = frozenset(
@@ -52,7 +52,9 @@ def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozens
 
 
 def _looks(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, bytes]]:
-    _, model, data = load(mjcf)
+    start = load(mjcf)
+    model, data = start.model, mujoco.MjData(start.model)
+    mujoco.mj_setState(model, data, start.state, STATE)
     mujoco.mj_forward(model, data)
     found: set[tuple[Part, bytes]] = set()
     for geom in range(model.ngeom):
