@@ -16,7 +16,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
-  clients conformance inspect-test mcpb lock \
+  clients conformance inspect-test engines mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -78,7 +78,7 @@ faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks an
 	@$(BIN)/python -m tests.load.faults
 
 clean: ## remove the environments, built files and caches
-	@rm -rf $(VENV) .inspect .lowest dist build .pytest_cache .ruff_cache .hypothesis .coverage
+	@rm -rf $(VENV) .inspect .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
 
 ##@ Scenes
 
@@ -108,6 +108,9 @@ inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it pla
 	@test -d .inspect || python3 -m venv .inspect
 	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
 	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
+
+engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, into .engines; ENGINES="4.1.0 --certify" for options)
+	@$(BIN)/python -m tests.engines.run $(ENGINES)
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Sequence
 from functools import partial
+from typing import NoReturn
 
 import anyio
 
@@ -13,7 +14,7 @@ from physment_mcp.commands import bundle, config, export, fork_server, serve
 from physment_mcp.commands.base import common_options, observations, timestep
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.serving.log_lines import PatientLines
-from physment_mcp.version import __version__
+from physment_mcp.version import __version__, engine_version
 
 _DESCRIPTION = """\
 A physics laboratory over MCP: one MuJoCo scene per episode, 26 typed tools.
@@ -51,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[common_options()],
     )
-    words.add_argument("--version", action="version", version=f"physment-mcp {__version__}")
+    words.add_argument("--version", action=_Versions, nargs=0, help="show the versions of this package and of MuJoCo")
     words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
     words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
     observations(words)
@@ -62,6 +63,14 @@ def parser() -> argparse.ArgumentParser:
         command.add(commands)
     fork_server.add(commands, main)
     return words
+
+
+class _Versions(argparse.Action):
+    """Prints the versions and ends. Only then are they asked for, because that would slow every start."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(f"physment-mcp {__version__}, MuJoCo {engine_version()}")
+        parser.exit()
 
 
 def _stdio(args: argparse.Namespace) -> int:

@@ -1,4 +1,11 @@
-"""The version, in a module of its own: code of this package must not import the public names."""
+"""The versions, in a module of their own: code of this package must not import the public names."""
 
 __version__ = "0.1.0"
 """Version of the distribution `physment-mcp`."""
+
+
+def engine_version() -> str:
+    """Version of MuJoCo that is installed. Asking does not load it."""
+    from importlib.metadata import version  # noqa: PLC0415 - only one option asks, and every start would load it
+
+    return version("mujoco")

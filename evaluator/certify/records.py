@@ -1,6 +1,7 @@
 """Certificates as records on disk: a check for each, with figures and, if it failed, reasons."""
 
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +11,7 @@ from evaluator.records import FORMAT, Record
 from scenes import Pack
 
 CERTIFICATES_FILE = "certificates.json"
-"""Name of the file in a folder of packs."""
+"""Name of the file in a folder of packs; for a second engine, see `file_for`."""
 CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
 """The certificates of every scene, in the order in which they are checked."""
 PREDICTION_CERTIFICATES = ("unstageable", "tempting", "structure", "instrument")
@@ -49,11 +50,11 @@ class SceneCertificate(Record):
 
 
 class Certificates(Record):
-    """`certificates.json`."""
+    """`certificates.json`, or the file of a second engine."""
 
     format: Literal[1] = FORMAT
     engine: str
-    """Version of MuJoCo used."""
+    """Version of MuJoCo on which they hold."""
     scenes: tuple[SceneCertificate, ...]
 
 
@@ -68,9 +69,38 @@ def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> 
     return Check(name=name, passed=not reasons, reasons=tuple(reasons), figures=rounded)
 
 
-def read_certificates(folder: Path) -> Certificates | None:
-    """The certificates stored in a folder of packs; None if the file is missing or cannot be read."""
+def file_for(folder: Path, engine: str) -> Path:
+    """Where the certificates of a folder of packs are that hold on an engine, or would be written.
+
+    The first engine has `certificates.json`. Each other has a file of its own, such as `certificates-4.0.0.json`, so
+    that proving scenes on one engine never replaces what was proven on another.
+    """
+    first = read_certificates(folder)
+    other = first is not None and first.engine != engine
+    return folder / (f"certificates-{engine}.json" if other else CERTIFICATES_FILE)
+
+
+def read_certificates(folder: Path, engine: str | None = None) -> Certificates | None:
+    """The certificates stored in a folder of packs; None if there are none that can be read.
+
+    Args:
+        folder: The folder.
+        engine: Version of MuJoCo on which they must hold; None for the first one, that of `certificates.json`.
+    """
+    file = folder / CERTIFICATES_FILE if engine is None else file_for(folder, engine)
     try:
-        return Certificates.model_validate_json((folder / CERTIFICATES_FILE).read_text(encoding="utf-8"))
+        stored = Certificates.model_validate_json(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
+    return stored if engine in {None, stored.engine} else None
+
+
+def engine_note(folder: Path) -> str:
+    """What to know if scenes are certified, but not on the engine that is installed here; otherwise empty."""
+    stored, engine = read_certificates(folder), version("mujoco")
+    if stored is None or read_certificates(folder, engine) is not None:
+        return ""
+    return (
+        f"the certificates of these scenes hold on MuJoCo {stored.engine}, but {engine} is installed here; results"
+        f" compare only with others on {engine}"
+    )

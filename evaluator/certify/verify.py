@@ -10,10 +10,10 @@ from anyio import to_process
 
 from evaluator.certify.certificate import certify
 from evaluator.certify.records import (
-    CERTIFICATES_FILE,
     Certificates,
     SceneCertificate,
     certificates_of,
+    file_for,
     read_certificates,
 )
 from evaluator.episode.connect import HostLaboratory
@@ -60,10 +60,10 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
     """The stored certificates that need not be made again: of sound packs, unchanged, on as many seeds or more.
 
-    A certificate that was made with another engine version, or that lacks a check, does not count.
+    A certificate that was made with another engine than the one installed, or that lacks a check, does not count.
     """
-    stored = read_certificates(folder)
-    if stored is None or stored.engine != version("mujoco"):
+    stored = read_certificates(folder, version("mujoco"))
+    if stored is None:
         return []
     certificates = {certificate.scene: certificate for certificate in stored.scenes}
     return [
@@ -85,17 +85,19 @@ def _needed(files: PackFiles) -> tuple[str, ...]:
 
 
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
-    """Write `certificates.json` into a folder of packs.
+    """Write the certificates of the installed engine into a folder of packs; see `file_for`.
 
-    Scenes that were not certified now keep their stored certificate, unless it was made with another engine version. So
-    does a scene whose stored certificate proves the same on more seeds.
+    Scenes that were not certified now keep their stored certificate. So does a scene whose stored certificate proves
+    the same on more seeds.
 
     Raises:
         StoreError: The file cannot be written.
     """
-    file, part, engine = folder / CERTIFICATES_FILE, folder / f"{CERTIFICATES_FILE}.part", version("mujoco")
-    before = read_certificates(folder)
-    kept = before.scenes if before and before.engine == engine else ()
+    engine = version("mujoco")
+    file = file_for(folder, engine)
+    part = file.with_name(f"{file.name}.part")
+    before = read_certificates(folder, engine)
+    kept = before.scenes if before else ()
     present = {files.scene_id for files in list_packs(folder)}
     scenes = {certificate.scene: certificate for certificate in kept if certificate.scene in present}
     for certificate in proven:

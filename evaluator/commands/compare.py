@@ -60,6 +60,7 @@ def _compare(args: argparse.Namespace) -> int:
         print(found.model_dump_json())
     else:
         _print(found, args.first, args.second)
+        _print_engines(args.first, args.second)
     return 0
 
 
@@ -124,6 +125,13 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
     notes += [f"left out: {', '.join(left_out)}"] if left_out else []
     for note in notes:
         console.print(note, highlight=False, soft_wrap=True)
+
+
+def _print_engines(*runs: Path) -> None:
+    """Say if two runs were started where different versions of MuJoCo are installed."""
+    engines = [RunFolder(path).read_run().versions.get("mujoco") for path in runs]
+    if None not in engines and len(set(engines)) > 1:
+        print(f"A was played with MuJoCo {engines[0]} and B with {engines[1]}, which may make a difference of its own")
 
 
 def _cells(found: PairedDifference, p_value: float) -> tuple[str, ...]:

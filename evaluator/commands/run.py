@@ -14,6 +14,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
+from evaluator.certify.records import engine_note
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.overview import DESCRIPTION
 from evaluator.commands.results import finish
@@ -35,7 +36,7 @@ from evaluator.study.runner import Runner, missing
 from evaluator.study.sealing import Sealing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally
-from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, same_packs, timestep_of
+from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, same_packs, timestep_of
 
 
 def add(commands: Commands) -> None:
@@ -74,8 +75,9 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     if options.executor == "ray":
         require_ray()
-    for note in _timestep_notes(options.packs):
-        print(f"physment-eval: {note}", file=sys.stderr)
+    for note in (*_timestep_notes(options.packs), engine_note(options.team.scenes_dir or default_folder())):
+        if note:
+            print(f"physment-eval: {note}", file=sys.stderr)
     folder = _create_folder(options, contenders)
     answers, console = KeyRing(options.team.scenes_dir), Console(stderr=options.as_json)
     run = _Run(options, contenders, plan, keys, folder, answers, Meter(options.limits), console)

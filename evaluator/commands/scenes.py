@@ -3,13 +3,14 @@
 import argparse
 import os
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluator.certify.records import SceneCertificate, read_certificates
+from evaluator.certify.records import SceneCertificate, engine_note, read_certificates
 from evaluator.commands.argument_types import count_of, scene_id
 from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
@@ -94,11 +95,13 @@ def add(commands: Commands) -> None:
 
 def _list(args: argparse.Namespace) -> int:
     packs = parse_scenes(args.scenes, args.scenes_dir)
-    stored = read_certificates(args.scenes_dir or default_folder())
+    folder = args.scenes_dir or default_folder()
+    stored = read_certificates(folder, version("mujoco")) or read_certificates(folder)
     certificates = {one.scene: one for one in stored.scenes} if stored else {}
     table = Table(box=None, pad_edge=False)
     table.add_column("scene", justify="right")
-    for title in ("name", "rung", "category", "type", "answer", "certificate"):
+    certificate = f"certificate on MuJoCo {stored.engine}" if stored else "certificate"
+    for title in ("name", "rung", "category", "type", "answer", certificate):
         table.add_column(title, overflow="fold")
     states: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
     for files in packs:
@@ -116,6 +119,8 @@ def _list(args: argparse.Namespace) -> int:
         )
     console = wide_console()
     console.print(table)
+    if note := engine_note(folder):
+        console.print(note, highlight=False, soft_wrap=True)
     console.print(_totals(states), highlight=False, soft_wrap=True)
     return 0
 

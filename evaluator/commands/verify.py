@@ -3,6 +3,7 @@
 import argparse
 import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
@@ -10,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from evaluator.certify.records import CERTIFICATES, CERTIFICATES_FILE, PREDICTION_CERTIFICATES, Check, SceneCertificate
+from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES, Check, SceneCertificate, file_for
 from evaluator.commands.argument_types import count_of
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import LocalHost
@@ -37,7 +38,8 @@ and, where a scene with limits asks for a prediction:
 
 This runs the solution.py of each scene: name only folders you trust. The results go into certificates.json in the
 folder of the scenes as they are found, so an interrupted run goes on where it was. A sound scene that has not changed
-since keeps its certificate; --all proves it again. Exit code: 0 all sound, 1 some are not.
+since keeps its certificate; --all proves it again. Certificates hold on the version of MuJoCo that is installed; those
+of a second version go into a file of its own, such as certificates-4.0.0.json. Exit code: 0 all sound, 1 some are not.
 """
 _TABLE_WIDTH = 170
 """Columns that the table of ten certificates needs."""
@@ -127,7 +129,8 @@ def _verify(args: argparse.Namespace) -> int:
         async with LocalHost(args.scenes_dir) as host:
             await verify(packs, args.seeds, args.jobs, host.base_url, done)
 
-    file = folder / CERTIFICATES_FILE
+    engine = version("mujoco")
+    file = file_for(folder, engine)
     try:
         with bar:
             task = bar.add_task("proving", total=len(packs))
@@ -143,9 +146,8 @@ def _verify(args: argparse.Namespace) -> int:
     certificates = sorted([*kept, *proven], key=lambda one: one.scene)
     _print_certificates(console, certificates)
     sound = sum(one.passed for one in certificates)
-    console.print(
-        f"{sound} of {len(certificates)} scenes are sound   certificates: {file}", soft_wrap=True, highlight=False
-    )
+    found = f"{sound} of {len(certificates)} scenes are sound on MuJoCo {engine}   certificates: {file}"
+    console.print(found, soft_wrap=True, highlight=False)
     return 0 if sound == len(certificates) else 1
 
 

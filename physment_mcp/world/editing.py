@@ -6,6 +6,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from physment_mcp.world.engines import delete
 from physment_mcp.world.readings import Array
 
 JointKind = Literal["weld", "ball", "hinge"]
@@ -29,7 +30,7 @@ def with_ball(
 def without_body(spec: mujoco.MjSpec, body: str) -> mujoco.MjSpec:
     """A copy of `spec` without the body, the bodies jointed to it, and the constraints that refer to any of them."""
     edited = spec.copy()
-    edited.detach_body(edited.body(body))
+    delete(edited, edited.body(body))
     return edited
 
 

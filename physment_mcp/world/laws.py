@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import SceneError
+from physment_mcp.world.engines import passive_forces_act
 from physment_mcp.world.expressions import ExpressionError, Formulas
 from physment_mcp.world.readings import only_hinge
 
@@ -155,7 +156,7 @@ def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw,
         SceneError: A law names an unknown body, contains what is not allowed, or could not act.
     """
     written = read_laws(spec)
-    if written and int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_PASSIVE):
+    if written and not passive_forces_act(model):
         raise SceneError("the scene has laws, which cannot act because its XML disables passive forces")
     laws: list[BoundLaw] = []
     for index, law in enumerate(written):

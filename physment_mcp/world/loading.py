@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import SceneError, Unstable
+from physment_mcp.world.engines import delete
 from physment_mcp.world.laws import BoundLaw, laws_after_edit, laws_at_start, refuse_faults
 from physment_mcp.world.passive import data_of, let_act
 from physment_mcp.world.readings import Array
@@ -76,7 +77,7 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
             mujoco.mj_resetDataKeyframe(with_keys, started, with_keys.key(START_KEY).id)
         # A keyframe has the size of the state, so it would not fit the model after an edit.
         for key in list(spec.keys):
-            key.delete()
+            delete(spec, key)
         model = spec.compile()
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())

@@ -1,11 +1,20 @@
 """Which stored certificates count: those of sound and unchanged packs, by the same engine, on as many seeds."""
 
 import json
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
-from evaluator.certify.records import CERTIFICATES, CERTIFICATES_FILE, SceneCertificate, certificates_of, check
+from evaluator.certify.records import (
+    CERTIFICATES,
+    CERTIFICATES_FILE,
+    SceneCertificate,
+    certificates_of,
+    check,
+    engine_note,
+    read_certificates,
+)
 from evaluator.certify.verify import still_proven, write_certificates
 from scenes import Category, PackFiles, pack_hash, read_pack
 from tests.builders.author import Author
@@ -74,6 +83,24 @@ def test_certificates_of_another_engine_do_not_count(files: PackFiles, tmp_path:
     record = json.loads(stored.read_text(encoding="utf-8"))
     stored.write_text(json.dumps(record | {"engine": "0.1"}), encoding="utf-8")
     assert still_proven(tmp_path, [files], 20) == []
+
+
+def test_proving_on_another_engine_leaves_the_first_engines_certificates_as_they_are(
+    files: PackFiles, tmp_path: Path
+) -> None:
+    certificate, engine = proven(files, certificates_of(read_pack(files))), version("mujoco")
+    first = write_certificates(tmp_path, [certificate])
+    assert engine_note(tmp_path) == ""
+    of_another = first.read_text(encoding="utf-8").replace(engine, "0.1")
+    first.write_text(of_another, encoding="utf-8")
+    assert f"hold on MuJoCo 0.1, but {engine} is installed" in engine_note(tmp_path)
+    second = write_certificates(tmp_path, [certificate])
+    assert (second.name, first.read_text(encoding="utf-8")) == (f"certificates-{engine}.json", of_another)
+    assert still_proven(tmp_path, [files], 20) == [certificate]
+    assert engine_note(tmp_path) == ""
+    assert [found.engine for found in (read_certificates(tmp_path), read_certificates(tmp_path, engine)) if found] == [
+        "0.1", engine,
+    ]  # fmt: skip
 
 
 def test_only_packs_that_ask_for_a_prediction_within_limits_need_the_further_certificates(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def stored(packs: Path) -> dict[int, dict[str, Any]]:
 def test_verify_writes_certificates_and_says_why_a_scene_is_not_sound(packs: Path) -> None:
     done = physment_eval("verify", "--scenes-dir", packs, "--seeds", "3", "--jobs", "2")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 of 2 scenes are sound" in done.stdout
+    assert f"2 of 2 scenes are sound on MuJoCo {version('mujoco')}" in done.stdout
     assert {scene: len(one["checks"]) for scene, one in stored(packs).items()} == {7: 6, 21: 6}
     done = physment_eval("verify", "--scenes-dir", packs, "--seeds", "3")
     assert "2 scenes are sound and unchanged" in done.stdout
@@ -90,6 +91,18 @@ def test_scenes_list_says_which_certificates_are_out_of_date(packs: Path) -> Non
     edit(packs / "Scene7" / "solution.py", "FALL_S = 0.8", "FALL_S = 0.7")
     lines = physment_eval("scenes", "list", "--scenes-dir", packs).stdout.splitlines()
     assert next(line for line in lines if line.split()[:1] == ["7"]).rstrip().endswith("changed since")
+
+
+def test_list_and_run_say_on_which_engine_the_certificates_hold(packs: Path) -> None:
+    shutil.copy(default_folder() / CERTIFICATES_FILE, packs)
+    engine, folder = version("mujoco"), ("--scenes-dir", packs)
+    edit(packs / CERTIFICATES_FILE, f'"engine": "{engine}"', '"engine": "0.1"')
+    note = f"hold on MuJoCo 0.1, but {engine} is installed here"
+    listed = physment_eval("scenes", "list", *folder).stdout
+    assert ("certificate on MuJoCo 0.1" in listed, note in listed) == (True, True)
+    # It is said before the first episode; here the run cannot begin, because its folder is a file.
+    done = physment_eval("run", "--scenes", "7", "--out", packs / CERTIFICATES_FILE, *folder)
+    assert (done.returncode, note in done.stderr) == (2, True)
 
 
 def test_scenes_list_shows_the_rung_of_each_scene_and_counts_the_scenes_and_sound_ones_of_each(packs: Path) -> None:

@@ -192,11 +192,13 @@ def test_an_unsealed_run_is_refused() -> None:
 
 
 # As a command.
-def stored(folder: Path, made: Side) -> Path:
+def stored(folder: Path, made: Side, engine: str = "3.3.3") -> Path:
     run = RunFolder(folder)
     run.create(resume=False)
-    plan = Plan(scenes=(7,), agents=("x",))
-    run.write_run(RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host")))
+    plan, server = Plan(scenes=(7,), agents=("x",)), ServerRecord(option="host")
+    run.write_run(
+        RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=server, versions={"mujoco": engine})
+    )
     for row in made.rows:
         run.append_episode(row.episode)
     run.write_grades(row.record for row in made.rows)
@@ -220,6 +222,15 @@ def test_the_command_prints_a_sentence_and_a_table(runs: tuple[str, str], capsys
     assert lines["strict"][1:7] == ["16", "10/32", "31.2", "%", "28/32", "87.5"]
     for group in ("budget", "category", "easy-single", "quantitative", "modality"):
         assert group in said
+
+
+def test_the_command_says_if_the_runs_had_different_engines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = side("", lambda key: key.scene < 12, scenes=range(7, 14), agents=["x"], budgets=[5])
+    older, newer = (str(stored(tmp_path / engine, made, engine)) for engine in ("3.3.3", "4.0.0"))
+    assert main(["compare", older, newer]) == 0
+    assert "A was played with MuJoCo 3.3.3 and B with 4.0.0" in capsys.readouterr().out
+    assert main(["compare", older, older]) == 0
+    assert "MuJoCo" not in capsys.readouterr().out
 
 
 def test_the_command_prints_all_numbers_as_json(runs: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:

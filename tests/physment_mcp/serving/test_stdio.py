@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import anyio
+import mujoco
 import pytest
 from mcp import Client, StdioServerParameters
 from mcp.shared.exceptions import MCPError
@@ -167,11 +168,11 @@ def test_bad_usage_ends_with_exit_code_2(capsys: pytest.CaptureFixture[str], arg
     assert capsys.readouterr().out == ""
 
 
-def test_the_version_is_the_package_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_versions_are_those_of_the_package_and_of_the_engine(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["--version"])
     assert stopped.value.code == 0
-    assert capsys.readouterr().out == f"physment-mcp {__version__}\n"
+    assert capsys.readouterr().out == f"physment-mcp {__version__}, MuJoCo {mujoco.__version__}\n"
 
 
 def test_a_scene_that_cannot_be_served_ends_the_process(command: Command) -> None:

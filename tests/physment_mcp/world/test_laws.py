@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -417,7 +418,9 @@ def test_the_angle_of_a_body_with_two_hinges_is_unknown() -> None:
 
 
 def test_laws_are_refused_where_passive_forces_are_disabled() -> None:
-    flags = '<option><flag passive="disable"/></option>'
+    older = "mjDSBL_PASSIVE" in mujoco.mjtDisableBit.__members__
+    flag = 'passive="disable"' if older else 'spring="disable" damper="disable"'
+    flags = f"<option><flag {flag}/></option>"
     assert "disables passive forces" in refusal(CART, {"on": "cart", "force": NONE}, rest=flags)
 
 

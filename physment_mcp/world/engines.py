@@ -1,0 +1,32 @@
+"""What differs between the versions of MuJoCo, from 3.3.3 on, chosen by what the installed one offers.
+
+The rest of the package uses only what all these versions have.
+"""
+
+import mujoco
+
+# Version 3.3.6 replaced the one switch of passive forces by two: passive forces act unless both are set.
+_NO_PASSIVE_FORCES = sum(
+    int(bit)
+    for name, bit in mujoco.mjtDisableBit.__members__.items()
+    if name in {"mjDSBL_PASSIVE", "mjDSBL_SPRING", "mjDSBL_DAMPER"}
+)
+
+
+def delete(spec: mujoco.MjSpec, element: mujoco.MjsBody | mujoco.MjsKey) -> None:
+    """Delete an element of a spec, and with a body all that is in it and every constraint that refers to any of it."""
+    # From version 3.3.4 on the spec deletes its elements; before, bodies are detached and others delete themselves.
+    if hasattr(spec, "delete"):
+        spec.delete(element)
+    elif isinstance(element, mujoco.MjsBody):
+        spec.detach_body(element)
+    else:
+        element.delete()
+
+
+def passive_forces_act(model: mujoco.MjModel) -> bool:
+    """Whether the engine computes passive forces, and with them the laws of a model.
+
+    Source: MuJoCo `mjtDisableBit`.
+    """
+    return int(model.opt.disableflags) & _NO_PASSIVE_FORCES != _NO_PASSIVE_FORCES
