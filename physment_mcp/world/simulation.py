@@ -36,6 +36,7 @@ class Snapshot(NamedTuple):
     state: Array
     before_step: _Instant | None
     disturbed: frozenset[str]
+    revealed: frozenset[str]
 
 
 class Simulation:
@@ -47,6 +48,7 @@ class Simulation:
         self._settled = False
         self._before_step: _Instant | None = None
         self._disturbed: frozenset[str] = frozenset()
+        self._revealed: frozenset[str] = frozenset()
 
     # The clock
 
@@ -92,13 +94,16 @@ class Simulation:
 
     def save(self) -> Snapshot:
         """What `restore` needs to undo all later changes."""
-        return Snapshot(self._spec, self._model, self._data, self._state(), self._before_step, self._disturbed)
+        return Snapshot(
+            self._spec, self._model, self._data, self._state(), self._before_step, self._disturbed, self._revealed
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Undo everything since `save`, bit for bit."""
         if snapshot.model is not self._model:
             self._scratch = passive.data_of(snapshot.model)
-        self._spec, self._model, self._data, state, self._before_step, self._disturbed = snapshot
+        self._spec, self._model, self._data, state = snapshot[:4]
+        self._before_step, self._disturbed, self._revealed = snapshot[4:]
         mujoco.mj_setState(self._model, self._data, state, STATE)
         self._settled = False
 

@@ -132,7 +132,7 @@ class World(Simulation):
 
     def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
         """A model that contains only what may be seen now; see `showing.shown_model`."""
-        return showing.shown_model(self._model, self._now(), bodies, parts, turns)
+        return showing.shown_model(self._model, self._now(), bodies, parts, turns, self._revealed)
 
     def fixtures(self, objects: Collection[str]) -> frozenset[str]:
         """Fixed bodies that are neither objects nor parts of objects; see `showing.fixtures`."""
@@ -258,12 +258,8 @@ class World(Simulation):
         self._replace(editing.with_joint(self._spec, self._now(), (first, second), kind, axis))
 
     def reveal(self, body: str) -> None:
-        """Make the body's geoms opaque."""
-        index = self._id(body)
-        first, count = int(self._model.body_geomadr[index]), int(self._model.body_geomnum[index])
-        self._model.geom_rgba[first : first + count, 3] = 1.0
-        for geom in self._spec.body(body).geoms:
-            geom.rgba[3] = 1.0
+        """Show the body's geoms in pictures from now on, however transparent they are."""
+        self._revealed |= {body}
 
 
 def _overlap(label: str) -> NotPossible:

@@ -32,6 +32,7 @@ def fingerprint(session: Session) -> tuple[Any, ...]:
         world.model.geom_rgba.tobytes(),
         world.before_step and world.before_step.state.tobytes(),
         world.disturbed,
+        world.revealed,
     )
 
 

@@ -56,10 +56,7 @@ def _result(session: Session, asked: Call) -> dict[str, Any]:
 
 
 class undone:  # noqa: N801 - reads as a word after `with`
-    """Restores a session at the end of the block, its counters too.
-
-    Only the opacity of objects that were found stays, on which no number depends.
-    """
+    """Restores a session at the end of the block, its counters too."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

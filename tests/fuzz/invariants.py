@@ -98,7 +98,7 @@ def fingerprint(session: Session, saved: Snapshot | None = None) -> tuple[Any, .
     return (
         *(objects, state.joined, state.simulated_s, state.created_count, state.created_mass, given),
         *(id(world.spec), id(world.model), id(world.data), world.state.tobytes(), model_bytes(world.model)),
-        *(world.disturbed, None if earlier is None else (id(earlier.model), earlier.state.tobytes())),
+        *(world.disturbed, world.revealed, None if earlier is None else (id(earlier.model), earlier.state.tobytes())),
     )
 
 

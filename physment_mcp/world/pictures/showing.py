@@ -21,6 +21,7 @@ def shown_model(
     bodies: Collection[str],
     parts: Collection[Part],
     turns: Mapping[str, Array],
+    revealed: Collection[str] = (),
 ) -> str:
     """MJCF of some geoms where they are now; empty if all of them are transparent.
 
@@ -30,6 +31,7 @@ def shown_model(
         bodies: Bodies whose geoms are shown, as far as these are among the parts.
         parts: Geoms that may be shown.
         turns: For some bodies, the orientation in which their geoms are shown instead of their own: quaternions (4,).
+        revealed: Bodies that are shown opaque.
     """
     root = ET.Element("mujoco")
     world = ET.SubElement(root, "worldbody")
@@ -37,7 +39,8 @@ def shown_model(
     shown = 0
     for geom in range(model.ngeom):
         part = part_of(model, geom)
-        if part[0] not in bodies or part not in parts or colour(model, geom)[3] <= 0:
+        rgba = [*colour(model, geom)[:3], 1.0] if part[0] in revealed else colour(model, geom)
+        if part[0] not in bodies or part not in parts or rgba[3] <= 0:
             continue
         if part[0] not in owners:
             owners[part[0]] = ET.SubElement(world, "body", name=part[0])
@@ -54,7 +57,7 @@ def shown_model(
             size=_text(model.geom_size[geom]),
             pos=_text(data.geom_xpos[geom]),
             quat=_text(turn),
-            rgba=_text(colour(model, geom)),
+            rgba=_text(rgba),
             contype="0",
             conaffinity="0",
         )

@@ -178,7 +178,26 @@ async def test_finding_reveals_what_was_hidden_and_finding_again_returns_the_sam
     assert (lab.session.world._state().tobytes(), lab.session.world._model) == before  # no recompile
     assert await lab.position("2") == pytest.approx([1, 0, 5])
     await lab("create_objects", name="p", **SPHERE)
-    assert lab.session.world._model.geom_rgba[:, 3].min() == 1  # still opaque
+    assert "1.000000000 0.000000000 0.000000000 1.000000000" in shown(lab, "object_2")  # still opaque
+
+
+async def test_a_find_that_is_rolled_back_leaves_hidden_objects_transparent() -> None:
+    ghost = ball_mjcf(2, "1 0 5", geom='rgba="1 0 0 0"')
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ghost, permissions={2: {"hidden": True}})
+    before, saved, state = lab.fingerprint(), lab.session.world.save(), lab.session.state
+    lab.session.reveal()
+    assert shown(lab, "object_2")
+    lab.session.world.restore(saved)
+    lab.session.state = state
+    assert lab.fingerprint() == before
+    assert not shown(lab, "object_2")
+    await lab("create_objects", name="p", **SPHERE)  # compiles the model again
+    assert not shown(lab, "object_2")
+
+
+def shown(lab: Bench, body: str) -> str:
+    """The model of this body for a picture; empty if it is transparent."""
+    return lab.session.world.shown_model({body}, {(body, 0)}, {})
 
 
 async def test_finding_where_nothing_is_hidden_says_so() -> None:
