@@ -74,6 +74,11 @@ def _signalled(sign: signal.Signals) -> Fault:
     return lambda run: run.strike(lambda process: process.send_signal(sign))[0]
 
 
+def _signalled_in_background(run: Struck) -> int:
+    run.evaluation.background = True
+    return _signalled(signal.SIGTERM)(run)
+
+
 def _server_killed(run: Struck) -> int:
     def kill(process: subprocess.Popen[str]) -> None:
         servers = [number for number in run.evaluation.processes() if number != process.pid]
@@ -133,6 +138,7 @@ def _read_only(run: Struck) -> int:
 FAULTS: dict[str, Fault] = {
     "SIGINT": _signalled(signal.SIGINT),
     "SIGTERM": _signalled(signal.SIGTERM),
+    "SIGTERM in the background": _signalled_in_background,
     "SIGHUP": _signalled(signal.SIGHUP),
     "SIGKILL": _signalled(signal.SIGKILL),
     "server killed": _server_killed,
