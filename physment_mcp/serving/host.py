@@ -31,7 +31,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from physment_mcp.errors import SceneError
+from physment_mcp.errors import SceneError, quoted
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.connections import BodyGate
 from physment_mcp.serving.frames import Frames
@@ -239,7 +239,7 @@ class Host:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
-            return refuse(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
+            return refuse(400, f'{quoted(where)[1:-1]}: {first["msg"]}; send {{"scene": 7, "seed": 0}}')
         if len(self._episodes) + self._opening >= self.max_episodes:
             return refuse(429, f"{self.max_episodes} episodes are open, which is the limit; delete some or wait")
         self._opening += 1

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
 
-from physment_mcp.errors import BadArgument
+from physment_mcp.errors import BadArgument, quoted
 from physment_mcp.mechanics import Array
 from physment_mcp.session import Session
 from physment_mcp.tools.results import Result
@@ -115,7 +115,7 @@ def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
     for detail in error.errors(include_url=False):
         name, path = str(detail["loc"][0]), ".".join(str(part) for part in detail["loc"])
         if detail["type"] == "extra_forbidden":
-            problems[name] = f"there is no argument {name[:64]!r}; the arguments are {', '.join(fields) or 'none'}"
+            problems[name] = f"there is no argument {quoted(name)}; the arguments are {', '.join(fields) or 'none'}"
         elif detail["type"] == "missing":
             problems[name] = f"the argument {name!r} is missing"
         elif name in problems:

@@ -8,7 +8,7 @@ import anyio.lowlevel
 import anyio.to_thread
 from pydantic import ValidationError
 
-from physment_mcp.errors import BadArgument, NotAvailable, Unstable
+from physment_mcp.errors import BadArgument, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Pieces, Progress
@@ -75,7 +75,7 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
         raise BadArgument(too_large)
     tool = _BY_NAME.get(name)
     if tool is None:
-        raise BadArgument(f"there is no tool {name!r}; the tools are {', '.join(_BY_NAME)}")
+        raise BadArgument(f"there is no tool {quoted(name)}; the tools are {', '.join(_BY_NAME)}")
     if name in session.scene.public.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
     checked = tool.parse(arguments)
