@@ -1,4 +1,4 @@
-"""Connections of the host: how many may be open, and how long a client may take to say what it wants.
+"""Connections of the host: how many may be open, how long a client may take to say what it wants, who goes first.
 
 Knows ASGI. Knows no episodes and no MCP.
 """
@@ -6,6 +6,7 @@ Knows ASGI. Knows no episodes and no MCP.
 import logging
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import anyio
@@ -50,6 +51,32 @@ class Connections:
         self._open[address] -= 1
         if not self._open[address]:
             del self._open[address]
+
+
+class EpisodesFirst:
+    """Lets requests that reach no open episode in one after another, so that many of them delay an episode little.
+
+    Between two of them, the event loop serves whatever else is ready. The next does not wait for the end of the one
+    before, because opening an episode takes long.
+    """
+
+    def __init__(self, app: ASGIApp, reaches_episode: Callable[[str], bool]) -> None:
+        """Set up.
+
+        Args:
+            app: The application behind.
+            reaches_episode: Whether a path belongs to an open episode.
+        """
+        self._app = app
+        self._reaches_episode = reaches_episode
+        self._entrance = anyio.Semaphore(1)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, when it is its turn."""
+        if scope["type"] == "http" and not self._reaches_episode(scope["path"]):
+            async with self._entrance:
+                pass
+        await self._app(scope, receive, send)
 
 
 class BodyGate:

@@ -34,6 +34,8 @@ from physment_mcp.version import __version__
 logger = logging.getLogger(__name__)
 
 _PROMPT = "scene"
+_REPORT_S = 0.04
+"""Shortest wall time between two reports of progress of a call [s]."""
 _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
 GONE = "physment/gone"
 """Key in `_meta` of a result: the episode is gone, which is not the agent's fault."""
@@ -129,8 +131,14 @@ class _Service:
             return result
 
     async def _call(self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams) -> types.CallToolResult:
-        async def report(done: float, total: float) -> None:
-            await ctx.session.report_progress(done, total)
+        give_way, reported_at = self._slot.turns.giving_way(), -_REPORT_S
+
+        async def report(done: float, total: float) -> float | None:
+            nonlocal reported_at
+            if time.monotonic() - reported_at >= _REPORT_S:
+                reported_at = time.monotonic()
+                await ctx.session.report_progress(done, total)
+            return await give_way()
 
         try:
             session = self._slot.open_session()

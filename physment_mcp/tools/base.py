@@ -69,8 +69,10 @@ class Progress(NamedTuple):
     total: float
 
 
-Pieces = Generator[Progress, None, Result]
-"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result."""
+Pieces = Generator[Progress, float | None, Result]
+"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result.
+
+It may be sent the wall time that the next piece may take [s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from physment_mcp.tools.bounds import excess
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
-ReportProgress = Callable[[float, float], Awaitable[None]]
-"""Receives how much of how much is done."""
+ReportProgress = Callable[[float, float], Awaitable[float | None]]
+"""Receives how much of how much is done; returns the wall time that the next piece may take [s], None for the usual."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
@@ -55,9 +55,8 @@ async def call_async(
         while isinstance(made, Progress):
             done, total = made
             if done < total:
-                if done > 0:
-                    await report(done, total)
-                made = await anyio.to_thread.run_sync(_next, work)
+                most_s = await report(done, total) if done > 0 else None
+                made = await anyio.to_thread.run_sync(_next, work, most_s)
             else:
                 # A caller that cancels during the last piece gets no result, so the call must change nothing.
                 await anyio.lowlevel.checkpoint_if_cancelled()
@@ -88,9 +87,9 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
             raise Unstable(f"{name}: the result is not a finite number, so the call was rolled back") from None
 
 
-def _next(pieces: Pieces) -> Progress | Result:
+def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:
     # StopIteration cannot pass through a thread or a coroutine.
     try:
-        return next(pieces)
+        return pieces.send(most_s)
     except StopIteration as end:
         return end.value

@@ -11,7 +11,7 @@ from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.results import Answered, Stepped
 
 _PIECE_S = 0.05
-"""Wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
+"""Usual wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
 
 Part = str | int | float
 
@@ -44,15 +44,16 @@ def _step(session: Session, args: StepArguments) -> Pieces:
     left = session.lab_time_left
     if length > left + world.timestep / 2:
         raise BeyondLimit(f"step: {length:g} s is too long: {left:g} s of laboratory time are left in this episode")
-    done, piece = 0, min(steps, 64)
+    done, piece, step_s = 0, 64, 1e-6
     while done < steps:
-        yield Progress(done * world.timestep, length)
+        most_s = (yield Progress(done * world.timestep, length)) or _PIECE_S
+        # Pieces grow until one takes about this long; their size does not change the physics.
+        piece = min(steps - done, piece, max(1, int(most_s / step_s)))
         started = time.perf_counter()
         world.step(piece)
         done += piece
-        # Pieces grow until one takes about _PIECE_S; their size does not change the physics.
-        taken = max(time.perf_counter() - started, 1e-6)
-        piece = min(steps - done, max(1, int(piece * min(8.0, _PIECE_S / taken))))
+        step_s = max(time.perf_counter() - started, 1e-6) / piece
+        piece *= 8
     yield Progress(length, length)
     session.pass_time(length)
     return Stepped(sim_time=world.time, steps=steps, lab_time_left=session.lab_time_left, calls_left=session.calls_left)
