@@ -114,11 +114,11 @@ class BodyGate:
         elif not complete:
             await refuse(408, f"the request took longer than {self._within_s:g} s")(scope, receive, send)
         else:
-            await self._app(scope, _after(bytes(body), receive), send)
+            await self._app(scope, with_body(bytes(body), receive), send)
 
 
-def _after(body: bytes, receive: Receive) -> Receive:
-    """What the application receives: the body, then whatever the connection brings."""
+def with_body(body: bytes, receive: Receive) -> Receive:
+    """What an application receives of a request whose body was read: the body, then whatever the connection brings."""
     first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Message:

@@ -33,9 +33,10 @@ from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import SceneError, quoted
 from physment_mcp.scene import load_scene
-from physment_mcp.serving.connections import BodyGate, EpisodesFirst
+from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
+from physment_mcp.serving.messages import fault_of
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.turns import Traffic
@@ -194,11 +195,18 @@ class Host:
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
-        request = Request(scope)
+        request = Request(scope, receive)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
             await refuse(401, _AUTHORIZE)(scope, receive, send)
-        elif episode is None:
+            return
+        if request.method == "POST":
+            body = await request.body()
+            if fault := fault_of(body):
+                await fault.response()(scope, receive, send)
+                return
+            receive = with_body(body, receive)
+        if episode is None:
             assert self._nowhere is not None
             async with self._nowhere_slot.turns.turn():
                 await self._nowhere.handle_request(scope, receive, send)
