@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic_ai import exceptions as ai
 
+from evaluator.models.failures import AskAgain, judge
 from evaluator.store import RunFolder
 from tests.builders.paths import ROOT
 
@@ -113,3 +115,22 @@ def test_a_run_whose_wall_clock_jumps_by_an_hour_is_as_any_other(
     assert all(0 <= one < 600 for one in took)
     for first, second in zip(usual.episodes().values(), jumped.episodes().values(), strict=True):
         assert (first.answer, first.outcome, first.error) == (second.answer, second.outcome, second.error)
+
+
+@pytest.mark.parametrize(
+    ("headers", "wait_s"),
+    [
+        ({"Date": "Mon, 01 Jan 2001 10:00:00 GMT", "Retry-After": "Mon, 01 Jan 2001 10:00:30 GMT"}, 30),
+        ({"Date": "Tue, 01 Jan 2092 10:00:00 GMT", "Retry-After": "Tue, 01 Jan 2092 10:00:07 GMT"}, 7),
+        ({"Date": "Mon, 01 Jan 2001 10:00:00 GMT", "Retry-After": "Mon, 01 Jan 2001 09:00:00 GMT"}, 0),
+        ({"Date": "Mon, 01 Jan 2001 10:00:00 GMT", "Retry-After": "12"}, 12),
+        ({"Date": "yesterday", "Retry-After": "2.5"}, 2.5),
+        ({"Date": "Mon, 01 Jan 2001 10:00:00 GMT"}, None),
+    ],
+)
+def test_a_provider_that_names_a_time_is_waited_for_by_its_own_clock(
+    headers: dict[str, str], wait_s: float | None
+) -> None:
+    failure = judge(ai.ModelHTTPError(429, "model", headers=headers), "key")
+    assert isinstance(failure, AskAgain)
+    assert failure.wait_s == wait_s
