@@ -23,6 +23,19 @@ from collections.abc import Sequence
 
 _MOST_LISTED = 16
 """Most ids that a refusal lists."""
+_MOST_QUOTED = 64
+"""Most characters that a refusal quotes of a text of the client."""
+
+
+def quoted(text: str, most: int = _MOST_QUOTED) -> str:
+    """A text of the client as a refusal quotes it: its beginning in quotes, without characters that cannot be printed.
+
+    Args:
+        text: Any text.
+        most: Most characters between the quotes; an escaped one counts as up to ten.
+    """
+    shown = repr(text[:most])
+    return shown if len(shown) <= most + 2 else shown[: most + 1] + shown[0]
 
 
 class PhysMentError(Exception):
@@ -71,7 +84,7 @@ class UnknownObject(RefusedCall):
     def __init__(self, object_id: str, known: Sequence[str]) -> None:
         listed = ", ".join(known[:_MOST_LISTED]) or "none yet"
         more = f" and {len(known) - _MOST_LISTED} more" if len(known) > _MOST_LISTED else ""
-        super().__init__(f"there is no object {object_id!r}; the objects you can use are {listed}{more}")
+        super().__init__(f"there is no object {quoted(object_id)}; the objects you can use are {listed}{more}")
 
 
 class NotPermitted(RefusedCall):

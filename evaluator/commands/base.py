@@ -1,7 +1,10 @@
 """What several commands use: declaring a command, running its async part, tables."""
 
 import argparse
+import asyncio
+import signal
 from collections.abc import Awaitable, Callable
+from types import FrameType
 from typing import Any, Protocol, TypeVar
 
 import anyio
@@ -30,11 +33,13 @@ def run_async(play: Callable[[], Awaitable[T]]) -> T:
     """Run the async part of a command and return its result.
 
     Raises:
-        KeyboardInterrupt: The operator pressed Ctrl-C.
+        KeyboardInterrupt: The operator pressed Ctrl-C, or a signal ended the program.
         EvaluatorError: The first of our own errors in an exception group.
     """
     try:
-        return anyio.run(play)
+        return anyio.run(_until_signalled, play)
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
     except BaseExceptionGroup as group:
         for kind in (KeyboardInterrupt, UsageError, StoreError, InfrastructureError):
             found, _ = group.split(kind)
@@ -43,3 +48,30 @@ def run_async(play: Callable[[], Awaitable[T]]) -> T:
             if found is not None:
                 raise found from None
         raise
+
+
+async def _until_signalled(play: Callable[[], Awaitable[T]]) -> T:
+    """Do the work; SIGTERM and SIGHUP cancel it where it awaits something, as asyncio does it for Ctrl-C.
+
+    asyncio leaves Ctrl-C alone where it is ignored, as in the background of a script. Without this, the exception of a
+    signal would then be raised in the middle of any function, of a library too, and end the program with a traceback.
+    """
+    loop, task = asyncio.get_running_loop(), asyncio.current_task()
+    assert task is not None
+    signs = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))  # Windows has no SIGHUP
+    usual = {sign: taken for sign in signs if sign is not None and callable(taken := signal.getsignal(sign))}
+
+    def let_usual() -> None:
+        for sign, taken in usual.items():
+            signal.signal(sign, taken)
+
+    def cancel(_sign: int, _frame: FrameType | None) -> None:
+        let_usual()  # so a second signal does not wait
+        loop.call_soon_threadsafe(task.cancel)
+
+    for sign in usual:
+        signal.signal(sign, cancel)
+    try:
+        return await play()
+    finally:
+        let_usual()

@@ -4,6 +4,8 @@ No message contains a key.
 """
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from typing import cast
 
 from pydantic_ai import exceptions as ai
@@ -83,15 +85,29 @@ def _wait(error: Exception) -> float | None:
     """How long the provider asked us to wait [s], if it did."""
     if not isinstance(error, ai.ModelAPIError):
         return None
+    headers = (error.headers if isinstance(error, ai.ModelHTTPError) else None) or {}
+    until = _date(headers, "retry-after")
+    sent = _date(headers, "date")
+    if until is not None and sent is not None:
+        # Both are of the provider's clock. The client subtracts our own, which may be wrong or jump.
+        return max(0.0, (until - sent).total_seconds())
     if error.retry_after is not None:
         return error.retry_after
     # The client reads whole seconds and dates; some providers send fractions of seconds.
-    headers = error.headers if isinstance(error, ai.ModelHTTPError) else None
     try:
-        seconds = float((headers or {}).get("retry-after", ""))
+        seconds = float(headers.get("retry-after", ""))
     except ValueError:
         return None
     return seconds if 0 <= seconds < float("inf") else None
+
+
+def _date(headers: Mapping[str, str], name: str) -> datetime | None:
+    """The date in a header; None if it has none."""
+    try:
+        read = parsedate_to_datetime(headers.get(name, ""))
+    except ValueError:
+        return None
+    return read if read.tzinfo is not None else read.replace(tzinfo=UTC)
 
 
 def _is_policy(error: ai.ModelAPIError) -> bool:

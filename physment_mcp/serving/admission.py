@@ -11,7 +11,7 @@ import anyio
 import anyio.to_thread
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from physment_mcp.errors import NotOpened, SceneError
+from physment_mcp.errors import NotOpened, SceneError, quoted
 from physment_mcp.scene import kept_scene, load_scene
 from physment_mcp.session import Session
 
@@ -61,7 +61,7 @@ class Admission:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
-            raise NotOpened(400, f'{where}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
+            raise NotOpened(400, f'{quoted(where)[1:-1]}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
         if self._taken >= self.most:
             raise NotOpened(429, f"{self.most} episodes are open, which is the limit; delete some or wait")
         self._taken += 1

@@ -1,4 +1,4 @@
-"""Connections of the host: how many may be open, and how long a client may take to say what it wants.
+"""Connections of the host: how many may be open, how long a client may take to say what it wants, who goes first.
 
 Knows ASGI. Knows no episodes and no MCP.
 """
@@ -6,6 +6,7 @@ Knows ASGI. Knows no episodes and no MCP.
 import logging
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import anyio
@@ -52,6 +53,32 @@ class Connections:
             del self._open[address]
 
 
+class EpisodesFirst:
+    """Lets requests that reach no open episode in one after another, so that many of them delay an episode little.
+
+    Between two of them, the event loop serves whatever else is ready. The next does not wait for the end of the one
+    before, because opening an episode takes long.
+    """
+
+    def __init__(self, app: ASGIApp, reaches_episode: Callable[[str], bool]) -> None:
+        """Set up.
+
+        Args:
+            app: The application behind.
+            reaches_episode: Whether a path belongs to an open episode.
+        """
+        self._app = app
+        self._reaches_episode = reaches_episode
+        self._entrance = anyio.Semaphore(1)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, when it is its turn."""
+        if scope["type"] == "http" and not self._reaches_episode(scope["path"]):
+            async with self._entrance:
+                pass
+        await self._app(scope, receive, send)
+
+
 class BodyGate:
     """Reads the body of a request before anything else is done with it, within bounds of size and time."""
 
@@ -87,11 +114,11 @@ class BodyGate:
         elif not complete:
             await refuse(408, f"the request took longer than {self._within_s:g} s")(scope, receive, send)
         else:
-            await self._app(scope, _after(bytes(body), receive), send)
+            await self._app(scope, with_body(bytes(body), receive), send)
 
 
-def _after(body: bytes, receive: Receive) -> Receive:
-    """What the application receives: the body, then whatever the connection brings."""
+def with_body(body: bytes, receive: Receive) -> Receive:
+    """What an application receives of a request whose body was read: the body, then whatever the connection brings."""
     first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Message:

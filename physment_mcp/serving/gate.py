@@ -12,6 +12,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from physment_mcp.errors import quoted
+
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Names by which only this machine can be reached."""
 
@@ -47,10 +49,10 @@ class AddressGate:
         known = self._names if address is None else self._names | {address.lower()}
         host = request.headers.get("host", "")
         if _host_of(f"//{host}") not in known:
-            return refuse(400, f"this host does not go by the name {host!r}; serve it with --allow-host to let it")
+            return refuse(400, f"this host does not go by the name {quoted(host)}; --allow-host adds one")
         origin = request.headers.get("origin")
         if origin is not None and _host_of(origin) not in known:
-            return refuse(403, f"pages of {origin!r} may not speak to this host")
+            return refuse(403, f"pages of {quoted(origin)} may not speak to this host")
         return None
 
 

@@ -32,13 +32,14 @@ from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import NotOpened
 from physment_mcp.serving.admission import Admission
-from physment_mcp.serving.connections import BodyGate
+from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
+from physment_mcp.serving.messages import fault_of
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.socket_episodes import SocketEpisodes
-from physment_mcp.serving.turns import Turns
+from physment_mcp.serving.turns import Traffic
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -65,7 +66,6 @@ class _HostedEpisode:
     close: Callable[[], None]
     last_used: float
     in_flight: int = 0
-    turns: Turns = field(default_factory=Turns)
     owner_token: str | None = None
     """Token that closes the episode and reads its log, if it was opened for another program to play."""
     player_token: str | None = None
@@ -97,13 +97,14 @@ class Host:
     _tasks: TaskGroup | None = None
     _nowhere: StreamableHTTPSessionManager | None = None
     """Answers in place of an episode that is gone, and says how to open another."""
-    _nowhere_turns: Turns = field(default_factory=Turns)
+    _nowhere_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
+    _traffic: Traffic = field(default_factory=Traffic)
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
         # A request with the token comes from the operator, who may read the details.
         self._admission = Admission(self.scenes_dir, self.max_episodes, self.timestep, bool(self.token))
-        self._sockets = SocketEpisodes(self._admission, self.watch)
+        self._sockets = SocketEpisodes(self._admission, self.watch, self._traffic)
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -118,6 +119,7 @@ class Host:
             routes=routes,
             lifespan=self._lifespan,
             middleware=[
+                Middleware(EpisodesFirst, reaches_episode=self._is_open),
                 Middleware(AddressGate, names=self.names),
                 Middleware(BodyGate, most=MAX_BODY),
             ],
@@ -131,7 +133,7 @@ class Host:
             if self.control is not None:
                 tasks.start_soon(self._sockets.serve, self.control)
             # Stateless, so that it can also answer a client that is in the middle of a session.
-            nowhere = build_server(EpisodeSlot(gone=_GONE))
+            nowhere = build_server(self._nowhere_slot)
             self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
             yield
             tasks.cancel_scope.cancel()
@@ -161,7 +163,7 @@ class Host:
         """
         wanted, session = await self._admission.open(body)
         try:
-            slot = EpisodeSlot(session, watch=self.watch)
+            slot = EpisodeSlot(session, watch=self.watch, traffic=self._traffic)
             server = build_server(slot)
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)
@@ -181,13 +183,20 @@ class Host:
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
-        request = Request(scope)
+        request = Request(scope, receive)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
             await refuse(401, _AUTHORIZE)(scope, receive, send)
-        elif episode is None:
+            return
+        if request.method == "POST":
+            body = await request.body()
+            if fault := fault_of(body):
+                await fault.response()(scope, receive, send)
+                return
+            receive = with_body(body, receive)
+        if episode is None:
             assert self._nowhere is not None
-            async with self._nowhere_turns.turn():
+            async with self._nowhere_slot.turns.turn():
                 await self._nowhere.handle_request(scope, receive, send)
         elif request.method == "GET":
             # A stream that the client keeps open for messages to come; this does not count as use of the episode.
@@ -195,7 +204,7 @@ class Host:
         else:
             episode.in_flight += 1
             try:
-                async with episode.turns.turn():
+                async with episode.slot.turns.turn():
                     await episode.manager.handle_request(scope, receive, send)
             finally:
                 episode.in_flight -= 1
@@ -215,6 +224,11 @@ class Host:
         if episode.owner_token is None and not self.exposed:
             return self._may_play(request, episode)  # only the program that opened it knows its URL
         return has_token(request, self.token, episode.owner_token)
+
+    def _is_open(self, path: str) -> bool:
+        """Whether a path belongs to an open episode."""
+        _, _, rest = path.partition("/episodes/")
+        return rest.partition("/")[0] in self._episodes
 
     async def _health(self, _request: Request) -> Response:
         return JSONResponse({"status": "ok", "episodes": len(self._episodes) + len(self._sockets)})
@@ -257,7 +271,7 @@ class Host:
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
         # Kept here, because the episode may be closed while this waits.
-        session, log, lock = episode.slot.open_session(), episode.slot.log, episode.slot.lock
+        session, log, lock, turns = episode.slot.open_session(), episode.slot.log, episode.slot.lock, episode.slot.turns
         if session.max_calls is None:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
@@ -265,7 +279,7 @@ class Host:
             return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
         # A running call belongs to the log.
-        async with episode.turns.turn(), lock:
+        async with turns.turn(), lock:
             calls = ",".join(logged.as_json() for logged in log.page_from(int(start)))
             ended = json.dumps(session.ended)
             return Response(f'{{"ended":{ended},"calls":[{calls}]}}', media_type="application/json")

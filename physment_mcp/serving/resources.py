@@ -10,17 +10,18 @@ from typing import Any
 
 import mcp_types as types
 
+from physment_mcp.errors import quoted
 from physment_mcp.serving.call_log import MAX_PAGE_BYTES, LoggedCall
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from scenes import AnswerForm
 
+MAX_URI = 200
+"""Most characters of an unknown address that the data of an error repeats."""
 FRESH_MS = 3_600_000
 """How long a client may keep a copy of what never changes [ms]."""
 _MEASUREMENTS_FROM = "physment://measurements/"
-_SHOWN = 80
-"""Most characters of an unknown address that a refusal repeats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +160,7 @@ def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
     call = uri.removeprefix(_MEASUREMENTS_FROM)
     if call != uri and call.isdecimal() and len(call) < 10:
         return _result(uri, _measurements_from(slot, int(call)), 0)
-    raise LookupError(f"there is no resource {uri[:_SHOWN]!r}; the resources are {', '.join(_VIEWS)}")
+    raise LookupError(f"there is no resource {quoted(uri)}; the resources are {', '.join(_VIEWS)}")
 
 
 def _result(uri: str, content: dict[str, Any] | str, ttl_ms: int) -> types.ReadResourceResult:

@@ -17,12 +17,12 @@ from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
-from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError
+from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving.call_log import FULL
 from physment_mcp.serving.frames import SHOWING_TOOLS, Frames
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
-from physment_mcp.serving.resources import FRESH_MS, listed_resources, listed_templates, read
+from physment_mcp.serving.resources import FRESH_MS, MAX_URI, listed_resources, listed_templates, read
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
@@ -34,6 +34,8 @@ from physment_mcp.version import __version__
 logger = logging.getLogger(__name__)
 
 _PROMPT = "scene"
+_REPORT_S = 0.04
+"""Shortest wall time between two reports of progress of a call [s]."""
 _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
 GONE = "physment/gone"
 """Key in `_meta` of a result: the episode is gone, which is not the agent's fault."""
@@ -129,8 +131,14 @@ class _Service:
             return result
 
     async def _call(self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams) -> types.CallToolResult:
-        async def report(done: float, total: float) -> None:
-            await ctx.session.report_progress(done, total)
+        give_way, reported_at = self._slot.turns.giving_way(), -_REPORT_S
+
+        async def report(done: float, total: float) -> float | None:
+            nonlocal reported_at
+            if time.monotonic() - reported_at >= _REPORT_S:
+                reported_at = time.monotonic()
+                await ctx.session.report_progress(done, total)
+            return await give_way()
 
         try:
             session = self._slot.open_session()
@@ -193,7 +201,7 @@ class _Service:
         self, _ctx: ServerRequestContext[Any], params: types.GetPromptRequestParams
     ) -> types.GetPromptResult:
         if params.name != _PROMPT:
-            raise _bad_request(f"there is no prompt {params.name[:64]!r}; the prompt is {_PROMPT}")
+            raise _bad_request(f"there is no prompt {quoted(params.name)}; the prompt is {_PROMPT}")
         arguments = params.arguments or {}
         options = _prompt_options(arguments)
         async with self._slot.lock:
@@ -241,7 +249,7 @@ class _Service:
             try:
                 return read(self._slot, str(params.uri))
             except LookupError as error:
-                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)}) from None
+                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)[:MAX_URI]}) from None
 
     async def complete(
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams

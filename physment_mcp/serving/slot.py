@@ -11,6 +11,7 @@ import anyio
 from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.serving.call_log import CallLog
 from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
 from scenes import PublicPack
 
@@ -30,6 +31,7 @@ class EpisodeSlot:
         list_scenes: Callable[[], Sequence[PublicPack]] | None = None,
         gone: str | None = None,
         watch: Callable[[Session], Frames] | None = None,
+        traffic: Traffic | None = None,
     ) -> None:
         """Set up.
 
@@ -40,12 +42,14 @@ class EpisodeSlot:
             list_scenes: Lists the scenes that can be opened; by default the open one.
             watch: Makes the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None if one is or can be open.
+            traffic: The other episodes of its host; None for an episode alone.
         """
         self.session = session
         self.reopen = reopen
         self.scene_ids = scene_ids or ([] if session is None else [session.scene.public.scene_id])
         self.gone = gone
         self.lock = anyio.Lock(fast_acquire=True)
+        self.turns = Turns(traffic)
         self.log = CallLog()
         self.frames: Frames | None = None
         self._watch = watch

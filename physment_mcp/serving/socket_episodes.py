@@ -30,7 +30,7 @@ from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
-from physment_mcp.serving.turns import Turns
+from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -117,15 +117,17 @@ class _Lines:
 class SocketEpisodes:
     """The open episodes on sockets."""
 
-    def __init__(self, admission: Admission, watch: Callable[[Session], Frames] | None) -> None:
+    def __init__(self, admission: Admission, watch: Callable[[Session], Frames] | None, traffic: Traffic) -> None:
         """Set up.
 
         Args:
             admission: Opens their sessions.
             watch: Makes the frames for results; None for results without frames.
+            traffic: Shared by all episodes of the host.
         """
         self._admission = admission
         self._watch = watch
+        self._traffic = traffic
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
     def __len__(self) -> int:
@@ -187,22 +189,21 @@ class SocketEpisodes:
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""
-        slot = EpisodeSlot(session, watch=self._watch)
+        slot = EpisodeSlot(session, watch=self._watch, traffic=self._traffic)
         server = build_server(slot)
         lines.write({"opened": True})
         try:
             with anyio.CancelScope() as self._open[lines]:
                 async with server.lifespan(server) as state:
-                    serve = _in_turn(lines, modern_on_request(server, state))
+                    serve = _in_turn(lines, slot.turns, modern_on_request(server, state))
                     await JSONRPCDispatcher(lines, lines).run(serve, _ignore)
         finally:
             self._open.pop(lines, None)
             slot.close(_CLOSED)
 
 
-def _in_turn(lines: _Lines, serve: OnRequest) -> OnRequest:
+def _in_turn(lines: _Lines, turns: Turns, serve: OnRequest) -> OnRequest:
     """Serve the requests of an episode one after another, as over HTTP, and count those that are not answered yet."""
-    turns = Turns()
 
     async def served(
         context: DispatchContext[TransportContext], method: str, params: Mapping[str, Any] | None

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
 
-from physment_mcp.errors import BadArgument
+from physment_mcp.errors import BadArgument, quoted
 from physment_mcp.mechanics import Array
 from physment_mcp.session import Session
 from physment_mcp.tools.results import Result
@@ -71,8 +71,10 @@ class Progress(NamedTuple):
     """Wall time that the next piece is expected to take [s]."""
 
 
-Pieces = Generator[Progress, None, Result]
-"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result."""
+Pieces = Generator[Progress, float | None, Result]
+"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result.
+
+It may be sent the wall time that the next piece may take [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
     for detail in error.errors(include_url=False):
         name, path = str(detail["loc"][0]), ".".join(str(part) for part in detail["loc"])
         if detail["type"] == "extra_forbidden":
-            problems[name] = f"there is no argument {name[:64]!r}; the arguments are {', '.join(fields) or 'none'}"
+            problems[name] = f"there is no argument {quoted(name)}; the arguments are {', '.join(fields) or 'none'}"
         elif detail["type"] == "missing":
             problems[name] = f"the argument {name!r} is missing"
         elif name in problems:

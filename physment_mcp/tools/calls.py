@@ -8,7 +8,7 @@ import anyio.lowlevel
 import anyio.to_thread
 from pydantic import ValidationError
 
-from physment_mcp.errors import BadArgument, NotAvailable, Unstable
+from physment_mcp.errors import BadArgument, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Pieces, Progress
@@ -16,8 +16,8 @@ from physment_mcp.tools.bounds import excess
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
-ReportProgress = Callable[[float, float], Awaitable[None]]
-"""Receives how much of how much is done."""
+ReportProgress = Callable[[float, float], Awaitable[float | None]]
+"""Receives how much of how much is done; returns the wall time that the next piece may take [s], None for the usual."""
 
 _SHORT_S = 1e-3
 """Pieces that are expected to take less wall time [s] than this are not worth a thread, which takes up to 0.3 ms."""
@@ -58,9 +58,9 @@ async def call_async(
         while isinstance(made, Progress):
             done, total, next_s = made
             if done < total:
-                if done > 0:
-                    await report(done, total)
-                made = _next(work) if next_s < _SHORT_S else await anyio.to_thread.run_sync(_next, work)
+                most_s = await report(done, total) if done > 0 else None
+                short = next_s < _SHORT_S
+                made = _next(work, most_s) if short else await anyio.to_thread.run_sync(_next, work, most_s)
             else:
                 # A caller that cancels during the last piece gets no result, so the call must change nothing.
                 await anyio.lowlevel.checkpoint_if_cancelled()
@@ -78,7 +78,7 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
         raise BadArgument(too_large)
     tool = _BY_NAME.get(name)
     if tool is None:
-        raise BadArgument(f"there is no tool {name!r}; the tools are {', '.join(_BY_NAME)}")
+        raise BadArgument(f"there is no tool {quoted(name)}; the tools are {', '.join(_BY_NAME)}")
     if name in session.scene.public.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
     checked = tool.parse(arguments)
@@ -91,9 +91,9 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
             raise Unstable(f"{name}: the result is not a finite number, so the call was rolled back") from None
 
 
-def _next(pieces: Pieces) -> Progress | Result:
+def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:
     # StopIteration cannot pass through a thread or a coroutine.
     try:
-        return next(pieces)
+        return pieces.send(most_s)
     except StopIteration as end:
         return end.value

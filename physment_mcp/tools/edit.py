@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from physment_mcp.errors import BadArgument, NotPermitted, NotPossible
+from physment_mcp.errors import BadArgument, NotPermitted, NotPossible, quoted
 from physment_mcp.limits import check_created_mass
 from physment_mcp.session import MAX_CREATED, LabObject, Session
 from physment_mcp.tools.base import (
@@ -55,7 +55,8 @@ class AttachArguments(Arguments):
 def _create_objects(session: Session, args: CreateArguments) -> Created:
     if not _NAME.fullmatch(args.name):
         raise BadArgument(
-            f"create_objects: {args.name[:40]!r} cannot be a name; use a letter, then up to 39 letters, digits, _ or -"
+            f"create_objects: {quoted(args.name, 40)} cannot be a name;"
+            " use a letter, then up to 39 letters, digits, _ or -"
         )
     if _RESERVED.fullmatch(args.name):
         raise BadArgument(f"create_objects: the name {args.name!r} is reserved; choose another, such as probe")

@@ -10,7 +10,7 @@ from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.results import Answered, Stepped
 
 _PIECE_S = 0.05
-"""Wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
+"""Usual wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
 _TRIED = 8
 """Time steps of the first piece, which shows how long a time step takes now."""
 
@@ -50,7 +50,9 @@ def _step(session: Session, args: StepArguments) -> Pieces:
         # The size of the pieces does not change the physics.
         pace_s = world.pace_s or 0.0
         piece = min(steps - done, max(1, int(_PIECE_S / pace_s)) if done and pace_s else _TRIED)
-        yield Progress(done * world.timestep, length, piece * pace_s)
+        most_s = yield Progress(done * world.timestep, length, piece * pace_s)
+        if most_s is not None and pace_s:
+            piece = min(piece, max(1, int(most_s / pace_s)))
         world.step(piece)
         done += piece
     yield Progress(length, length)

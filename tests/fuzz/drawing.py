@@ -32,8 +32,8 @@ _NO_TOOLS = ("", "Step", "step ", "get_position\x00", "__class__", "reset", "�
 _TEXTS = (
     "", " ", "object_1", "object_01", "OBJECT_1", "object_1 ", "object_1\x00", "1", "01", "-1", "1.0", "٣", "object_٣",
     "world", "laboratory", "created:ball1", "object_99", "NaN", "inf", "None", "true", "\ud800", "\u202eevil",
-    "é\u0301", "<b>&amp;</b>", "'; DROP TABLE", "{object_1}", "%s%n", "\n\n", "a" * 64, "a" * 65, "\x01" * 64, "𝟙" * 64,
-    "ß" * 9_000, "x" * 30_000,
+    "é\u0301", "<b>&amp;</b>", "'; DROP TABLE", "{object_1}", "%s%n", "\n\n", "a" * 64, "a" * 65, "\U000e0001" * 64,
+    "𝟙" * 64, "ß" * 9_000, "x" * 30_000,
 )  # fmt: skip
 _NUMBERS = (
     0, -0.0, 1, -1, 5e-324, -5e-324, 1e-308, 1e-12, 1e6, -1e6, 1_000_000.0001, 1e7, 1e16, 1e308, -1e308,

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
+from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from scenes.protocol import Call
@@ -88,7 +89,10 @@ def _play_episode(scene: int, length: int, source: random.Random, tally: Tally) 
     """Play one episode of drawn calls; returns the first failure."""
     seed, max_calls = source.randrange(1000), source.choice((None, None, None, length // 2 + 1))
     mood = source.choice(MOODS)
-    session, private = _opened(scene, seed, max_calls)
+    try:
+        session, private = _opened(scene, seed, max_calls)
+    except SceneError as error:
+        return Failure(scene, seed, max_calls, Problem("scene", str(error)), [])
     made: list[Call] = []
     changed: list[Call] = []
     deleted: set[str] = set()
@@ -138,7 +142,10 @@ def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | 
 
 def replayed(failure: Failure) -> Problem | None:
     """Make the calls of a failure again; returns the first problem."""
-    session, private = _opened(failure.scene, failure.seed, failure.max_calls)
+    try:
+        session, private = _opened(failure.scene, failure.seed, failure.max_calls)
+    except SceneError as error:
+        return Problem("scene", str(error))
     changed: list[Call] = []
     for call in failure.calls:
         played = play_call(session, private, call)

@@ -13,7 +13,7 @@ import numpy as np
 from jsonschema.protocols import Validator
 from jsonschema.validators import validator_for
 
-from physment_mcp.errors import EpisodeOver, RefusedCall
+from physment_mcp.errors import EpisodeOver, RefusedCall, quoted
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools import TOOLS, calls
 from physment_mcp.world.simulation import Snapshot
@@ -119,7 +119,7 @@ def _of_refusal(text: str, call: Call, created: Sequence[str], *, over: bool, to
     rest = text
     for value in (call.tool, *call.arguments, *call.arguments.values()):
         if isinstance(value, str | int):
-            rest = rest.replace(repr(str(value)[:64]), "").replace(repr(str(value)[:40]), "")
+            rest = rest.replace(quoted(str(value)), "").replace(quoted(str(value), 40), "")
     for name in filter(None, created):
         rest = rest.replace(name, "")
     if found := _INTERNALS.search(rest):

@@ -1,10 +1,13 @@
 """Makes random tool calls on every scene of the suite and checks after each what must always hold.
 
-python -m tests.fuzz.run [--calls N] [--seed N] [--scenes 7,20-25] [--jobs N] [--out DIR]
+Then sends spoiled JSON-RPC frames to a live host and to a server on stdio.
+
+python -m tests.fuzz.run [--calls N] [--frames N] [--seed N] [--scenes 7,20-25] [--jobs N] [--out DIR]
 python -m tests.fuzz.run --replay FILE
 """
 
 import argparse
+import asyncio
 import contextlib
 import multiprocessing
 import os
@@ -19,8 +22,10 @@ from rich.console import Console
 
 from physment_mcp.scene import scene_ids
 from tests.fuzz.episodes import Failure, Tally, play_scene, replayed
+from tests.fuzz.frames import over_http, over_stdio
 
 CALLS = 200_000
+FRAMES = 5000
 _OUT = Path("build/fuzz")
 _SHARE = 1000
 """Most calls of a scene that one process makes before it takes up another scene."""
@@ -98,13 +103,25 @@ def fuzz(args: argparse.Namespace, console: Console) -> int:
         f" {made / took:.0f} a second; failures: {len(tally.failures)}",
         highlight=False,
     )
-    return int(bool(tally.failures))
+    return int(bool(tally.failures) + frames(args.frames, seed, console) > 0)
+
+
+def frames(count: int, seed: int, console: Console) -> int:
+    """Send frames over both transports, half of them over each; returns how many invariants they broke."""
+    if not count:
+        return 0
+    broken = [*asyncio.run(over_http(count // 2, seed)), *asyncio.run(over_stdio(count - count // 2, seed))]
+    for problem in broken:
+        console.print(problem[:3000], markup=False)
+    console.print(f"{count} frames; failures: {len(broken)}", highlight=False)
+    return len(broken)
 
 
 def main(argv: Sequence[str]) -> int:
     """Play or replay; returns 1 if an invariant was broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calls", type=int, default=CALLS, help="how many calls, over all scenes (%(default)s)")
+    parser.add_argument("--frames", type=int, default=FRAMES, help="how many frames (%(default)s)")
     parser.add_argument("--seed", type=int, help="of everything that is drawn; printed, and random by default")
     parser.add_argument("--scenes", type=parse_scenes, help="such as 7,20-25; the whole suite by default")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (%(default)s)")

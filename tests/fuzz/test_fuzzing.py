@@ -208,7 +208,20 @@ def test_a_planted_fault_is_found_shrunk_and_replayed(
 def test_the_command_prints_its_seed_and_writes_what_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = ["--calls", "600", "--seed", "3", "--scenes", f"{PLAIN}", "--jobs", "1", "--out", str(tmp_path / "out")]
+    arguments = [
+        "--calls",
+        "600",
+        "--frames",
+        "0",
+        "--seed",
+        "3",
+        "--scenes",
+        f"{PLAIN}",
+        "--jobs",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(arguments) == 0
     assert "--seed 3" in capsys.readouterr().out
     assert not (tmp_path / "out").exists()

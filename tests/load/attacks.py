@@ -114,6 +114,11 @@ def _wrong_urls(path: str) -> Iterable[bytes]:
     yield posted(path, b"{", "tools/call", "step")
 
 
+def _refused_openings(_path: str) -> Iterable[bytes]:
+    for body in (b'{"scene": 4}', b'{"scene": "7"}', b"{", b'{"scene": 7, "' + b"x" * 20_000 + b'": 1}'):
+        yield request("POST", "/episodes", body)
+
+
 async def long_steps(target: Target) -> None:
     """Step for a minute of laboratory time, again and again; an episode whose time is used up gives way to another."""
     target.begun.set()
@@ -305,6 +310,8 @@ ATTACKS: dict[str, Attack] = {
     "slow readers": slow_readers,
     "garbage": garbage,
     "wrong URLs": repeated(_wrong_urls),
+    "200 wrong URLs at once": repeated(_wrong_urls, _MANY),
+    "200 refused openings at once": repeated(_refused_openings, _MANY),
     "sessions never ended": sessions,
     "streams kept open": streams,
     "episodes opened and closed": openings,

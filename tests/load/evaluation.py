@@ -46,6 +46,8 @@ class Evaluation:
     seeds: int
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
     starts: int = 0
+    background: bool = False
+    """Whether Ctrl-C is ignored."""
 
     @property
     def episodes(self) -> int:
@@ -61,13 +63,20 @@ class Evaluation:
         """
         words = ["--server", self.server, "--scenes", f"{SCENES[0]}-{SCENES[-1]}", "--seeds", f"0-{self.seeds - 1}"]
         words += ["--concurrency", "4", "--out", str(self.folder), "--resume"]
+
+        def begin() -> None:
+            # It is ignored by what a script starts in its background.
+            signal.signal(signal.SIGINT, signal.SIG_IGN if self.background else signal.SIG_DFL)
+            if prepare is not None:
+                prepare()
+
         with subprocess.Popen(
             [sys.executable, "-m", "evaluator", *words],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             env=os.environ | {_MARK: self.mark},
-            preexec_fn=prepare,  # noqa: PLW1509 - this process has one thread
+            preexec_fn=begin,  # noqa: PLW1509 - this process has one thread
         ) as process:
             self.starts += 1
             try:

@@ -26,6 +26,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from tests.load import disks
 from tests.load.evaluation import Broken, Evaluation
 
 _STDIO_EVERY = 6
@@ -72,6 +73,11 @@ Fault = Callable[[Struck], int]
 
 def _signalled(sign: signal.Signals) -> Fault:
     return lambda run: run.strike(lambda process: process.send_signal(sign))[0]
+
+
+def _signalled_in_background(run: Struck) -> int:
+    run.evaluation.background = True
+    return _signalled(signal.SIGTERM)(run)
 
 
 def _server_killed(run: Struck) -> int:
@@ -130,9 +136,51 @@ def _read_only(run: Struck) -> int:
     return code
 
 
+def _on_own_disk(strike: Callable[[Struck], int]) -> Fault:
+    """Play and resume on a file system of its own, then take the run from there."""
+
+    def fault(run: Struck) -> int:
+        folder = run.evaluation.folder
+        kept = folder.with_name(f"{folder.name}-kept")
+        folder.mkdir()
+        with disks.mounted(folder):
+            code = strike(run)
+            run.evaluation.complete()
+            shutil.copytree(folder, kept)
+        folder.rmdir()
+        kept.rename(folder)
+        if code == 0:
+            raise Broken("nothing could be written, and the run says that all is well")
+        return code
+
+    return fault
+
+
+def _no_space(run: Struck) -> int:
+    folder = run.evaluation.folder
+    disks.fill(folder, run.chance.randrange(run.usual.size))
+    code, _ = run.strike(lambda _process: None)
+    disks.empty(folder)
+    return code
+
+
+def _turned_read_only(run: Struck) -> int:
+    folder = run.evaluation.folder
+
+    def lock(process: subprocess.Popen[str]) -> None:
+        while process.poll() is None and not disks.turn(folder, "ro"):
+            pass
+
+    code, _ = run.strike(lock)
+    if not disks.turn(folder, "rw"):
+        raise Broken("a file is still open for writing")
+    return code
+
+
 FAULTS: dict[str, Fault] = {
     "SIGINT": _signalled(signal.SIGINT),
     "SIGTERM": _signalled(signal.SIGTERM),
+    "SIGTERM in the background": _signalled_in_background,
     "SIGHUP": _signalled(signal.SIGHUP),
     "SIGKILL": _signalled(signal.SIGKILL),
     "server killed": _server_killed,
@@ -140,8 +188,12 @@ FAULTS: dict[str, Fault] = {
     "torn last line": _torn_line,
     "garbage line": _garbage_line,
     "read-only folder": _read_only,
+    "full file system": _on_own_disk(_no_space),
+    "file system turned read-only": _on_own_disk(_turned_read_only),
 }
 """Kind → the fault."""
+NEED_MOUNTS = {kind for kind in FAULTS if "file system" in kind}
+"""Those for which this process must be allowed to mount a file system."""
 
 
 def undisturbed(folder: Path, server: str, seeds: int) -> Undisturbed:
@@ -174,9 +226,13 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--kinds", default="", help=f"words in the names of: {' · '.join(FAULTS)}")
     args = parser.parse_args(argv)
     kinds = [kind for kind in FAULTS if any(word in kind for word in args.kinds.split(","))]
+    left_out = NEED_MOUNTS.intersection(kinds) if not disks.may_mount() else set[str]()
+    kinds = [kind for kind in kinds if kind not in left_out]
     seed = random.SystemRandom().randrange(10**6) if args.seed is None else args.seed
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(f"seed {seed}")
+    for kind in sorted(left_out):
+        console.print(f"left out, because this process may not mount file systems: {kind}")
     scratch = Path(tempfile.mkdtemp(prefix="physment-faults-"))
     usual: dict[str, Undisturbed] = {}
     outcomes: defaultdict[str, Counter[str]] = defaultdict(Counter)

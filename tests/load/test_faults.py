@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.load import disks
+from tests.load.disks import may_mount
 from tests.load.evaluation import Broken, Evaluation
-from tests.load.faults import FAULTS, Undisturbed, disturb, main, undisturbed
+from tests.load.faults import FAULTS, NEED_MOUNTS, Undisturbed, disturb, main, undisturbed
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
 
@@ -25,6 +27,8 @@ def usual(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
 def test_a_run_that_a_fault_strikes_is_completed_as_if_nothing_had_happened(
     tmp_path: Path, usual: Undisturbed, kind: str
 ) -> None:
+    if kind in NEED_MOUNTS and not may_mount():
+        pytest.skip("this process may not mount a file system")
     seed = random.SystemRandom().randrange(10**6)
     print(f"seed {seed}")  # shown if the test fails
     disturb(kind, tmp_path / "run", "host", usual, SEEDS, random.Random(seed))
@@ -54,3 +58,23 @@ def test_a_run_that_ends_with_a_traceback_is_noticed(tmp_path: Path) -> None:
 def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--count", "0", "--seed", "1"]) == 0
     assert "seed 1" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not may_mount(), reason="this process may not mount a file system")
+def test_a_file_system_fills_up_turns_read_only_and_is_gone_afterwards(tmp_path: Path) -> None:
+    def use_up() -> None:
+        with disks.mounted(tmp_path):
+            disks.fill(tmp_path, 10_000)
+            with pytest.raises(OSError, match="No space left"):
+                (tmp_path / "file").write_bytes(b"x" * 20_000)
+            disks.empty(tmp_path)
+            (tmp_path / "file").write_bytes(b"x" * 20_000)
+            with (tmp_path / "file").open("ab"):
+                assert not disks.turn(tmp_path, "ro")
+            assert disks.turn(tmp_path, "ro")
+            (tmp_path / "file").write_bytes(b"")
+
+    with pytest.raises(OSError, match="Read-only"):
+        use_up()
+    assert not tmp_path.is_mount()
+    assert list(tmp_path.iterdir()) == []

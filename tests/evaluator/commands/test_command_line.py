@@ -203,18 +203,35 @@ def _keys(folder: Path) -> list[tuple[int, int]]:
     return [(key["scene"], key["seed"]) for key in (json.loads(line)["key"] for line in lines)]
 
 
-def _start_and_stop(tmp_path: Path, server: str, how: signal.Signals, after: int, *more: str) -> int:
-    """Start a run of 40 episodes, stop it when some of them are on disk, and return its exit code."""
+def _start_and_stop(
+    tmp_path: Path, server: str, how: signal.Signals, after: int, *more: str, background: bool = False
+) -> int:
+    """Start a run of 40 episodes, stop it when some of them are on disk, and return its exit code.
+
+    Args:
+        tmp_path: Working folder.
+        server: As `--server`.
+        how: Signal that stops it.
+        after: Number of episodes.
+        more: Further options.
+        background: Whether Ctrl-C is ignored, as a script does it for what it starts in its background.
+    """
     command = [*COMMAND, "--server", server, "--agent", "random", "--scenes", "7,21", "--seeds", "0-19", "--out", "run"]
     command += more
     with subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", *command] if background else command,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     ) as process:
         assert process.stdout is not None
         for _ in range(after):
             assert process.stdout.readline()
         os.killpg(process.pid, how) if how is signal.SIGKILL else process.send_signal(how)
-        process.communicate(timeout=300)
+        _, errors = process.communicate(timeout=300)
+        assert "Traceback" not in errors
         return process.returncode
 
 
@@ -283,11 +300,14 @@ def _whole_lines(folder: Path) -> list[bytes]:
     return (folder / "episodes.jsonl").read_bytes().split(b"\n")[:-1]
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda how: how.name)
+@pytest.mark.parametrize(
+    ("how", "background"),
+    [(signal.SIGINT, False), (signal.SIGTERM, False), (signal.SIGTERM, True), (signal.SIGHUP, False)],
+)
 def test_an_interrupted_run_says_how_to_continue_and_leaves_a_usable_folder(
-    tmp_path: Path, how: signal.Signals
+    tmp_path: Path, how: signal.Signals, *, background: bool
 ) -> None:
-    assert _start_and_stop(tmp_path, "host", how, 3) == 130
+    assert _start_and_stop(tmp_path, "host", how, 3, background=background) == 130
     assert _processes_of_session(tmp_path) == []
     keys = _keys(tmp_path / "run")
     assert 3 <= len(keys) < 40
@@ -343,6 +363,39 @@ def test_text_of_an_agent_cannot_damage_a_run_or_its_report(tmp_path: Path, host
     again = physment_eval(*words, "--resume", cwd=tmp_path)
     assert (again.returncode, again.stderr) == (0, "")
     assert (tmp_path / "run" / "report.html").read_text(encoding="utf-8").count("<script") == 1
+
+
+def test_a_signal_ends_the_program_where_it_awaits_something_and_not_in_the_middle_of_a_function() -> None:
+    code = """
+import signal
+import anyio
+from evaluator.commands.base import run_async
+
+def interrupt(sign, frame):
+    raise KeyboardInterrupt
+
+async def work():
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(write_record)
+        await anyio.sleep_forever()
+
+async def write_record():
+    try:
+        signal.raise_signal(signal.SIGTERM)
+        print("written")
+        await anyio.sleep_forever()
+    finally:
+        print("closed")
+
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+signal.signal(signal.SIGTERM, interrupt)
+try:
+    run_async(work)
+except KeyboardInterrupt:
+    print("interrupted", signal.getsignal(signal.SIGTERM) is interrupt)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("written\nclosed\ninterrupted True\n", "")
 
 
 def test_ctrl_c_is_understood_while_the_program_is_being_loaded() -> None:

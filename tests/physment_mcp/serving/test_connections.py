@@ -7,15 +7,16 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Generator
-from typing import cast
+from typing import Any, cast
 
+import anyio
 import pytest
 import uvicorn
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
-from physment_mcp.serving.connections import BodyGate, Connections
+from physment_mcp.serving.connections import BodyGate, Connections, EpisodesFirst
 from physment_mcp.serving.listening import PatientServer, bounded_protocol
 
 PATIENCE_S = 30.0
@@ -207,3 +208,45 @@ def test_few_connections_are_accepted_before_open_ones_are_looked_at_again() -> 
         connection.close()
     assert sum(accepted) == len(waiting)
     assert max(accepted) <= 16
+
+
+async def test_many_requests_outside_episodes_let_those_of_an_episode_pass() -> None:
+    served: list[str] = []
+
+    async def note(scope: Scope, _receive: Receive, _send: Send) -> None:
+        served.append(scope["path"])
+
+    gate = EpisodesFirst(note, lambda path: path == "/episode")
+
+    async def ask(path: str) -> None:
+        await gate({"type": "http", "path": path}, _nothing, _nothing)
+
+    async with anyio.create_task_group() as tasks:
+        for number in range(100):
+            tasks.start_soon(ask, f"/outside/{number}")
+        tasks.start_soon(ask, "/episode")
+    # They are let in in their order, and what reaches an episode overtakes all that wait.
+    assert served.index("/episode") <= 1
+    assert [path for path in served if path != "/episode"] == [f"/outside/{number}" for number in range(100)]
+
+
+async def test_a_request_that_takes_long_outside_episodes_keeps_no_other_out() -> None:
+    opening, served = anyio.Event(), list[str]()
+
+    async def open_or_note(scope: Scope, _receive: Receive, _send: Send) -> None:
+        if scope["path"] == "/episodes":
+            await opening.wait()
+        served.append(scope["path"])
+
+    gate = EpisodesFirst(open_or_note, lambda _path: False)
+    with anyio.fail_after(60):
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(gate, {"type": "http", "path": "/episodes"}, _nothing, _nothing)
+            await anyio.wait_all_tasks_blocked()
+            await gate({"type": "http", "path": "/healthz"}, _nothing, _nothing)
+            opening.set()
+    assert served == ["/healthz", "/episodes"]
+
+
+async def _nothing(*_: object) -> Any:
+    return None

@@ -169,6 +169,22 @@ async def test_a_request_for_another_name_is_refused(inside: OpenHost, name: str
         assert not host._episodes
 
 
+async def test_a_refusal_repeats_little_of_a_long_request(inside: OpenHost) -> None:
+    long = "x" * 20_000
+    async with inside() as (_, http):
+        asked = [
+            await http.get("/healthz", headers={"Host": long}),
+            await http.get("/healthz", headers={"Origin": f"http://{long}"}),
+            await http.post("/episodes", json={"scene": 7, long: 1}),
+            await http.post("/episodes", json={"scene": 7, "\U000e0001" * 2000: 1}),
+            await http.get(f"/episodes/{long}/calls"),
+            await http.delete(f"/episodes/{long}"),
+            await http.get(f"/{long}"),
+        ]
+        assert [reply.status_code for reply in asked] == [400, 403, 400, 400, 404, 404, 404]
+        assert max(len(reply.text) for reply in asked) < 300
+
+
 @pytest.mark.parametrize("name", ["127.0.0.1:8000", "localhost", "LOCALHOST:1", "[::1]:8000", "[::1]"])
 async def test_a_request_to_this_machine_is_served(inside: OpenHost, name: str) -> None:
     async with inside() as (_, http):

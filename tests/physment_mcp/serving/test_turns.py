@@ -5,7 +5,7 @@ import math
 import anyio
 from anyio.abc import TaskStatus
 
-from physment_mcp.serving.turns import Turns
+from physment_mcp.serving.turns import Traffic, Turns
 
 
 async def hold(turns: Turns, *, task_status: TaskStatus[None] = anyio.TASK_STATUS_IGNORED) -> None:
@@ -74,3 +74,59 @@ async def test_requests_that_take_long_fill_the_places() -> None:
                 assert not served.is_set()
                 held.cancel_scope.cancel()
             await served.wait()
+
+
+async def serving(turns: Turns, *, task_status: TaskStatus[anyio.Event]) -> None:
+    """Serve a request of an episode until the event is set."""
+    done = anyio.Event()
+    async with turns.turn():
+        task_status.started(done)
+        await done.wait()
+
+
+async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_brief_pieces() -> None:
+    traffic = Traffic()
+    long, other = Turns(traffic, patience_s=0), Turns(traffic)
+    resumed: list[float | None] = []
+
+    async def give_way() -> None:
+        resumed.append(await waits())
+
+    with anyio.fail_after(60):
+        async with long.turn(), anyio.create_task_group() as tasks:
+            waits = long.giving_way(at_most=1e9)
+            await give_way()
+            assert resumed == [None]  # alone, so nothing changes
+            done = await tasks.start(serving, other)
+            tasks.start_soon(give_way)
+            await anyio.wait_all_tasks_blocked()
+            assert len(resumed) == 1
+            done.set()
+            await anyio.wait_all_tasks_blocked()
+            assert resumed[1] is not None
+            await give_way()
+            assert resumed[2] is None
+
+
+async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_not_stop_them() -> None:
+    traffic = Traffic()
+    first, second, busy = Turns(traffic, patience_s=0), Turns(traffic, patience_s=0), Turns(traffic)
+    with anyio.fail_after(60):
+        async with first.turn(), second.turn(), anyio.create_task_group() as tasks:
+            one, two = first.giving_way(at_most=1e9), second.giving_way(at_most=1e9)
+            async with anyio.create_task_group() as both:
+                both.start_soon(one)
+                both.start_soon(two)
+            done = await tasks.start(serving, busy)
+            assert await first.giving_way()() is not None
+            done.set()
+
+
+async def test_a_call_that_is_not_long_waits_for_nobody() -> None:
+    traffic = Traffic()
+    brief, other = Turns(traffic, patience_s=math.inf), Turns(traffic)
+    with anyio.fail_after(60):
+        async with brief.turn(), anyio.create_task_group() as tasks:
+            done = await tasks.start(serving, other)
+            assert await brief.giving_way(at_most=1e9)() is None
+            done.set()

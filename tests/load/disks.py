@@ -1,0 +1,70 @@
+"""A small file system of its own for a folder, which can fill up or become read-only. Linux, for who may mount.
+
+Knows mounts. Knows no runs.
+"""
+
+import contextlib
+import functools
+import os
+import subprocess
+import tempfile
+from collections.abc import Generator
+from pathlib import Path
+
+_SIZE = 2**25
+"""Size of the file system [bytes]: enough for any run that is played on it."""
+_BALLAST = "ballast"
+"""File that takes the space away."""
+
+
+@contextlib.contextmanager
+def mounted(folder: Path) -> Generator[None]:
+    """Mount a file system in memory on an empty folder; at the end it is gone with all its files.
+
+    Raises:
+        OSError: This process may not mount.
+    """
+    _mount("-t", "tmpfs", "-o", f"size={_SIZE}", "tmpfs", str(folder))
+    try:
+        yield
+    finally:
+        # Lazily, because a process that was killed may still be ending in it.
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@functools.cache
+def may_mount() -> bool:
+    """Whether this process may mount file systems."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with mounted(Path(folder)):
+                return True
+        except OSError:
+            return False
+
+
+def fill(folder: Path, left: int) -> None:
+    """Take all space but so many bytes, rounded up to whole pages."""
+    state = os.statvfs(folder)
+    with (folder / _BALLAST).open("wb") as stream:
+        os.posix_fallocate(stream.fileno(), 0, max(1, state.f_bavail * state.f_frsize - left))
+
+
+def empty(folder: Path) -> None:
+    """Give the space back."""
+    (folder / _BALLAST).unlink()
+
+
+def turn(folder: Path, mode: str) -> bool:
+    """Make the file system read-only (`ro`) or writable (`rw`); False while a file on it is open for writing."""
+    try:
+        _mount("-o", f"remount,{mode}", str(folder))
+    except OSError:
+        return False
+    return True
+
+
+def _mount(*words: str) -> None:
+    done = subprocess.run(["mount", *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise OSError(done.stderr.strip())
