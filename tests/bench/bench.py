@@ -20,11 +20,14 @@ import anyio
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import starting, stepping, texts, tool_calls
+from tests.bench import in_process, opening, starting, stepping, texts, tool_calls, transports
 from tests.bench.measuring import Row
 
 PARTS: dict[str, Callable[[], AsyncGenerator[Row]]] = {
     "calls": tool_calls.rows,
+    "transports": transports.rows,
+    "opening": opening.rows,
+    "in-process": in_process.rows,
     "stepping": stepping.rows,
     "starting": starting.rows,
     "texts": texts.rows,

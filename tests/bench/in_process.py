@@ -1,13 +1,12 @@
 """The library in a training loop: readings, steps and edits in process, compared with the engine alone.
 
-python tests/bench/in_process.py prints the rows by themselves.
+python -m tests.bench.in_process prints the rows by themselves.
 """
 
 from collections.abc import AsyncGenerator
 
 import anyio
 import mujoco
-from sides import Row, Work, against, compare
 
 from physment_mcp import open_episode
 from physment_mcp.scene import load_scene
@@ -16,6 +15,7 @@ from physment_mcp.session_state import SessionState
 from physment_mcp.tools.calls import call
 from physment_mcp.world import Snapshot
 from physment_mcp.world.loading import STATE, carry_state
+from tests.bench.measuring import Row, Work, busy_against_aim, compare_busy
 
 SIZES = (17, 9, 7, 8, 25)
 """Scenes without laws, with 0, 1, 6, 12 and 18 degrees of freedom."""
@@ -27,15 +27,15 @@ Moment = tuple[Snapshot, SessionState]
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Lines for the table of `make bench`."""
+    """Lines for the table."""
     episode = open_episode(PLAIN, 1)
 
     def reading() -> object:
         return episode.call("get_velocity", object_id="object_1")
 
-    yield against("reading in process", reading, 15e-6, calls=500)
-    yield against("step of one time step in process", _short_steps(), 60e-6, calls=100)
-    yield against("episode in process: open, 5 readings, 5 steps, answer", _episode, 2.5e-3, calls=20)
+    yield busy_against_aim("reading in process", reading, 15e-6, calls=500)
+    yield busy_against_aim("step of one time step in process", _short_steps(), 60e-6, calls=100)
+    yield busy_against_aim("episode in process: open, 5 readings, 5 steps, answer", _episode, 2.5e-3, calls=20)
     for scene in SIZES:
         for length in (1.0, LONG_S):
             yield _stepping(scene, length)
@@ -81,7 +81,9 @@ def _stepping(scene: int, length: float) -> Row:
         mujoco.mj_step(start.model, data, steps)
 
     beginning = session.state
-    return compare(f"step({length:g}) of scene {scene}, against mj_step(nstep)", ours, theirs, 1.02, calls=4, rounds=41)
+    return compare_busy(
+        f"step({length:g}) of scene {scene}, against mj_step(nstep)", ours, theirs, 1.02, calls=4, rounds=41
+    )
 
 
 def _edits() -> list[Row]:
@@ -103,7 +105,7 @@ def _edits() -> list[Row]:
             carry_state(before[0].model, before[0].data, spec.compile())
 
         spec = after[0].spec.copy()
-        return compare(f"{tool}, against spec.compile() and the state's transfer", ours, theirs, 1.2, calls=5)
+        return compare_busy(f"{tool}, against spec.compile() and the state's transfer", ours, theirs, 1.2, calls=5)
 
     return [
         row("create_objects", NEW, plain, made),

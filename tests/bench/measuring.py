@@ -1,11 +1,14 @@
 """Two things timed alternately in one run, and the row of the table that compares them."""
 
 import statistics
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Awaitable, Callable, Sequence
 from typing import NamedTuple
 
 Timed = Callable[[], Awaitable[float]]
 """Does the work once and returns its time [s]."""
+Work = Callable[[], object]
+"""Does the work once."""
 
 
 class Row(NamedTuple):
@@ -34,23 +37,55 @@ async def compare(what: str, ours: Timed, theirs: Timed, rounds: int, aim: float
     """
     await ours()
     await theirs()
-    pairs = [(await ours(), await theirs()) for _ in range(rounds)]
-    ratios = [our_time / their_time for our_time, their_time in pairs]
-    low, _, high = statistics.quantiles(ratios, n=4)
-    return Row(
-        what,
-        statistics.median(our_time for our_time, _ in pairs),
-        statistics.median(their_time for _, their_time in pairs),
-        statistics.median(ratios),
-        aim,
-        (low, high),
-    )
+    return row_of(what, [(await ours(), await theirs()) for _ in range(rounds)], aim)
 
 
 async def against_aim(what: str, timed: Timed, rounds: int, aim_s: float) -> Row:
     """Time one thing, after one round to warm up, and compare it with the time [s] that is aimed at."""
     await timed()
-    times = [await timed() for _ in range(rounds)]
-    low, _, high = statistics.quantiles(times, n=4)
-    median = statistics.median(times)
-    return Row(what, median, aim_s, median / aim_s, 1.0, (low / aim_s, high / aim_s))
+    return row_of(what, [(await timed(), aim_s) for _ in range(rounds)], 1.0)
+
+
+def compare_busy(what: str, ours: Work, theirs: Work, aim: float, *, calls: int, rounds: int = 21) -> Row:
+    """As `compare`, by the processor time that both sides take in this process.
+
+    Args:
+        what: Text of the row.
+        ours: One call of ours.
+        theirs: What it is compared with.
+        aim: The ratio that we want to stay below.
+        calls: Calls of each side in a round.
+        rounds: Number of rounds.
+    """
+    busy_s(ours, calls)
+    busy_s(theirs, calls)
+    return row_of(what, [(busy_s(ours, calls), busy_s(theirs, calls)) for _ in range(rounds)], aim)
+
+
+def busy_against_aim(what: str, ours: Work, aim_s: float, *, calls: int, rounds: int = 21) -> Row:
+    """As `against_aim`, by the processor time in this process; the text gets the calls per second."""
+    busy_s(ours, calls)
+    row = row_of(what, [(busy_s(ours, calls), aim_s) for _ in range(rounds)], 1.0)
+    return row._replace(what=f"{what} ({1 / row.ours_s:,.0f} a second and core)")
+
+
+def busy_s(work: Work, calls: int) -> float:
+    """Processor time of one call [s], averaged over some."""
+    start = time.process_time()
+    for _ in range(calls):
+        work()
+    return (time.process_time() - start) / calls
+
+
+def row_of(what: str, pairs: Sequence[tuple[float, float]], aim: float) -> Row:
+    """The row for the times of both sides [s] in each round."""
+    ratios = [mine / other for mine, other in pairs]
+    low, _, high = statistics.quantiles(ratios, n=4)
+    return Row(
+        what,
+        statistics.median(mine for mine, _ in pairs),
+        statistics.median(other for _, other in pairs),
+        statistics.median(ratios),
+        aim,
+        (low, high),
+    )

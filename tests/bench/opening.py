@@ -1,6 +1,6 @@
 """Opening episodes: processor time in process and in a warm host, and the memory of many open episodes.
 
-python tests/bench/opening.py [EPISODES] prints the rows, and then the memory of so many episodes on one host (1000).
+python -m tests.bench.opening [EPISODES] prints the rows, and then the memory of so many episodes on one host (1000).
 """
 
 import json
@@ -15,12 +15,12 @@ from pathlib import Path
 import anyio
 import httpx
 from mcp import Client
-from sides import Row, Work, against, compare
 
 from physment_mcp import open_episode
 from physment_mcp.scene import load_scene, scene_ids
 from physment_mcp.session import Session
 from physment_mcp.world.loading import load
+from tests.bench.measuring import Row, Work, busy_against_aim, compare_busy
 
 SCENES = (7, 25, 100, 203)
 """Small and large, without and with laws."""
@@ -28,13 +28,15 @@ _OPENED = 200
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Lines for the table of `make bench`."""
+    """Lines for the table."""
     for scene in SCENES:
-        yield against(f"open scene {scene} in process, kept", partial(open_episode, scene, 1), 1e-3, calls=20)
+        yield busy_against_aim(f"open scene {scene} in process, kept", partial(open_episode, scene, 1), 1e-3, calls=20)
     for scene in SCENES:
         mjcf = load_scene(scene, 1).mjcf
         opened: Work = partial(Session, load_scene(scene, 1))
-        yield compare(f"a session of scene {scene}, against compiling it", opened, partial(load, mjcf), 0.5, calls=5)
+        yield compare_busy(
+            f"a session of scene {scene}, against compiling it", opened, partial(load, mjcf), 0.5, calls=5
+        )
     with _host() as (process, url), httpx.Client(base_url=url) as http:
         for scene in SCENES:
             asking = partial(http.post, "/episodes")

@@ -1,11 +1,10 @@
 """Processor time per turn of many conversations on a local host, over sockets and over HTTP.
 
 `rows` yields what `make bench` prints. Wall time would say little: it depends on what else the machine does.
-Run with: python tests/bench/transports.py [EPISODES [TURNS [ROUNDS]]]
+Run with: python -m tests.bench.transports [EPISODES [TURNS [ROUNDS]]]
 """
 
 import resource
-import statistics
 import sys
 import tempfile
 import time
@@ -14,9 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import anyio
-from many_episodes import Thinker
 
-from evaluator.commands.base import make_room
+from evaluator.commands.process import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.toolbox import Toolboxes
@@ -25,8 +23,9 @@ from evaluator.run_record import Plan
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay
 from evaluator.study.runner import Runner
+from tests.bench.many_episodes import Thinker
+from tests.bench.measuring import Row, row_of
 
-Row = tuple[str, float, float, float, float]
 AIM = 0.6
 
 
@@ -69,23 +68,15 @@ async def rows(episodes: int = 40, turns: int = 20, rounds: int = 3) -> AsyncGen
         (await turn(episodes, turns, sockets=True), await turn(episodes, turns, sockets=False)) for _ in range(rounds)
     ]
     for side, what in enumerate(("evaluator", "host")):
-        ours = [ours[side] for ours, _ in pairs]
-        theirs = [theirs[side] for _, theirs in pairs]
-        ratio = statistics.median(mine / other for mine, other in zip(ours, theirs, strict=True))
-        yield (
-            f"turn of two calls, {what}: sockets against HTTP",
-            statistics.median(ours),
-            statistics.median(theirs),
-            ratio,
-            AIM,
-        )
+        times = [(ours[side], theirs[side]) for ours, theirs in pairs]
+        yield row_of(f"turn of two calls, {what}: sockets against HTTP", times, AIM)
 
 
 async def main() -> None:
     """Print the rows."""
     words = [int(word) for word in sys.argv[1:]]
-    async for what, ours, theirs, ratio, aim in rows(*words):
-        print(f"{what}: {ours * 1e3:.2f} ms, {theirs * 1e3:.2f} ms, {ratio:.2f} (aim {aim:g})")
+    async for row in rows(*words):
+        print(f"{row.what}: {row.ours_s * 1e3:.2f} ms, {row.theirs_s * 1e3:.2f} ms, {row.ratio:.2f} (aim {row.aim:g})")
 
 
 if __name__ == "__main__":
