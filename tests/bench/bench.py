@@ -76,7 +76,9 @@ def main(argv: Sequence[str]) -> None:
     if unknown := set(args.parts) - set(PARTS):
         parser.error(f"no such part: {', '.join(sorted(unknown))}")
     logging.disable(logging.INFO)
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=140)
     measured = anyio.run(measure, args.parts or list(PARTS), console)
     figures = {"machine": _machine(), "rows": _as_data(measured)}
     args.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
