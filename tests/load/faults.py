@@ -149,8 +149,6 @@ def _on_own_disk(strike: Callable[[Struck], int]) -> Fault:
             shutil.copytree(folder, kept)
         folder.rmdir()
         kept.rename(folder)
-        if code == 0:
-            raise Broken("nothing could be written, and the run says that all is well")
         return code
 
     return fault
@@ -160,6 +158,8 @@ def _no_space(run: Struck) -> int:
     folder = run.evaluation.folder
     disks.fill(folder, run.chance.randrange(run.usual.size))
     code, _ = run.strike(lambda _process: None)
+    if code == 0:
+        raise Broken("there was no space for all episodes, and the run says that all is well")
     disks.empty(folder)
     return code
 
