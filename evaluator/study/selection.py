@@ -45,9 +45,7 @@ def find_split(name: str) -> Split:
         UsageError: There is no such split, or only its publisher knows its seeds.
     """
     if name == HELD_BACK:
-        raise UsageError(
-            f"only the publisher of a {HELD_BACK} split knows its seeds: name its key with --seed-key FILE"
-        )
+        raise UsageError(f"the seeds of {HELD_BACK} come from a key that its publisher keeps: run --seed-key FILE")
     if name not in splits():
         raise UsageError(f"there is no split {name!r}; the splits are {', '.join(splits())} and {HELD_BACK}")
     return splits()[name]

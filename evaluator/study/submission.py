@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 from evaluator.answers.grading import GRADER_VERSION
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import FORMAT, EpisodeKey, GradeRecord, Outcome, Record, is_absent
+from evaluator.records import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
 from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -60,6 +60,7 @@ def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
         raise UsageError(f"{folder.path} continues episodes of another run, so its results are not those of its agents")
     _check_whole(folder, record)
     _check_packs(record, keys.folder)
+    _check_frames(folder)
     rows = graded_rows(folder, keys)
     _check_grades(folder, rows)
     return Submission(
@@ -142,6 +143,25 @@ def _check_packs(record: RunRecord, scenes_dir: Path | None) -> None:
         raise UsageError(
             f"the run was played on another pack of scene {other[0]} than the one here, which cannot grade it"
         )
+
+
+def _check_frames(folder: RunFolder) -> None:
+    """Refuse a frame that is missing or is not the one that the records name: its name is its hash."""
+    names = {
+        frame.name
+        for episode in folder.episodes().values()
+        for turn in episode.turns
+        for exchange in turn.exchanges
+        for frame in exchange.frames
+    }
+    for name in sorted(names):
+        file = folder.frames_folder / f"{name}.png"
+        try:
+            same = Frame.of(file.read_bytes()).name == name
+        except OSError as error:
+            raise StoreError(f"{file} cannot be read: {error.strerror}") from error
+        if not same:
+            raise StoreError(f"{file} is not the frame that the records name")
 
 
 def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:

@@ -1,10 +1,14 @@
 """The splits of the suite: complete, apart from each other, and fixed."""
 
 import hashlib
+import re
 from itertools import combinations
+
+import pytest
 
 from scenes import Rung, list_packs, read_pack
 from scenes.splits import splits
+from tests.builders.paths import DOCS
 
 FINGERPRINTS = {1: "8226809385048093"}
 """Version of the list → hash of its splits. A published version never changes: a change needs a new version."""
@@ -24,6 +28,17 @@ def test_every_scene_of_the_suite_is_tested_and_none_is_listed_twice() -> None:
         assert len(set(split.scenes)) == len(split.scenes)
         assert set(split.scenes) <= set(packs)
     assert not set(splits()["test-open"].scenes) & suite
+
+
+def test_a_trainer_gets_the_lists_that_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (DOCS / "how-to" / "splits.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(compile(program, "splits.md", "exec"), {})
+    assert capsys.readouterr().out.splitlines() == re.findall(r"# → (.+)$", program, re.MULTILINE)
+    for name, parts in splits().items():
+        row = next(line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
+        assert f"| {parts.seeds[0]}-{parts.seeds[-1]} |" in row
+        assert name not in {"train", "test-ideas", "test-categories", "test"} or f"{len(parts.scenes)}" in row
 
 
 def test_no_two_roles_share_a_seed() -> None:

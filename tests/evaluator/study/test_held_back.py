@@ -153,7 +153,7 @@ async def test_a_failure_of_the_server_does_not_tell_the_seed(
     ("words", "said"),
     [
         (["--split", "exam"], "there is no split 'exam'; the splits are train, validation, test,"),
-        (["--split", "held-back"], "name its key with --seed-key FILE"),
+        (["--split", "held-back"], "come from a key that its publisher keeps: run --seed-key FILE"),
         (["--split", "test", "--seeds", "0,20"], "--seeds 20: the split test has the seeds 0-19"),
         (
             ["--split", "test-ideas", "--scenes", "7"],

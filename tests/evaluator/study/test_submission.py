@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from evaluator.__main__ import main
-from evaluator.records import Episode
+from evaluator.records import Episode, Frame
 from evaluator.store import RunFolder
 from evaluator.study.sealing import Sealing
 
@@ -145,6 +145,25 @@ def test_a_forged_reading_is_found_by_the_replay(folder: RunFolder, check: Calla
     code, sentence = check()
     assert code == 1
     assert "sim_time" in sentence
+
+
+def test_a_frame_that_the_records_do_not_name_is_refused(folder: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = Frame.of(b"what was seen")
+
+    def shown(episode: Episode) -> Episode:
+        turn = episode.turns[0]
+        exchange = turn.exchanges[0].model_copy(update={"frames": (frame,)})
+        first = turn.model_copy(update={"exchanges": (exchange, *turn.exchanges[1:])})
+        return episode.model_copy(update={"turns": (first, *episode.turns[1:])})
+
+    rewrite(folder, shown)
+    file = folder.frames_folder / f"{frame.name}.png"
+    file.write_bytes(b"something else")
+    capsys.readouterr()
+    assert main(["submit", str(folder.path)]) == 2
+    assert "is not the frame that the records name" in capsys.readouterr().err
+    file.unlink()
+    assert main(["submit", str(folder.path)]) == 2
 
 
 @pytest.mark.parametrize("lost", ["an episode", "the seal", "the grades"])
