@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, seconds, seed_key
+from evaluator.commands.argument_types import count_of, seconds, seed_key, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.commands.external import USUAL_CONCURRENCY
 from evaluator.commands.model_options import add_model_options, model_options
@@ -60,6 +60,7 @@ def add(commands: Commands) -> None:
     )
     fork.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
     seed_key(fork)
+    trust_edited(fork)
     fork.add_argument("--out", type=Path, metavar="DIR", help="the new run folder (default runs/TIME-AGENT)")
     fork.add_argument("--resume", action="store_true", help="continue the fork in --out")
     fork.add_argument(
@@ -79,7 +80,7 @@ def add(commands: Commands) -> None:
 def _fork(args: argparse.Namespace) -> int:
     source = RunFolder(args.folder)
     record = source.read_run()
-    seal_note(source)  # refuses records that are not as they were sealed
+    seal_note(source, trust=args.trust_edited)
     episodes = select_episodes(source, args.episode, args.turn)
     seed_of = seeds_of(source, args.seed_key)
     key = read_seed_key(args.seed_key) if args.seed_key else read_revealed(source)
@@ -140,6 +141,7 @@ def _options(args: argparse.Namespace, episodes: list[Episode], team: Team) -> R
         resume=args.resume,
         trust_edited=False,
         dry_run=False,
+        otel=False,
         as_json=args.json,
     )
 

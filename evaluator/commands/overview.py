@@ -12,6 +12,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval merge runs/mine --out runs/whole   merge the shards of a run
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
+  physment-eval export runs/mine --to parquet      a row for each exchange; or logs of Inspect AI
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
   physment-eval play 7                             solve a scene yourself
   physment-eval replay runs/mine                   play its episodes again and compare every return
@@ -45,6 +46,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "scenes": ("scenes", "list, show, start or document scenes"),
     "models": ("models", "list language models, and what is missing to ask them"),
     "replay": ("replay", "play recorded episodes again and compare the returns"),
+    "export": ("export", "write a run as Parquet or as logs of Inspect AI"),
     "fork": ("fork", "let another agent go on from a stored episode"),
     "submit": ("submit", "write the results of a run for a leaderboard"),
     "check-submission": ("submit", "check a submission against its run folder"),

@@ -19,6 +19,7 @@ from evaluator.commands.base import Commands, run_async
 from evaluator.commands.overview import DESCRIPTION
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import RunOptions, add_options, read_options
+from evaluator.commands.telemetry import exporting_spans, require_otel
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import HostLaboratory, Laboratory, connect
 from evaluator.episode.contender import Contender
@@ -75,6 +76,10 @@ def _run(args: argparse.Namespace) -> int:
     if options.dry_run:
         print(*estimate_lines(plan, keys, options.shard, options.concurrency), sep="\n")
         return 0
+    if options.otel:
+        if options.executor == "ray":
+            raise UsageError("--otel: the workers of --executor ray export no spans; play with --executor local")
+        require_otel()
     if options.executor == "ray":
         require_ray()
     for note in (*_timestep_notes(options.packs), engine_note(options.team.scenes_dir or default_folder())):
@@ -161,6 +166,8 @@ async def _play_missing(run: PreparedRun) -> str:
     options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(folder.held())
+        if options.otel:
+            stack.enter_context(exporting_spans())
         damage = folder.set_damage_aside() if options.resume else []
         for note in damage:
             print(f"physment-eval: {note}", file=sys.stderr)

@@ -69,6 +69,8 @@ class RunOptions:
     trust_edited: bool
     """Go on with records that do not fit to their seal."""
     dry_run: bool
+    otel: bool
+    """Export spans of OpenTelemetry."""
     as_json: bool
     """Print the summary as JSON on stdout, and everything else on stderr."""
 
@@ -136,6 +138,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         resume=args.resume,
         trust_edited=args.trust_edited,
         dry_run=args.dry_run,
+        otel=args.otel,
         as_json=args.json,
     )
 
@@ -266,6 +269,12 @@ def _course(group: "ArgumentGroup") -> None:
     group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
     group.add_argument("--resume", action="store_true", help="continue the run in --out")
     trust_edited(group)
+    group.add_argument(
+        "--otel",
+        action="store_true",
+        help="send spans of episodes, turns, requests and calls to the collector at OTEL_EXPORTER_OTLP_ENDPOINT; needs"
+        " the extra `otel`",
+    )
     group.add_argument("--dry-run", action="store_true", help="print the matrix and an estimate, and play nothing")
     group.add_argument(
         "--json", action="store_true", help="print the summary as JSON on stdout, everything else on stderr"
