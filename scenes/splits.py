@@ -38,7 +38,7 @@ class Split:
 def splits() -> Mapping[str, Split]:
     """Name → split.
 
-    `train` and `validation` share scenes and have seeds of their own; `validation` also has scenes of ideas that
+    `train` and `validation` share scenes and have seeds of their own; `validation` also has scenes whose main idea
     `train` lacks. `test-seeds` has the scenes of `train`. The scenes of `test-ideas` and `test-categories` are in
     neither `train` nor `validation`, and nothing there has their ideas or categories. `test` is these three together.
     `test-open` holds the open worlds.

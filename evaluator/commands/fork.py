@@ -19,7 +19,7 @@ from evaluator.run_record import ForkedRun, Plan
 from evaluator.store import RunFolder
 from evaluator.study.contenders import Team
 from evaluator.study.forking import CONDITIONS, ForkContender, fork_keys, line_hashes, select_episodes
-from evaluator.study.held_back import read_revealed, read_seed_key, seeds_of
+from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.sealing import seal_note
 from evaluator.study.shards import WHOLE
@@ -112,6 +112,7 @@ def _fork(args: argparse.Namespace) -> int:
         console=Console(stderr=args.json),
         forked_from=ForkedRun(folder=args.folder.resolve().name, seal_head=seal.head if seal else "", turn=args.turn),
     )
+    pass_on_key(source, run.folder)
     return play_run(run)
 
 

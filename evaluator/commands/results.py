@@ -14,7 +14,7 @@ from evaluator.commands.terminal import print_results
 from evaluator.records import Outcome
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
-from evaluator.study.held_back import is_withheld, seeds_of
+from evaluator.study.held_back import is_withheld, pass_on_key, seeds_of
 from evaluator.study.merging import expand, merge
 from evaluator.study.sealing import seal_note
 
@@ -57,6 +57,7 @@ def _merge(args: argparse.Namespace) -> int:
     parts = expand(args.folders)
     keys = KeyRing(args.scenes_dir, seeds_of(parts[0], args.seed_key))
     merge(parts, folder, trust=args.trust_edited)
+    pass_on_key(parts[0], folder)
     return finish(folder, keys, Console(stderr=args.json), as_json=args.json)
 
 

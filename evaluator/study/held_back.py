@@ -99,6 +99,13 @@ def reveal(folder: RunFolder, key_file: Path) -> None:
     folder.write_text(seed_key_file(folder), disclosed.model_dump_json(indent=2) + "\n")
 
 
+def pass_on_key(source: RunFolder, target: RunFolder) -> None:
+    """Disclose in a run that was made of another one what that one discloses."""
+    key = read_revealed(source)
+    if key is not None:
+        target.write_text(seed_key_file(target), RevealedKey(key=key.secret.hex()).model_dump_json(indent=2) + "\n")
+
+
 def is_withheld(folder: RunFolder) -> bool:
     """Whether the grades of a run must not contain what is right, because its seeds are not revealed."""
     return bool(folder.read_run().plan.held_back) and not seed_key_file(folder).exists()

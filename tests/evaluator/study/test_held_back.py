@@ -97,6 +97,11 @@ def test_a_run_needs_its_key_until_it_is_revealed(
     assert main(["grade", *words]) == 0
     assert main([*replay, "--exact"]) == 0
     assert all(grade.answer_key is not None for grade in folder.grades().values())
+    made = {"whole": ["merge", *words], "forked": ["fork", *words, "--episode", "scene=7", "--turn", "1"]}
+    made["forked"] += ["--agent", "blind", "--server", host_url]
+    for name, command in made.items():
+        assert main([*command, "--out", str(tmp_path / name)]) == 0
+        assert all(grade.answer_key is not None for grade in RunFolder(tmp_path / name).grades().values())
     capsys.readouterr()
     assert main(["reveal-seeds", *words, "--json"]) == 0
     revealed = json.loads(capsys.readouterr().out)
@@ -154,10 +159,11 @@ async def test_a_failure_of_the_server_does_not_tell_the_seed(
     [
         (["--split", "exam"], "there is no split 'exam'; the splits are train, validation, test,"),
         (["--split", "held-back"], "come from a key that its publisher keeps: run --seed-key FILE"),
+        (["--split", "test", "--seed-key", "some.key"], "its seeds are those of the split held-back, not of test"),
         (["--split", "test", "--seeds", "0,20"], "--seeds 20: the split test has the seeds 0-19"),
         (
             ["--split", "test-ideas", "--scenes", "7"],
-            "the split test-ideas has no scene of --scenes 7; its scenes are 8,24",
+            "the split test-ideas has no scene of --scenes 7; its scenes are 8,17,24",
         ),
     ],
 )
@@ -177,4 +183,4 @@ def test_a_split_gives_scenes_and_seeds(tmp_path: Path, host_url: str, capsys: p
     assert (plan.split, plan.scenes, plan.seeds, plan.held_back) == ("validation@1", (7, 9, 10), (1003,), "")
     capsys.readouterr()
     assert main(["scenes", "list", "--split", "test-ideas"]) == 0
-    assert "split test-ideas@1: 15 scenes, seeds 0-19" in capsys.readouterr().out
+    assert "split test-ideas@1: 20 scenes, seeds 0-19" in capsys.readouterr().out
