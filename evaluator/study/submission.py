@@ -127,7 +127,8 @@ def _check_whole(folder: RunFolder, record: RunRecord) -> None:
             f"{folder.path} lacks {len(unplayed)} of {len(wanted)} episodes, the first of them {_named(unplayed[0])};"
             " play them with --resume, or merge the shards"
         )
-    extra = next((key for key in episodes if key not in set(wanted)), None)
+    planned = set(wanted)
+    extra = next((key for key in episodes if key not in planned), None)
     if extra is not None:
         raise UsageError(f"{folder.path} holds an episode that is not in its plan, {_named(extra)}")
 

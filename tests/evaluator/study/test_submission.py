@@ -193,7 +193,7 @@ def test_a_run_that_is_not_whole_is_not_submitted(
     assert said[lost] in capsys.readouterr().err
 
 
-def test_a_run_of_a_program_is_confirmed_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_of_a_program_is_confirmed_too(tmp_path: Path, host_url: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Its episodes have a turn for each call and another prompt than those that the loop plays."""
     program = tmp_path / "agent.py"
     program.write_text(
@@ -203,8 +203,8 @@ def test_a_run_of_a_program_is_confirmed_too(tmp_path: Path, capsys: pytest.Capt
         encoding="utf-8",
     )
     run = tmp_path / "run"
-    options = ["--agent", "external", "--server", "host", "--scenes", "7", "--budgets", "2", "--out", str(run)]
+    options = ["--agent", "external", "--server", host_url, "--scenes", "7", "--budgets", "2", "--out", str(run)]
     assert main(["run", *options, "--", sys.executable, str(program), "{mcp_url}"]) == 0
     assert main(["submit", str(run)]) == 0
-    assert main(["check-submission", str(run / "submission.json"), str(run)]) == 0
+    assert main(["check-submission", str(run / "submission.json"), str(run), "--server", host_url]) == 0
     assert "1 episodes graded again, 4 calls replayed" in capsys.readouterr().out
