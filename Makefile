@@ -104,10 +104,10 @@ conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against
 	@$(BIN)/python -m tests.conformance.run --out docs/explanation/conformance.md
 
 # An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
-inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
+inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays, grades and reads our logs
 	@test -d .inspect || python3 -m venv .inspect
 	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
-	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
+	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py tests/clients/test_inspect_log.py
 
 engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, into .engines; ENGINES="4.1.0 --certify" for options)
 	@$(BIN)/python -m tests.engines.run $(ENGINES)

@@ -7,6 +7,7 @@ from pathlib import Path
 from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
+from evaluator.seed_key import SeedOf, seed_as_recorded
 from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
 from scenes.draw import step_values
 from scenes.protocol import AnswerValue, load_solution
@@ -26,9 +27,10 @@ class SceneFacts:
 class KeyRing:
     """Answer keys for one folder of packs. Each key is computed once."""
 
-    def __init__(self, scenes_dir: Path | None = None) -> None:
+    def __init__(self, scenes_dir: Path | None = None, seed_of: SeedOf = seed_as_recorded) -> None:
         self.folder = scenes_dir
         """Folder of the packs; None for the packs that ship with the suite."""
+        self._seed_of = seed_of
         self.key = functools.cache(self._key)
         self.facts = functools.cache(self._facts)
 
@@ -40,7 +42,7 @@ class KeyRing:
             raise UsageError(str(error)) from error
 
     def _key(self, scene: int, seed: int) -> AnswerKey:
-        """The answer key of a scene at a seed.
+        """The answer key of a scene at a seed, as episodes record it.
 
         The pack stores the key for seed 0. For other seeds, `theory` computes it from the drawn values, or `measure`
         from a privileged engine run if there is no closed form. A key never comes from an agent's readings.
@@ -49,6 +51,7 @@ class KeyRing:
             UsageError: The pack is malformed, or gives no key for this seed.
         """
         files, pack = self._open(scene)
+        seed = self._seed_of(scene, seed)
         stored = listed_numbers(pack.answer) if pack.answer_spec is None else pack.answer
         spec = pack.answer_spec or infer_spec(stored, pack.metadata.problem_type)
         names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -68,6 +69,16 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def seed_key(parser: "ActionsContainer") -> None:
+    """Declare `--seed-key` of a command that reads stored runs."""
+    parser.add_argument(
+        "--seed-key",
+        type=Path,
+        metavar="FILE",
+        help="the key of a run on held-back seeds (default: the one that its folder reveals)",
+    )
 
 
 def trust_edited(parser: "ActionsContainer") -> None:

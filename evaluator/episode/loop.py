@@ -29,6 +29,7 @@ from evaluator.records import (
     Versions,
     total_usage,
 )
+from evaluator.spans import call_span, end_call, turn_span
 
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
@@ -75,7 +76,8 @@ async def play_episode(
         player = agent.player(key, briefing)
         feedback: Feedback | None = None
         for remaining in range(key.budget - 1, -1, -1):
-            turn, answered = await _take_turn(player, feedback, client, toolbox, used)
+            with turn_span(len(turns) + 1):
+                turn, answered = await _take_turn(player, feedback, client, toolbox, used)
             turns.append(turn)
             if answered:
                 outcome, answer = Outcome.ANSWERED, _answer_of(turn.exchanges)
@@ -154,7 +156,9 @@ async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
             note, stopped = f"{misfit}; this call and the ones after it were not run.", True
             exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
             continue
-        exchange = await _run(client, call, toolbox)
+        with call_span(call.tool) as span:
+            exchange = await _run(client, call, toolbox)
+            end_call(span, exchange)
         exchanges.append(exchange)
         answered = stopped = call.tool == ANSWER and not exchange.is_error
     return _Batch(tuple(exchanges), note, answered)

@@ -98,7 +98,7 @@ class EpisodeWorker:
             self._contenders = self.team.build()
             for contender in self._contenders.values():
                 await self._open.enter_async_context(contender.running())
-            place = connect(self.team.server, self.team.scenes_dir, self.team.observations)
+            place = connect(self.team.server, self.team.scenes_dir, self.team.observations, self.team.seed_of)
             self._laboratory = await self._open.enter_async_context(place)
         except Exception as error:  # noqa: BLE001 - whatever a node lacks, the operator must learn which node it is
             return UsageError(f"{where} cannot play: {error}")
