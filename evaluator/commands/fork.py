@@ -142,6 +142,7 @@ def _options(args: argparse.Namespace, episodes: list[Episode], team: Team) -> R
         resume=args.resume,
         trust_edited=False,
         dry_run=False,
+        workers=1,
         otel=False,
         as_json=args.json,
     )
