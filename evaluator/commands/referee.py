@@ -30,6 +30,10 @@ from evaluator.study.sealing import Sealing
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
 
+_KEEP_ALIVE_S = 60
+"""How long an idle connection is kept [s]."""
+_MORE_CONNECTIONS = 100
+"""Open connections besides two for each episode; beyond them the answer is 503."""
 _DESCRIPTION = """\
 Open episodes for a trainer, and say after the end of each what it was worth. The answer keys stay in this process.
 
@@ -152,7 +156,12 @@ async def _serve(args: argparse.Namespace, packs: list[PackFiles], token: str | 
             shown = f"[{bound}]" if ":" in bound else bound
             print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)
             config = uvicorn.Config(
-                app(referee, token), log_config=None, log_level="warning", timeout_graceful_shutdown=2
+                app(referee, token),
+                limit_concurrency=2 * args.max_episodes + _MORE_CONNECTIONS,
+                log_config=None,
+                log_level="warning",
+                timeout_graceful_shutdown=2,
+                timeout_keep_alive=_KEEP_ALIVE_S,
             )
             await uvicorn.Server(config).serve(sockets=[listener])
 

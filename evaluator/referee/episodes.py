@@ -12,20 +12,19 @@ from collections.abc import AsyncGenerator
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import anyio
 import anyio.to_thread
-from pydantic import BaseModel, ConfigDict, Field
 
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import HostLaboratory
 from evaluator.episode.loop import play_episode
-from evaluator.episode.player import Briefing
 from evaluator.errors import RefusedRequest, UsageError
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome
+from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, WantedEpisode
 from evaluator.referee.rewards import RewardRule
 from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record
@@ -33,59 +32,9 @@ from evaluator.store import RunFolder
 
 T = TypeVar("T")
 
-MOST_CALLS = 10_000
-"""Most tool calls of an episode; a host accepts no higher limit."""
 _REMEMBERED = 10_000
 """Graded episodes of which a referee still knows that it graded them."""
 _GONE = "there is no such episode: it was closed, has expired, or never was; open one with POST /episodes"
-
-
-class WantedEpisode(BaseModel):
-    """Body of `POST /episodes`."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    scene: int = Field(ge=0)
-    seed: int = Field(default=0, ge=0)
-    budget: int = Field(default=20, ge=1, le=1000)
-    """Iterations that the opening prompt names. Whoever asks the model counts them."""
-    max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
-    """Tool calls after which the laboratory ends the episode."""
-    prompting: Literal["zero-shot", "one-shot-cot", "few-shot-cot"] = "zero-shot"
-
-
-class EndedEpisode(BaseModel):
-    """Body of `POST /episodes/ID/reward`."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    iterations: int | None = Field(default=None, ge=0)
-    """Replies of the agent; None counts each call as one."""
-    end: Literal["budget_exhausted", "agent_error"] | None = None
-    """Ends an episode without an answer, and says why; None only asks."""
-
-
-@dataclass(frozen=True, slots=True)
-class OpenedEpisode:
-    """What a trainer gets."""
-
-    episode_id: str
-    owner_token: str
-    """Asks for the reward, and closes the episode. Never for the agent."""
-    mcp_url: str
-    player_token: str | None
-    """What every request of the agent's client must carry."""
-    briefing: Briefing
-
-
-@dataclass(frozen=True, slots=True)
-class Reward:
-    """What an episode was worth. Holds no key, and no reason, since a reason may state the key."""
-
-    reward: float
-    grade: Grade
-    outcome: Outcome
-    calls: int
 
 
 @dataclass(slots=True)
@@ -267,11 +216,14 @@ class Referee:
         if self.folder is not None:
             # Before anybody learns of it: no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
-            self._played[_cell(episode.key)] += 1
         return Reward(self.rule.reward(grade, iterations, len(turns)), grade, outcome, len(turns))
 
     def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
-        return key.model_copy(update={"epoch": self._played[_cell(key)] + 1})
+        """The key of the record. Its epoch is taken at once, so that two episodes graded together do not share it."""
+        if self.folder is None:
+            return key
+        self._played[_cell(key)] += 1
+        return key.model_copy(update={"epoch": self._played[_cell(key)]})
 
     async def close(self, episode_id: str, token: str) -> None:
         """Close an episode that shall get no reward.

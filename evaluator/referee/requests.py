@@ -22,7 +22,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
-from evaluator.referee.episodes import EndedEpisode, Referee, Reward, WantedEpisode
+from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
+from evaluator.referee.episodes import Referee
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -10,6 +10,7 @@ from collections.abc import AsyncGenerator, Generator
 from pathlib import Path
 from typing import Any
 
+import anyio
 import httpx
 import httpx2
 import pytest
@@ -278,6 +279,17 @@ async def test_graded_episodes_are_a_run_that_can_be_graded_again(host: str, tmp
     assert (plan.scenes, plan.seeds, plan.budgets, plan.epochs) == ((7,), (3, 4), (5, 20), 2)
     summary = grade_run(folder, KeyRing()).summary
     assert (summary.overall.n_correct, summary.overall.n_scored) == (2, 3)
+
+
+async def test_episodes_that_are_graded_together_are_all_recorded(host: str, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(resume=False)
+    async with refereeing(host, folder=folder) as trainer:
+        opened = [await trainer.open() for _ in range(4)]
+        async with anyio.create_task_group() as tasks:
+            for one in opened:
+                tasks.start_soon(trainer.reward, one, GIVE_UP)
+    assert sorted(key.epoch for key in folder.episodes()) == [1, 2, 3, 4]
 
 
 def test_the_command_serves_until_it_is_ended_and_leaves_a_sealed_run(host: str, tmp_path: Path) -> None:
