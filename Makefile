@@ -117,7 +117,8 @@ engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, i
 integrations: $(STAMP) ## install verifiers, OpenEnv and NeMo Gym (2.4 GB, into .integrations) and test their packages
 	@for name in verifiers openenv nemo_gym; do \
 	  test -x .integrations/$$name/bin/pytest || { \
-	    python=$$(for found in $(PYTHONS); do command -v $$found && break; done); rm -rf .integrations/$$name; \
+	    python=$$(for found in $(PYTHONS); do $$found -c '' 2>/dev/null && echo $$found && break; done); \
+	    rm -rf .integrations/$$name; \
 	    echo "Installing $$name"; $$python -m venv .integrations/$$name && \
 	    .integrations/$$name/bin/python -m pip install --quiet -e integrations/client -e integrations/$$name uv pytest || \
 	    { rm -rf .integrations/$$name; echo "$$name cannot be installed here: its tests are skipped" >&2; }; }; \
