@@ -44,7 +44,7 @@ class Stand:
         return subprocess.run(
             [str(self.programs / program), *map(str, words)],
             cwd=self.scratch, env=self.environment() | variables,
-            capture_output=True, text=True, check=False, timeout=900,
+            capture_output=True, text=True, check=False, timeout=3600,
         )  # fmt: skip
 
     def environment(self) -> dict[str, str]:

@@ -30,6 +30,10 @@ _PATIENCE = httpx.Timeout(30.0, read=300.0)
 """[s]; a long `step` of a stiff scene takes minutes."""
 
 
+_SESSIONS = 1000
+"""Most open sessions; a referee opens no more episodes by default."""
+
+
 class PhysmentPair(BaseModel):
     """Which episode a row is about."""
 
@@ -97,7 +101,9 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             opened = await asyncio.to_thread(self._referee.open, pair.scene, pair.seed, budget=pair.budget)
         except RefereeError as error:
             raise HTTPException(502, str(error)) from error
-        await self._leave(request.session[SESSION_ID_KEY])
+        self._leave(request.session[SESSION_ID_KEY])
+        while len(self._players) >= _SESSIONS:
+            self._leave(next(iter(self._players)))  # the oldest: its agent never asked for its reward
         self._players[request.session[SESSION_ID_KEY]] = await self._connect(opened)
         return BaseSeedSessionResponse()
 
@@ -122,6 +128,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             raise HTTPException(409, "no episode is open in this session, or its reward was given already")
         iterations = sum(item.type == "function_call" for item in body.response.output)
         opened = player.opened
+        player.ended.set()
         try:
             found = await asyncio.to_thread(
                 self._referee.reward,
@@ -132,7 +139,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
             )
         except RefereeError as error:
             raise HTTPException(502, str(error)) from error
-        await self._leave(request.session[SESSION_ID_KEY])
+        self._leave(request.session[SESSION_ID_KEY])
         return PhysmentVerifyResponse(
             **body.model_dump(),
             reward=found.reward,
@@ -169,7 +176,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
         task.add_done_callback(self._connections.discard)
         return _Player(opened, await ready, ended)
 
-    async def _leave(self, session_id: str) -> None:
+    def _leave(self, session_id: str) -> None:
         player = self._players.pop(session_id, None)
         if player is not None:
             player.ended.set()
