@@ -1,17 +1,16 @@
 """What must hold of `integrations/` without any framework: what the packages import, and the client that they share."""
 
 import ast
-import importlib.util
 import re
 import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from tests.builders.paths import ROOT
+from tests.builders.referee_client import referee_client
 
 FOLDER = ROOT / "integrations"
 PACKAGES = sorted(path.parent for path in FOLDER.glob("*/pyproject.toml"))
@@ -26,17 +25,6 @@ def imported(folder: Path) -> Iterator[tuple[str, str]]:
             names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             yield from ((path.relative_to(FOLDER).as_posix(), name.partition(".")[0]) for name in names)
-
-
-def client() -> ModuleType:
-    """The client that all integrations share."""
-    spec = importlib.util.spec_from_file_location("physment_referee", FOLDER / "client" / "physment_referee.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
@@ -57,7 +45,7 @@ def test_the_shared_client_needs_the_standard_library_alone() -> None:
 
 
 def test_pairs_are_every_scene_with_every_seed_or_the_lines_of_a_file(tmp_path: Path) -> None:
-    read_pairs = client().read_pairs
+    read_pairs = referee_client().read_pairs
     assert list(read_pairs("7,9-10", "1-2")) == [(7, 1), (9, 1), (10, 1), (7, 2), (9, 2), (10, 2)]
     file = tmp_path / "pairs.jsonl"
     file.write_text('{"scene": 7, "seed": 3}\n{"scene": 8, "seed": 0, "split": "train"}\n', encoding="utf-8")
@@ -79,12 +67,12 @@ def test_pairs_that_cannot_be_read_are_refused_in_one_sentence(
     file = tmp_path / "pairs.jsonl"
     file.write_text(content or "", encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(says)) as refused:
-        list(client().read_pairs(scenes, seeds, file if content else None))
+        list(referee_client().read_pairs(scenes, seeds, file if content else None))
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_a_referee_that_cannot_be_reached_is_named_with_what_to_start() -> None:
-    module = client()
+    module = referee_client()
     for url, says in (("http://127.0.0.1:9", "start `physment-eval referee`"), ("here", "is not the URL of a referee")):
         with pytest.raises(module.RefereeError, match=says):
             module.Referee(url).open(7)

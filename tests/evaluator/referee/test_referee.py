@@ -27,6 +27,7 @@ from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import grade_record, grade_run
 from evaluator.store import RunFolder
 from tests.builders.records import VERSIONS, episode_key
+from tests.builders.referee_client import referee_client
 from tests.clients.playing import canonical, exchanges_of
 
 RECORD = RunRecord(
@@ -299,10 +300,14 @@ def test_the_command_serves_until_it_is_ended_and_leaves_a_sealed_run(host: str,
     ) as process:
         assert process.stdout is not None
         address = json.loads(process.stdout.readline())["listening"]
-        with httpx.Client(base_url=address) as http:
-            opened = http.post("/episodes", json={"scene": 7}).json()
-            owner = {"Authorization": f"Bearer {opened['owner_token']}"}
-            assert http.post(f"/episodes/{opened['episode_id']}/reward", json=GIVE_UP, headers=owner).is_success
+        referee = referee_client().Referee(address)
+        opened = referee.open(7, 3, budget=4)
+        assert (opened.budget, len(opened.tools)) == (4, 26)
+        given = referee.reward(opened.episode_id, opened.owner_token, iterations=4, end="budget_exhausted")
+        assert (given.reward, given.outcome) == (0.0, "budget_exhausted")
+        with pytest.raises(referee_client().RefereeError, match="given already"):
+            referee.close(opened.episode_id, opened.owner_token)
+        assert referee.check(7, 3).reward == 1.0
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=120)
     assert process.returncode == 130
