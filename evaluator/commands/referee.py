@@ -12,6 +12,8 @@ from collections.abc import AsyncGenerator
 from dataclasses import replace
 from pathlib import Path
 
+import anyio
+import anyio.lowlevel
 import uvicorn
 
 from evaluator.answers.keys import KeyRing
@@ -164,6 +166,7 @@ async def _serve(args: argparse.Namespace, packs: list[PackFiles], token: str | 
                 timeout_keep_alive=_KEEP_ALIVE_S,
             )
             await uvicorn.Server(config).serve(sockets=[listener])
+            await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect
 
 
 @contextlib.asynccontextmanager
