@@ -24,14 +24,18 @@ class SceneFacts:
     limits: LabLimits
 
 
+_KEPT = 20_000
+"""Keys that are kept [about 1 kB each]: a referee of a training run meets new seeds without end."""
+
+
 class KeyRing:
-    """Answer keys for one folder of packs. Each key is computed once."""
+    """Answer keys for one folder of packs. A key is computed once, unless 20 000 others were asked for meanwhile."""
 
     def __init__(self, scenes_dir: Path | None = None, seed_of: SeedOf = seed_as_recorded) -> None:
         self.folder = scenes_dir
         """Folder of the packs; None for the packs that ship with the suite."""
         self._seed_of = seed_of
-        self.key = functools.cache(self._key)
+        self.key = functools.lru_cache(_KEPT)(self._key)
         self.facts = functools.cache(self._facts)
 
     def _open(self, scene: int) -> tuple[PackFiles, Pack]:

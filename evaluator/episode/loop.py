@@ -123,12 +123,26 @@ async def _take_turn(
     return turn, batch.answered
 
 
-async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
-    arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
-    prompt = await client.get_prompt("scene", arguments)
+async def opening_prompt(client: Client, key: EpisodeKey, budget: int | None) -> str:
+    """The opening prompt of an open episode.
+
+    Args:
+        client: A client connected to it.
+        key: Gives prompting and protocol.
+        budget: Iterations that the prompt names; None if it names none.
+
+    Raises:
+        MCPError: The server refused the request.
+    """
+    arguments = {"prompting": key.prompting, "protocol": key.protocol}
+    prompt = await client.get_prompt("scene", arguments if budget is None else {**arguments, "budget": str(budget)})
     parts = [message.content for message in prompt.messages]
-    text = "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
-    return Briefing(prompt=text, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
+    return "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
+
+
+async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
+    prompt = await opening_prompt(client, key, key.budget)
+    return Briefing(prompt=prompt, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
 
 
 async def _scene_resource(client: Client) -> Mapping[str, Any]:
