@@ -30,6 +30,7 @@ from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
+from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
@@ -204,12 +205,14 @@ async def _record(run: _Run, laboratory: Laboratory) -> RunRecord:
 
 @contextlib.asynccontextmanager
 async def _executor(run: _Run, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
-    """What plays the episodes, as `--executor` says."""
+    """What plays the episodes, as `--executor` and `--workers` say."""
     options = run.options
-    if options.executor == "local":
+    count = options.workers or usual_workers(options.team, len(run.keys), options.concurrency)
+    if options.executor == "local" and count == 1:
         yield LocalPlay(laboratory, run.contenders, record.versions_of, options.episode_timeout_s)
         return
-    async with ray_workers(
+    start = ray_workers if options.executor == "ray" else functools.partial(process_workers, count=count)
+    async with start(
         options.team,
         run.contenders,
         record,

@@ -16,7 +16,8 @@ from evaluator.errors import UsageError
 from evaluator.models.choice import EFFORTS, Options, checked
 from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.run_record import Plan
-from evaluator.study.contenders import AGENTS, Team
+from evaluator.study import process_executor
+from evaluator.study.contenders import AGENTS, EXTERNAL, Team
 from evaluator.study.limits import Limits
 from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
@@ -50,6 +51,8 @@ class RunOptions:
     """Episodes played at a time."""
     executor: str
     """`local` or `ray`."""
+    workers: int | None
+    """Processes that play; None for as many as are worth their start."""
     episode_timeout_s: float
     """Wall time of one attempt at an episode [s]."""
     out: Path | None
@@ -119,6 +122,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         limits=Limits(args.max_cost, args.max_tokens, args.max_time),
         concurrency=args.concurrency or external.usual_concurrency(args),
         executor=args.executor,
+        workers=_workers(args),
         episode_timeout_s=args.episode_timeout,
         out=args.out,
         resume=args.resume,
@@ -220,7 +224,14 @@ def _course(group: "ArgumentGroup") -> None:
         "--executor",
         choices=("local", "ray"),
         default="local",
-        help="local: in this process (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
+        help="local: on this machine (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
+    )
+    group.add_argument(
+        "--workers",
+        type=count_of("workers"),
+        metavar="N",
+        help="processes that play, each with a host of its own with --server host; 1 for none besides this one"
+        " (default: one for each processor, but fewer for short runs, few episodes at a time, or little memory)",
     )
     group.add_argument(
         "--episode-timeout",
@@ -256,6 +267,23 @@ def _course(group: "ArgumentGroup") -> None:
 def long_options(run: argparse.ArgumentParser) -> set[str]:
     """The long options of a parser, which a study file may set."""
     return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse has no public list
+
+
+def _workers(args: argparse.Namespace) -> int | None:
+    """The number of workers; None if it is left to us.
+
+    Raises:
+        UsageError: Workers cannot play what is asked for.
+    """
+    if args.workers is None or args.workers == 1:
+        return args.workers
+    if args.executor == "ray":
+        raise UsageError("--workers: Ray has a worker for each processor of its cluster; leave --workers out")
+    if EXTERNAL in (args.agent or ()):
+        raise UsageError("--workers: external agents are processes of their own already; leave --workers out")
+    if not process_executor.AVAILABLE:
+        raise UsageError("--workers: this system does not have what worker processes need; use shards")
+    return args.workers
 
 
 def _among(text: str, option: str, known: tuple[str, ...]) -> tuple[str, ...]:

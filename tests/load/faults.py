@@ -92,6 +92,11 @@ def _server_killed(run: Struck) -> int:
     return run.strike(kill)[0]
 
 
+def _worker_killed(run: Struck) -> int:
+    run.evaluation.workers = 2
+    return _server_killed(run)
+
+
 def _full_disk(run: Struck) -> int:
     most = run.chance.randrange(run.usual.size)
     return run.strike(
@@ -184,6 +189,7 @@ FAULTS: dict[str, Fault] = {
     "SIGHUP": _signalled(signal.SIGHUP),
     "SIGKILL": _signalled(signal.SIGKILL),
     "server killed": _server_killed,
+    "worker killed": _worker_killed,
     "full disk": _full_disk,
     "torn last line": _torn_line,
     "garbage line": _garbage_line,
