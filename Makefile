@@ -16,7 +16,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
-  clients conformance inspect-test engines mcpb lock \
+  clients conformance inspect-test engines integrations mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -78,7 +78,7 @@ faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks an
 	@$(BIN)/python -m tests.load.faults
 
 clean: ## remove the environments, built files and caches
-	@rm -rf $(VENV) .inspect .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
+	@rm -rf $(VENV) .inspect .integrations .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
 
 ##@ Scenes
 
@@ -104,13 +104,26 @@ conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against
 	@$(BIN)/python -m tests.conformance.run --out docs/explanation/conformance.md
 
 # An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
-inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays and grades as physment-eval does
+inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays, grades and reads our logs
 	@test -d .inspect || python3 -m venv .inspect
 	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
-	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py
+	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py tests/clients/test_inspect_log.py
 
 engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, into .engines; ENGINES="4.1.0 --certify" for options)
 	@$(BIN)/python -m tests.engines.run $(ENGINES)
+
+# Each in an environment of its own, because the frameworks pin versions of mcp that exclude ours and each other's. An
+# environment that cannot be made, as NeMo Gym's before Python 3.12, is left out, and its tests are skipped.
+integrations: $(STAMP) ## install verifiers, OpenEnv and NeMo Gym (2.4 GB, into .integrations) and test their packages
+	@for name in verifiers openenv nemo_gym; do \
+	  test -x .integrations/$$name/bin/pytest || { \
+	    python=$$(for found in $(PYTHONS); do $$found -c '' 2>/dev/null && echo $$found && break; done); \
+	    rm -rf .integrations/$$name; \
+	    echo "Installing $$name"; $$python -m venv .integrations/$$name && \
+	    .integrations/$$name/bin/python -m pip install --quiet -e integrations/client -e integrations/$$name uv pytest || \
+	    { rm -rf .integrations/$$name; echo "$$name cannot be installed here: its tests are skipped" >&2; }; }; \
+	done
+	@$(BIN)/python -m pytest tests/integrations
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'

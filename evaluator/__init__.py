@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
-    from evaluator.library import StoredRun, grade, load_run, play, score, summary
+    from evaluator.library import StoredRun, grade, load_run, play, score, split, summary
     from evaluator.records import Episode, EpisodeKey, Exchange, Grade, GradeRecord, Outcome, ToolCall, Turn, Verdict
     from evaluator.run_record import RunRecord
     from evaluator.scores.metrics import RunSummary
     from evaluator.scores.scored_episode import ScoredEpisode
+    from scenes.splits import Split
 
 __all__ = [
     "Agent",
@@ -34,6 +35,7 @@ __all__ = [
     "RunRecord",
     "RunSummary",
     "ScoredEpisode",
+    "Split",
     "StoreError",
     "StoredRun",
     "ToolCall",
@@ -45,13 +47,14 @@ __all__ = [
     "load_run",
     "play",
     "score",
+    "split",
     "summary",
 ]
 
 _HOMES = {
     "evaluator.episode.player": ("Agent", "Briefing", "Feedback", "Player", "Reply", "ToolDescription"),
     "evaluator.errors": ("AgentError", "EvaluatorError", "InfrastructureError", "StoreError", "UsageError"),
-    "evaluator.library": ("StoredRun", "grade", "load_run", "play", "score", "summary"),
+    "evaluator.library": ("StoredRun", "grade", "load_run", "play", "score", "split", "summary"),
     "evaluator.records": (
         "Episode",
         "EpisodeKey",
@@ -66,6 +69,7 @@ _HOMES = {
     "evaluator.run_record": ("RunRecord",),
     "evaluator.scores.metrics": ("RunSummary",),
     "evaluator.scores.scored_episode": ("ScoredEpisode",),
+    "scenes.splits": ("Split",),
 }
 """Module → the public names that it defines."""
 

@@ -4,6 +4,7 @@ EvaluatorError
 ├─ UsageError             the operator asked for something impossible      → one sentence, exit code 2
 ├─ StoreError             a run folder cannot be read or written           → one sentence, exit code 2
 ├─ AgentError             the agent cannot continue                        → recorded as the episode's outcome
+├─ RefusedRequest         a referee cannot do what it is asked for      → the answer to the request, with its status
 └─ InfrastructureError    server or connection failed                      → the episode is retried, never scored wrong
    └─ PermanentFailure    … and asking again cannot help                   → the agent's other episodes are left out
 """
@@ -37,6 +38,19 @@ class AgentError(EvaluatorError):
     def __init__(self, sentence: str, usage: "Usage | None" = None) -> None:
         super().__init__(sentence)
         self.usage = usage
+
+
+class RefusedRequest(EvaluatorError):
+    """A referee cannot do what it is asked for; one sentence.
+
+    Args:
+        status: The status of HTTP that says what kind of refusal it is.
+        sentence: Why, and what would work.
+    """
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = status
 
 
 class InfrastructureError(EvaluatorError):

@@ -1,4 +1,4 @@
-"""What a program that imports `evaluator` calls: play an episode, grade it, score it, load a run folder.
+"""What a program that imports `evaluator` calls: play an episode, grade it, score it, load a run folder, name a split.
 
 These functions do what the commands do, without files, printing or retries.
 """
@@ -19,7 +19,9 @@ from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_record, score_episode
 from evaluator.store import RunFolder
+from evaluator.study.selection import find_split
 from scenes import PackError, find_pack, pack_hash
+from scenes.splits import Split
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +101,18 @@ def score(episodes: Iterable[Episode], scenes_dir: Path | None = None) -> list[S
 def summary(rows: Iterable[ScoredEpisode]) -> RunSummary:
     """The numbers of several episodes: accuracies with intervals, dimensions, Final Score, budget curves."""
     return summarise(list(rows))
+
+
+def split(name: str) -> Split:
+    """The scenes and seeds of a split, for programs that train or test an agent.
+
+    Args:
+        name: `train`, `validation`, `test`, or one of the further splits that `scenes.splits` lists.
+
+    Raises:
+        UsageError: There is no such split, or its seeds are held back.
+    """
+    return find_split(name)
 
 
 def load_run(folder: Path | str) -> StoredRun:

@@ -126,6 +126,17 @@ class EpisodeKey(Record):
     epoch: int = 1
 
 
+class Fork(Record):
+    """Where an episode comes from that goes on from the turns of another one."""
+
+    key: EpisodeKey
+    """Key of the other episode."""
+    turn: int
+    """How many of its turns were played again; the agent took the ones after them."""
+    record_sha256: str
+    """Of the line of the other episode in its `episodes.jsonl`."""
+
+
 class Episode(Record):
     """One episode, from its opening prompt to its outcome."""
 
@@ -149,6 +160,8 @@ class Episode(Record):
     started_at: str
     duration_s: float
     versions: Versions
+    forked_from: Fork | None = Field(default=None, exclude_if=is_absent)
+    """The episode whose first turns these are; absent if the agent took every turn."""
 
     @property
     def allowance(self) -> int:

@@ -8,11 +8,12 @@ from pydantic import ConfigDict, Field, JsonValue
 from evaluator.records import FORMAT, EpisodeKey, Record, Versions, is_absent
 from scenes import content_hash_of
 
-DECIDING = ("plan", "packs", "agents")
+DECIDING = ("plan", "packs", "agents", "forked_from")
 """Fields of `run.json` that two runs must share for their episodes to belong together."""
 
 SEED_SHIFT = 1_000_000
-"""Between the seeds of one repetition of an agent with seeds of its own and those of the next."""
+"""Between the seeds of one repetition of an agent with seeds of its own and those of the next. Above every seed of a
+split, so that a repetition never meets the seeds of another split."""
 
 
 def _is_text(observations: object) -> bool:
@@ -41,6 +42,12 @@ class Plan(OpenRecord):
     own_seeds: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
     """Agents that meet a scene with other seeds at each repetition, because they may carry something over: programs
     that play by themselves. Absent if there are none."""
+    split: str = Field(default="", exclude_if=is_absent)
+    """Name and version of the split that scenes and seeds were taken from, such as `test@1`; absent if none was
+    named."""
+    held_back: str = Field(default="", exclude_if=is_absent)
+    """Commitment to the key of held-back seeds: `seeds` are then numbers of variants, and only the key tells the seeds
+    that they were drawn from. Absent if the seeds are as recorded."""
 
     def matrix(self) -> list[EpisodeKey]:
         """All episodes in playing order, so that a run that is stopped early has whole epochs and budgets."""
@@ -94,6 +101,17 @@ class MergedPart(Start):
     resumed: tuple[Start, ...] = Field(default=(), exclude_if=is_absent)
 
 
+class ForkedRun(OpenRecord):
+    """The run whose episodes were continued."""
+
+    folder: str
+    """Name of its folder."""
+    seal_head: str
+    """Head of its seal; empty if it was not sealed."""
+    turn: int
+    """How many turns of each episode were played again."""
+
+
 class RunRecord(OpenRecord):
     """`run.json`: everything that decides the result of a run."""
 
@@ -115,6 +133,8 @@ class RunRecord(OpenRecord):
     """The later starts, if the run was interrupted; absent if there was none."""
     merged: tuple[MergedPart, ...] = Field(default=(), exclude_if=is_absent)
     """The runs that this one was made of; absent if it was played."""
+    forked_from: ForkedRun | None = Field(default=None, exclude_if=is_absent)
+    """The run whose episodes were continued; absent if they were played from their start."""
 
     def start(self) -> Start:
         """The first start."""

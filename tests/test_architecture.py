@@ -28,7 +28,9 @@ PRIVILEGED = ("evaluator/certify", "evaluator/answers/engine.py")
 
 ONLY_THERE = {
     "mujoco": ("physment_mcp/world", "evaluator/certify"),
-    "inspect_ai": ("evaluator/inspect_task.py",),
+    "inspect_ai": ("evaluator/inspect_task.py", "evaluator/report/inspect_log.py"),
+    "opentelemetry": ("evaluator/spans.py", "evaluator/commands/telemetry.py"),
+    "pyarrow": ("evaluator/report/parquet.py",),
     "pydantic_ai": ("evaluator/models",),
     "matplotlib": ("evaluator/report/figures.py",),
     "ray": ("evaluator/study/ray_executor.py",),

@@ -14,6 +14,7 @@ from evaluator.records import Episode, GradeRecord, Record
 from evaluator.run_record import RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
+from evaluator.study.submission import Submission
 from physment_mcp.serving.server import published_tools
 from scenes import Instruments, LabLimits, Pack, Permissions, list_packs
 from scenes.answer_spec import AnswerSpec
@@ -106,10 +107,11 @@ def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
         ("grade", GradeRecord),
         ("run-summary", RunSummary),
         ("comparison", Comparison),
+        ("submission", Submission),
     ],
 )
 def test_the_schemas_of_results_are_current(name: str, record: type[Record], update_goldens: bool) -> None:
-    """The files of a run folder, and what `physment-eval compare --json` prints: records that other programs read."""
+    """The files of a run folder, and what `compare --json` prints and `submit` writes: other programs read them."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$comment": "Made from the code by `pytest tests/test_docs.py --update-goldens`; do not edit.",

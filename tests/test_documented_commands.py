@@ -55,4 +55,6 @@ def test_a_shown_command_of_the_evaluator_is_accepted(page: str, line: str, tmp_
 def test_a_shown_make_target_exists(page: str, target: str) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for name in shlex.split(target, comments=True):
+        if "=" in name:
+            continue  # a variable, such as ENGINES="4.0.0"
         assert re.search(rf"^{name}:", makefile, re.MULTILINE)

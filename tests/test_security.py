@@ -1,5 +1,6 @@
 """Promises of SECURITY.md that no other test holds."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from evaluator.__main__ import main as evaluate
 from physment_mcp.__main__ import main as laboratory
 from physment_mcp.scene import load_scene
 from scenes import find_pack
+from tests.builders.paths import ROOT
 
 
 @pytest.fixture
@@ -28,6 +30,19 @@ def test_code_of_a_pack_does_not_run_where_only_its_data_is_needed(packs: Path, 
     for command in (["list"], ["show", "7"]):
         assert evaluate(["scenes", *command, "--scenes-dir", str(packs)]) == 0
     assert not (packs / "ran").exists()
+
+
+def test_any_run_computes_its_keys_with_the_code_of_a_pack(packs: Path, tmp_path: Path) -> None:
+    """SECURITY.md warns of it."""
+    words = ["--agent", "blind", "--scenes", "7", "--seeds", "3", "--scenes-dir", str(packs)]
+    evaluate([*words, "--out", str(tmp_path / "run"), "--max-time", "0.001"])
+    assert (packs / "ran").exists()
+
+
+def test_the_tests_that_hold_the_promises_exist() -> None:
+    named = re.findall(r"`(tests/[\w/]+\.py)`", (ROOT / "SECURITY.md").read_text(encoding="utf-8"))
+    assert len(named) > 10
+    assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
 def test_lint_runs_the_code_of_a_pack(packs: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
+from evaluator.seed_key import SeedOf, seed_as_recorded
 from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
 from scenes.draw import step_values
 from scenes.protocol import AnswerValue, load_solution
@@ -23,13 +24,18 @@ class SceneFacts:
     limits: LabLimits
 
 
-class KeyRing:
-    """Answer keys for one folder of packs. Each key is computed once."""
+_KEPT = 20_000
+"""Keys that are kept [about 1 kB each]: a referee of a training run meets new seeds without end."""
 
-    def __init__(self, scenes_dir: Path | None = None) -> None:
+
+class KeyRing:
+    """Answer keys for one folder of packs. A key is computed once, unless 20 000 others were asked for meanwhile."""
+
+    def __init__(self, scenes_dir: Path | None = None, seed_of: SeedOf = seed_as_recorded) -> None:
         self.folder = scenes_dir
         """Folder of the packs; None for the packs that ship with the suite."""
-        self.key = functools.cache(self._key)
+        self._seed_of = seed_of
+        self.key = functools.lru_cache(_KEPT)(self._key)
         self.facts = functools.cache(self._facts)
 
     def _open(self, scene: int) -> tuple[PackFiles, Pack]:
@@ -40,7 +46,7 @@ class KeyRing:
             raise UsageError(str(error)) from error
 
     def _key(self, scene: int, seed: int) -> AnswerKey:
-        """The answer key of a scene at a seed.
+        """The answer key of a scene at a seed, as episodes record it.
 
         The pack stores the key for seed 0. For other seeds, `theory` computes it from the drawn values, or `measure`
         from a privileged engine run if there is no closed form. A key never comes from an agent's readings.
@@ -49,6 +55,7 @@ class KeyRing:
             UsageError: The pack is malformed, or gives no key for this seed.
         """
         files, pack = self._open(scene)
+        seed = self._seed_of(scene, seed)
         stored = listed_numbers(pack.answer) if pack.answer_spec is None else pack.answer
         spec = pack.answer_spec or infer_spec(stored, pack.metadata.problem_type)
         names = {f"object_{listed.object_id}": listed.name for listed in pack.objects.values()}

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -62,12 +63,37 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def price(text: str) -> float:
+    """What is taken off a reward, 0 or more."""
+    value = _number(text)
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a cost, which is a number from 0")
+    return value
+
+
+def port(text: str) -> int:
+    """A TCP port; 0 lets the system choose."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
+    return int(text)
+
+
 def _number(text: str) -> float:
     """The number that a text is; NaN, which is in no range, if it is none."""
     try:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def seed_key(parser: "ActionsContainer") -> None:
+    """Declare `--seed-key` of a command that reads stored runs."""
+    parser.add_argument(
+        "--seed-key",
+        type=Path,
+        metavar="FILE",
+        help="the key of a run on held-back seeds (default: the one that its folder reveals)",
+    )
 
 
 def trust_edited(parser: "ActionsContainer") -> None:

@@ -52,6 +52,9 @@ def add(commands: Commands) -> None:
 
 def _compare(args: argparse.Namespace) -> int:
     keys = KeyRing(args.scenes_dir)
+    commitments = {RunFolder(path).read_run().plan.held_back for path in (args.first, args.second)}
+    if len(commitments) > 1:
+        raise UsageError(f"{args.first} and {args.second} were not played on the same held-back seeds")
     without = parse_numbers(args.without, "--without", 0) if args.without else ()
     a = _side(args.first, _chosen(args.a, "--a"), without, keys)
     b = _side(args.second, _chosen(args.b, "--b"), without, keys)

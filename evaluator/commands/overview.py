@@ -12,9 +12,16 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval merge runs/mine --out runs/whole   merge the shards of a run
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
+  physment-eval export runs/mine --to parquet      a row for each exchange; or logs of Inspect AI
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
+  physment-eval referee                            open episodes for a trainer, and give each a reward
   physment-eval play 7                             solve a scene yourself
   physment-eval replay runs/mine                   play its episodes again and compare every return
+  physment-eval fork runs/mine --episode scene=7 --turn 2 --agent model:gpt-5.5
+                                                   another agent goes on from a stored episode
+  physment-eval submit runs/mine                   its results in one file, for a leaderboard
+  physment-eval check-submission FILE runs/mine    grade and replay the run: is the file true?
+  physment-eval reveal-seeds runs/mine             disclose or check the held-back seeds of a run
 
   physment-eval scenes list                        the scenes, with their certificates
   physment-eval scenes show 21                     what an agent learns about a scene
@@ -34,12 +41,18 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "merge": ("results", "put shards or parts together"),
     "report": ("report", "write the report of stored runs"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),
+    "referee": ("referee", "open episodes for a trainer, and give each a reward"),
     "play": ("play", "solve a scene yourself"),
     "verify": ("verify", "prove scenes sound"),
     "lint": ("verify", "say what is wrong with scenes, unrun"),
     "scenes": ("scenes", "list, show, start or document scenes"),
     "models": ("models", "list language models, and what is missing to ask them"),
     "replay": ("replay", "play recorded episodes again and compare the returns"),
+    "export": ("export", "write a run as Parquet or as logs of Inspect AI"),
+    "fork": ("fork", "let another agent go on from a stored episode"),
+    "submit": ("submit", "write the results of a run for a leaderboard"),
+    "check-submission": ("submit", "check a submission against its run folder"),
+    "reveal-seeds": ("reveal_seeds", "disclose or check the held-back seeds of a run"),
     "replay-original": ("replay_original", ""),
 }
 """Command → the module of this folder that declares it by `add`, and what it does; nothing if `--help` leaves it

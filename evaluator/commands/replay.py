@@ -11,10 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.agents.recorded import load_recorded
-from evaluator.commands.argument_types import count_of
+from evaluator.commands.argument_types import count_of, seed_key
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import connect
 from evaluator.store import RunFolder
+from evaluator.study.held_back import seeds_of
 from evaluator.study.replay import REL_TOL, Replayed, replay
 
 _DESCRIPTION = """\
@@ -42,6 +43,7 @@ def add(commands: Commands) -> None:
         "--server", default="host", metavar="S", help="stdio · host (default) · the URL of a host · a command"
     )
     command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+    seed_key(command)
     command.add_argument("--exact", action="store_true", help="numbers must be equal to the last bit")
     command.add_argument(
         "--concurrency",
@@ -57,8 +59,10 @@ def _replay(args: argparse.Namespace) -> int:
     agent, folder = load_recorded(args.folder), RunFolder(args.folder)
     contracts = folder.read_run().tool_contracts() if folder.run_file.exists() else frozenset[str]()
 
+    seed_of = seeds_of(folder, args.seed_key)
+
     async def play() -> list[Replayed]:
-        async with connect(args.server, args.scenes_dir) as laboratory:
+        async with connect(args.server, args.scenes_dir, seed_of=seed_of) as laboratory:
             rel_tol = 0.0 if args.exact else REL_TOL
             return await replay(agent, laboratory, contracts=contracts, rel_tol=rel_tol, concurrency=args.concurrency)
 

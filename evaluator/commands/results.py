@@ -7,13 +7,14 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import trust_edited
+from evaluator.commands.argument_types import seed_key, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import print_results
 from evaluator.records import Outcome
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
+from evaluator.study.held_back import is_withheld, pass_on_key, seeds_of
 from evaluator.study.merging import expand, merge
 from evaluator.study.sealing import seal_note
 
@@ -38,6 +39,7 @@ def add(commands: Commands) -> None:
     grade.add_argument("folder", type=Path, help="run folder")
     for command in (grade, merging):
         trust_edited(command)
+        seed_key(command)
         command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
         command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
 
@@ -46,13 +48,17 @@ def _grade(args: argparse.Namespace) -> int:
     folder = RunFolder(args.folder)
     folder.read_run()
     note = seal_note(folder, trust=args.trust_edited)
-    return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json, note=note)
+    keys = KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key))
+    return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note)
 
 
 def _merge(args: argparse.Namespace) -> int:
     folder = RunFolder(args.out)
-    merge(expand(args.folders), folder, trust=args.trust_edited)
-    return finish(folder, KeyRing(args.scenes_dir), Console(stderr=args.json), as_json=args.json)
+    parts = expand(args.folders)
+    keys = KeyRing(args.scenes_dir, seeds_of(parts[0], args.seed_key))
+    merge(parts, folder, trust=args.trust_edited)
+    pass_on_key(parts[0], folder)
+    return finish(folder, keys, Console(stderr=args.json), as_json=args.json)
 
 
 def finish(
@@ -71,7 +77,7 @@ def finish(
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
-    graded = grade_run(folder, keys)
+    graded = grade_run(folder, keys, withhold=is_withheld(folder))
     report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
     for line in graded.changes:

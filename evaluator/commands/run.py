@@ -19,17 +19,19 @@ from evaluator.commands.base import Commands, run_async
 from evaluator.commands.overview import DESCRIPTION
 from evaluator.commands.results import finish
 from evaluator.commands.run_options import RunOptions, add_options, read_options
+from evaluator.commands.telemetry import exporting_spans, require_otel
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import HostLaboratory, Laboratory, connect
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import EpisodeKey
 from evaluator.redaction import Redaction
-from evaluator.run_record import Plan, RunRecord
+from evaluator.run_record import ForkedRun, Plan, RunRecord
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
+from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers, require_ray
 from evaluator.study.runner import Runner, missing
@@ -51,7 +53,7 @@ def add(commands: Commands) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
+class PreparedRun:
     """A run that is ready to be played."""
 
     options: RunOptions
@@ -63,6 +65,8 @@ class _Run:
     answers: KeyRing
     meter: Meter
     console: Console
+    forked_from: ForkedRun | None = None
+    """The run whose episodes are continued; None if they are played from their start."""
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -73,14 +77,23 @@ def _run(args: argparse.Namespace) -> int:
     if options.dry_run:
         print(*estimate_lines(plan, keys, options.shard, options.concurrency), sep="\n")
         return 0
+    if options.otel:
+        if options.executor == "ray":
+            raise UsageError("--otel: the workers of --executor ray export no spans; play with --executor local")
+        require_otel()
     if options.executor == "ray":
         require_ray()
     for note in (*_timestep_notes(options.packs), engine_note(options.team.scenes_dir or default_folder())):
         if note:
             print(f"physment-eval: {note}", file=sys.stderr)
-    folder = _create_folder(options, contenders)
-    answers, console = KeyRing(options.team.scenes_dir), Console(stderr=options.as_json)
-    run = _Run(options, contenders, plan, keys, folder, answers, Meter(options.limits), console)
+    folder = create_folder(options, contenders)
+    answers, console = KeyRing(options.team.scenes_dir, options.team.seed_of), Console(stderr=options.as_json)
+    return play_run(PreparedRun(options, contenders, plan, keys, folder, answers, Meter(options.limits), console))
+
+
+def play_run(run: PreparedRun) -> int:
+    """Play what is missing, grade it and write the report; returns the exit code."""
+    options, folder = run.options, run.folder
     continuation = f"to continue, give the same options with --out {options.out or folder.path} --resume"
     try:
         stopped = _play(run)
@@ -89,7 +102,7 @@ def _run(args: argparse.Namespace) -> int:
         return 130
     if stopped:
         print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
-    return finish(folder, answers, console, as_json=options.as_json, wanted=len(keys))
+    return finish(folder, run.answers, run.console, as_json=options.as_json, wanted=len(run.keys))
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
@@ -112,7 +125,13 @@ def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
             )
 
 
-def _create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> RunFolder:
+def create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> RunFolder:
+    """The folder of a run that starts or goes on.
+
+    Raises:
+        UsageError: A folder must be named and is not.
+        StoreError: It cannot be written, or holds a run already.
+    """
     shard = options.shard
     if options.resume and options.out is None:
         raise UsageError("--resume needs the folder of the run: --out DIR")
@@ -126,7 +145,7 @@ def _create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> 
     return folder
 
 
-def _play(run: _Run) -> str:
+def _play(run: PreparedRun) -> str:
     """Play what is missing.
 
     Returns:
@@ -144,16 +163,18 @@ def _play(run: _Run) -> str:
         raise
 
 
-async def _play_missing(run: _Run) -> str:
+async def _play_missing(run: PreparedRun) -> str:
     options, folder = run.options, run.folder
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(folder.held())
+        if options.otel:
+            stack.enter_context(exporting_spans())
         damage = folder.set_damage_aside() if options.resume else []
         for note in damage:
             print(f"physment-eval: {note}", file=sys.stderr)
         sealing = Sealing(folder, trust=options.trust_edited, damage=damage)
         laboratory = await stack.enter_async_context(
-            connect(options.team.server, options.team.scenes_dir, options.team.observations)
+            connect(options.team.server, options.team.scenes_dir, options.team.observations, options.team.seed_of)
         )
         folder = replace(folder, redaction=_redaction(laboratory), on_line=sealing.add)
         for contender in run.contenders.values():
@@ -189,7 +210,7 @@ def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
     console.print(sealing.sentence(), highlight=False, soft_wrap=True)
 
 
-async def _record(run: _Run, laboratory: Laboratory) -> RunRecord:
+async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
     """The record of this start. Asking the server for its part shows early whether there is one."""
     plan, shard = run.plan, run.options.shard
     try:
@@ -199,17 +220,20 @@ async def _record(run: _Run, laboratory: Laboratory) -> RunRecord:
         raise UsageError(str(error)) from error
     agents = {name: contender.facts() for name, contender in run.contenders.items()}
     part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
-    return run_record(plan, run.options.packs, server, agents, part)
+    record = run_record(plan, run.options.packs, server, agents, part)
+    return record.model_copy(update={"forked_from": run.forked_from})
 
 
 @contextlib.asynccontextmanager
-async def _executor(run: _Run, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
-    """What plays the episodes, as `--executor` says."""
+async def _executor(run: PreparedRun, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
+    """What plays the episodes, as `--executor` and `--workers` say."""
     options = run.options
-    if options.executor == "local":
+    count = options.workers or usual_workers(options.team, len(run.keys), options.concurrency)
+    if options.executor == "local" and count == 1:
         yield LocalPlay(laboratory, run.contenders, record.versions_of, options.episode_timeout_s)
         return
-    async with ray_workers(
+    start = ray_workers if options.executor == "ray" else functools.partial(process_workers, count=count)
+    async with start(
         options.team,
         run.contenders,
         record,

@@ -10,17 +10,27 @@ from typing import TYPE_CHECKING
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
-from evaluator.commands.argument_types import count_of, seconds, temperature, trust_edited, us_dollars
+from evaluator.commands.argument_types import count_of, seconds, trust_edited, us_dollars
+from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.episode.contender import Contender
 from evaluator.errors import UsageError
-from evaluator.models.choice import EFFORTS, Options, checked
-from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.run_record import Plan
-from evaluator.study.contenders import AGENTS, Team
+from evaluator.study import process_executor
+from evaluator.study.contenders import AGENTS, EXTERNAL, Team
+from evaluator.study.held_back import read_seed_key
 from evaluator.study.limits import Limits
-from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
+from evaluator.study.selection import (
+    SUITE,
+    USUAL_SEEDS,
+    find_split,
+    parse_numbers,
+    parse_scenes,
+    scenes_in_split,
+    seeds_in_split,
+)
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles
+from scenes.splits import HELD_BACK, splits
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
@@ -36,6 +46,8 @@ class RunOptions:
     team: Team
     """Who plays, and on which server."""
     packs: tuple[PackFiles, ...]
+    split: str
+    """Name and version of the split of scenes and seeds; empty if none was named."""
     budgets: tuple[int, ...]
     seeds: tuple[int, ...]
     epochs: int
@@ -50,6 +62,8 @@ class RunOptions:
     """Episodes played at a time."""
     executor: str
     """`local` or `ray`."""
+    workers: int | None
+    """Processes that play; None for as many as are worth their start."""
     episode_timeout_s: float
     """Wall time of one attempt at an episode [s]."""
     out: Path | None
@@ -58,6 +72,8 @@ class RunOptions:
     trust_edited: bool
     """Go on with records that do not fit to their seal."""
     dry_run: bool
+    otel: bool
+    """Export spans of OpenTelemetry."""
     as_json: bool
     """Print the summary as JSON on stdout, and everything else on stderr."""
 
@@ -74,6 +90,8 @@ class RunOptions:
             protocols=self.protocols,
             observations=self.team.observations,
             own_seeds=() if self.same_seeds else programs,
+            split=self.split,
+            held_back=self.team.seed_key.commitment if self.team.seed_key else "",
         )
 
 
@@ -88,16 +106,13 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         UsageError: An option is malformed or selects nothing.
     """
     external.check_sealed(args)
-    packs = tuple(parse_scenes(args.scenes, args.scenes_dir))
+    split, packs, seeds = _selected(args)
     team = Team(
         agents=tuple(args.agent or ["reference"]),
         scenes_dir=args.scenes_dir,
         server=args.server,
         observations=args.observations,
-        options=checked(Options(args.effort, args.temperature, args.reply_tokens)),
-        base_url=args.base_url,
-        lanes=_lanes(args.provider_concurrency),
-        patience=Patience(timeout_s=args.request_timeout),
+        **model_options(args),
         stopping=args.stopping,
         command=tuple(args.command_words),
         max_calls=args.max_calls,
@@ -105,12 +120,14 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         home=args.home_from,
         sealed=args.sealed,
         users=tuple(filter(None, args.sealed_users.split(","))),
+        seed_key=read_seed_key(args.seed_key) if args.seed_key else None,
     )
     return RunOptions(
         team=team,
         packs=packs,
+        split=split,
         budgets=parse_numbers(args.budgets, "--budgets", 1),
-        seeds=parse_numbers(args.seeds, "--seeds", 0),
+        seeds=seeds,
         epochs=args.epochs,
         same_seeds=args.same_seeds,
         promptings=_among(args.prompting, "--prompting", PROMPTINGS),
@@ -119,13 +136,33 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         limits=Limits(args.max_cost, args.max_tokens, args.max_time),
         concurrency=args.concurrency or external.usual_concurrency(args),
         executor=args.executor,
+        workers=_workers(args),
         episode_timeout_s=args.episode_timeout,
         out=args.out,
         resume=args.resume,
         trust_edited=args.trust_edited,
         dry_run=args.dry_run,
+        otel=args.otel,
         as_json=args.json,
     )
+
+
+def _selected(args: argparse.Namespace) -> tuple[str, tuple[PackFiles, ...], tuple[int, ...]]:
+    """The split that is named, with the packs and the seeds that are to be played.
+
+    Raises:
+        UsageError: An option is malformed, selects nothing or contradicts another one.
+    """
+    if args.seed_key is not None:
+        if args.split not in {None, HELD_BACK}:
+            raise UsageError(f"--seed-key: its seeds are those of the split {HELD_BACK}, not of {args.split}")
+        packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
+        return HELD_BACK, tuple(packs), parse_numbers(args.seeds or f"0-{USUAL_SEEDS - 1}", "--seeds", 0)
+    if args.split is None:
+        packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
+        return "", tuple(packs), parse_numbers(args.seeds or "0", "--seeds", 0)
+    split = find_split(args.split)
+    return split.label, tuple(scenes_in_split(split, args.scenes, args.scenes_dir)), seeds_in_split(split, args.seeds)
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
@@ -139,7 +176,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     )
     run.add_argument("--config", metavar="FILE", help="TOML file with options; options of the command line win")
     _matrix(run.add_argument_group("the matrix"))
-    _models(run.add_argument_group("models"))
+    add_model_options(run.add_argument_group("models"))
     _course(run.add_argument_group("how it is played"))
     external.add_options(run)
 
@@ -150,13 +187,25 @@ def _matrix(group: "ArgumentGroup") -> None:
     )
     group.add_argument(
         "--scenes",
-        default=SUITE,
         metavar="SEL",
         help=f"such as 7-111 · 7,9 · easy · hard · open · category:easy-single (default {SUITE}: all but open worlds)",
     )
     group.add_argument("--budgets", default="20", metavar="N,…", help="iteration budgets (default 20)")
     group.add_argument(
-        "--seeds", default="0", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0)"
+        "--seeds", metavar="N,…", help="variants of each scene, such as 0 or 1-20 (default 0, or those of --split)"
+    )
+    group.add_argument(
+        "--split",
+        metavar="NAME",
+        help=f"scenes and seeds of a split: {' · '.join(splits())}; --scenes and --seeds then choose among them (by"
+        f" default all its scenes and its first {USUAL_SEEDS} seeds)",
+    )
+    group.add_argument(
+        "--seed-key",
+        type=Path,
+        metavar="FILE",
+        help=f"play the split {HELD_BACK}: the key in FILE gives the seeds, --seeds then numbers the variants (default"
+        f" 0-{USUAL_SEEDS - 1}), and the records tell neither the seeds nor what is right",
     )
     group.add_argument(
         "--epochs", type=count_of("epochs"), default=1, metavar="N", help="repetitions of each episode (default 1)"
@@ -186,29 +235,6 @@ def _matrix(group: "ArgumentGroup") -> None:
     group.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
 
 
-def _models(group: "ArgumentGroup") -> None:
-    group.description = (
-        "For all models of the run. `physment-eval models` lists models and what is missing to ask them."
-    )
-    group.add_argument("--effort", metavar="E", help=f"{' · '.join(EFFORTS)}, as far as the provider has them")
-    group.add_argument("--temperature", type=temperature, metavar="T", help="0 to 2 (default: the provider's)")
-    group.add_argument(
-        "--reply-tokens", type=count_of("tokens"), metavar="N", help="most tokens of one reply, thoughts included"
-    )
-    group.add_argument(
-        "--base-url", metavar="URL", help="where models are asked, instead of the provider's own address"
-    )
-    group.add_argument(
-        "--provider-concurrency",
-        metavar="P=N,…",
-        default="",
-        help=f"requests to a provider at a time, such as openai=20,anthropic=5 (default {DEFAULT_LIMIT} each)",
-    )
-    group.add_argument(
-        "--request-timeout", type=seconds, default=Patience().timeout_s, metavar="S", help="of one request [s] (600)"
-    )
-
-
 def _course(group: "ArgumentGroup") -> None:
     group.add_argument(
         "--concurrency",
@@ -220,7 +246,14 @@ def _course(group: "ArgumentGroup") -> None:
         "--executor",
         choices=("local", "ray"),
         default="local",
-        help="local: in this process (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
+        help="local: on this machine (default) · ray: by workers on the Ray cluster at RAY_ADDRESS",
+    )
+    group.add_argument(
+        "--workers",
+        type=count_of("workers"),
+        metavar="N",
+        help="processes that play, each with a host of its own with --server host; 1 for none besides this one"
+        " (default: one for each processor, but fewer for short runs, few episodes at a time, or little memory)",
     )
     group.add_argument(
         "--episode-timeout",
@@ -247,6 +280,12 @@ def _course(group: "ArgumentGroup") -> None:
     group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
     group.add_argument("--resume", action="store_true", help="continue the run in --out")
     trust_edited(group)
+    group.add_argument(
+        "--otel",
+        action="store_true",
+        help="send spans of episodes, turns, requests and calls to the collector at OTEL_EXPORTER_OTLP_ENDPOINT; needs"
+        " the extra `otel`",
+    )
     group.add_argument("--dry-run", action="store_true", help="print the matrix and an estimate, and play nothing")
     group.add_argument(
         "--json", action="store_true", help="print the summary as JSON on stdout, everything else on stderr"
@@ -258,19 +297,30 @@ def long_options(run: argparse.ArgumentParser) -> set[str]:
     return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse has no public list
 
 
+def _workers(args: argparse.Namespace) -> int | None:
+    """The number of workers; None if it is left to us.
+
+    Raises:
+        UsageError: Workers cannot play what is asked for.
+    """
+    if args.otel and args.executor == "local":
+        if args.workers is not None and args.workers > 1:
+            raise UsageError("--otel: workers export no spans; leave --workers out")
+        return 1
+    if args.workers is None or args.workers == 1:
+        return args.workers
+    if args.executor == "ray":
+        raise UsageError("--workers: Ray has a worker for each processor of its cluster; leave --workers out")
+    if EXTERNAL in (args.agent or ()):
+        raise UsageError("--workers: external agents are processes of their own already; leave --workers out")
+    if not process_executor.AVAILABLE:
+        raise UsageError("--workers: this system does not have what worker processes need; use shards")
+    return args.workers
+
+
 def _among(text: str, option: str, known: tuple[str, ...]) -> tuple[str, ...]:
     chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
     for name in chosen:
         if name not in known:
             raise UsageError(f"{option} {name}: must be one of {', '.join(known)}")
     return chosen
-
-
-def _lanes(text: str) -> dict[str, int]:
-    lanes: dict[str, int] = {}
-    for part in filter(None, text.split(",")):
-        name, equals, limit = part.partition("=")
-        if not equals or not limit.isdecimal() or int(limit) < 1:
-            raise UsageError(f"--provider-concurrency {part}: write provider=number, such as openai=20")
-        lanes[name.strip()] = int(limit)
-    return lanes

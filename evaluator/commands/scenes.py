@@ -15,7 +15,7 @@ from evaluator.commands.argument_types import count_of, scene_id
 from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
 from evaluator.scores.grouping import NO_RUNG
-from evaluator.study.selection import parse_scenes
+from evaluator.study.selection import find_split, parse_scenes, scenes_in_split
 from scenes import (
     Category,
     Pack,
@@ -30,6 +30,7 @@ from scenes import (
     same_pack,
     write_new_scene,
 )
+from scenes.splits import splits
 
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
@@ -53,6 +54,7 @@ def add(commands: Commands) -> None:
     )
     listing.set_defaults(run=_list)
     listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · open · category:easy-single")
+    listing.add_argument("--split", metavar="NAME", help=f"the scenes of a split: {' · '.join(splits())}")
     show = actions.add_parser(
         "show", help="what an agent is told of a scene", description="Print the opening prompt of a scene."
     )
@@ -94,7 +96,10 @@ def add(commands: Commands) -> None:
 
 
 def _list(args: argparse.Namespace) -> int:
-    packs = parse_scenes(args.scenes, args.scenes_dir)
+    split = find_split(args.split) if args.split else None
+    packs = (
+        scenes_in_split(split, args.scenes, args.scenes_dir) if split else parse_scenes(args.scenes, args.scenes_dir)
+    )
     folder = args.scenes_dir or default_folder()
     stored = read_certificates(folder, version("mujoco")) or read_certificates(folder)
     certificates = {one.scene: one for one in stored.scenes} if stored else {}
@@ -122,6 +127,9 @@ def _list(args: argparse.Namespace) -> int:
     if note := engine_note(folder):
         console.print(note, highlight=False, soft_wrap=True)
     console.print(_totals(states), highlight=False, soft_wrap=True)
+    if split:
+        seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
+        console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
     return 0
 
 

@@ -30,3 +30,16 @@ def first_error(error: BaseException) -> BaseException:
         parts = cast(BaseExceptionGroup[BaseException], error).exceptions
         return first_error(parts[0])
     return error
+
+
+def without_seed(error: EvaluatorError, drawn: int, seed: int) -> EvaluatorError:
+    """An error for the records, which must not hold the seed that a held-back variant was drawn from.
+
+    Args:
+        error: What went wrong.
+        drawn: The seed that the variant was drawn from.
+        seed: The seed as recorded.
+    """
+    if drawn == seed or str(drawn) not in str(error):
+        return error
+    return InfrastructureError(str(error).replace(str(drawn), f"(variant {seed})"))

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, Protocol, cast
 
@@ -23,13 +23,14 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
-from evaluator.episode.broken_connection import first_error, own_error, server_failure
+from evaluator.episode.broken_connection import first_error, own_error, server_failure, without_seed
 from evaluator.episode.forked_processes import ForkedLaboratory
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.passed_sockets import AVAILABLE
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
+from evaluator.seed_key import SeedOf, seed_as_recorded
 
 _CALL_TIMEOUT_S = 300.0
 """A call that takes longer [s] counts as a failure of the server."""
@@ -66,6 +67,7 @@ class ProcessLaboratory:
     """
 
     command: tuple[str, ...]
+    seed_of: SeedOf = seed_as_recorded
 
     @property
     def toolboxes(self) -> None:
@@ -74,9 +76,10 @@ class ProcessLaboratory:
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Start the command and connect to it."""
-        line = [part.replace("{scene}", str(scene)).replace("{seed}", str(seed)) for part in self.command]
+        drawn = self.seed_of(scene, seed)
+        line = [part.replace("{scene}", str(scene)).replace("{seed}", str(drawn)) for part in self.command]
         if line == list(self.command):
-            line += ["--scene", str(scene), "--seed", str(seed)]
+            line += ["--scene", str(scene), "--seed", str(drawn)]
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             transport = stdio_client(StdioServerParameters(command=line[0], args=line[1:]), errlog=errors)
             try:
@@ -84,9 +87,9 @@ class ProcessLaboratory:
                     yield client
             except Exception as error:
                 # If a call did not return, the last line that the server wrote says more than the client knows.
-                raise own_error(error, PermanentFailure, UsageError) or server_failure(
-                    f"the server command {shlex.join(line)!r} failed", error, errors
-                ) from error
+                failure = server_failure(f"the server command {shlex.join(line)!r} failed", error, errors)
+                found = own_error(error, PermanentFailure, UsageError) or failure
+                raise without_seed(found, drawn, seed) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,18 +102,23 @@ class HostLaboratory:
     toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
     sockets: HostSockets | None = field(default=None, repr=False, compare=False)
     """Opens episodes without HTTP, on a host that we started; None for other hosts."""
+    seed_of: SeedOf = seed_as_recorded
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Open an episode, connect to it, and close it afterwards."""
-        wanted = {"scene": scene, "seed": seed}
-        place = self._over_http(wanted) if self.sockets is None else self.sockets.episode(wanted, _CALL_TIMEOUT_S)
+        wanted, drawn = {"scene": scene, "seed": seed}, self.seed_of(scene, seed)
+        place = (
+            self._over_http(wanted)
+            if self.sockets is None
+            else self.sockets.episode(wanted | {"seed": drawn}, _CALL_TIMEOUT_S)
+        )
         try:
             async with place as client:
                 yield client
         except Exception as error:
             failure = InfrastructureError(f"the host {self.base_url} failed: {first_error(error)!r}")
-            raise own_error(error, EvaluatorError) or failure from error
+            raise without_seed(own_error(error, EvaluatorError) or failure, drawn, seed) from error
 
     @contextlib.asynccontextmanager
     async def _over_http(self, wanted: Mapping[str, int]) -> AsyncGenerator[Client]:
@@ -129,7 +137,7 @@ class HostLaboratory:
 
         Args:
             http: A client whose base is the address of this host.
-            wanted: Body of the request.
+            wanted: Body of the request, with the seed as recorded.
 
         Returns:
             The reply of the host, with at least the id and the MCP address of the episode.
@@ -137,9 +145,13 @@ class HostLaboratory:
         Raises:
             InfrastructureError: The host cannot be reached, or did not open an episode.
         """
+        drawn = self.seed_of(wanted["scene"], wanted["seed"])
         try:
             reply = await http.post(
-                "/episodes", json=wanted, headers=self._authorization(self.base_url), timeout=_START_TIMEOUT_S
+                "/episodes",
+                json={**wanted, "seed": drawn},
+                headers=self._authorization(self.base_url),
+                timeout=_START_TIMEOUT_S,
             )
         except httpx2.HTTPError as error:
             raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
@@ -149,7 +161,8 @@ class HostLaboratory:
         if isinstance(body, dict):
             if not reply.is_success and "error" in body:
                 hint = f" ({TOKEN_VARIABLE} is where we look for it)" if reply.status_code == 401 else ""
-                raise InfrastructureError(f"the host {self.base_url} opened no episode: {body['error']}{hint}")
+                failure = InfrastructureError(f"the host {self.base_url} opened no episode: {body['error']}{hint}")
+                raise without_seed(failure, drawn, wanted["seed"])
             if reply.is_success and {"episode_id", "mcp_url"} <= body.keys():
                 return cast(dict[str, str], body)
         raise InfrastructureError(
@@ -259,13 +272,16 @@ class LocalHost:
 
 
 @contextlib.asynccontextmanager
-async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT) -> AsyncGenerator[Laboratory]:
+async def connect(
+    server: str, scenes_dir: Path | None, observations: str = TEXT, seed_of: SeedOf = seed_as_recorded
+) -> AsyncGenerator[Laboratory]:
     """The laboratory that `--server` names.
 
     Args:
         server: `stdio` (a process for each episode), `host` (one local host for all), the URL of a host, or a command.
         scenes_dir: Folder of packs for servers that we start.
         observations: `text`, or `rgb` for results with pictures, from servers that we start.
+        seed_of: Turns the seeds of episodes into those that variants are drawn from.
 
     Raises:
         UsageError: `server` is none of these, or is not started by us and pictures are asked for.
@@ -279,14 +295,14 @@ async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT
         words = ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
         words += ["--observations", observations] if observations != TEXT else []
         if AVAILABLE:
-            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S) as laboratory:
+            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S, seed_of) as laboratory:
                 yield laboratory
         else:
-            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words))
+            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words), seed_of)
     elif server == "host":
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
-            yield laboratory
+            yield replace(laboratory, seed_of=seed_of)
     elif server.startswith(("http://", "https://")):
         try:
             url = httpx2.URL(server.rstrip("/"))
@@ -294,7 +310,7 @@ async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT
             raise UsageError(f"--server {server}: not a URL: {error}") from error
         if not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
-        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None)
+        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of)
     else:
         try:
             parts = shlex.split(server)
@@ -302,4 +318,4 @@ async def connect(server: str, scenes_dir: Path | None, observations: str = TEXT
             raise UsageError(f"--server {server!r} is not a command: {error}") from error
         if not parts:
             raise UsageError("--server is empty; use stdio, host, a URL or a command")
-        yield ProcessLaboratory(tuple(parts))
+        yield ProcessLaboratory(tuple(parts), seed_of)

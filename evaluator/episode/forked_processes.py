@@ -16,9 +16,10 @@ from typing import Self
 
 from mcp import Client
 
-from evaluator.episode.broken_connection import own_error, server_failure
+from evaluator.episode.broken_connection import own_error, server_failure, without_seed
 from evaluator.episode.passed_sockets import passed
 from evaluator.errors import PermanentFailure, UsageError
+from evaluator.seed_key import SeedOf, seed_as_recorded
 
 _END_S = 10.0
 """Longest wall time for the process and its forks to end [s]."""
@@ -32,6 +33,7 @@ class ForkedLaboratory:
     """Options of `physment-mcp` for every episode."""
     timeout_s: float
     """Longest wall time of a call [s]."""
+    seed_of: SeedOf = seed_as_recorded
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
     _control: socket.socket | None = field(default=None, repr=False)
 
@@ -52,17 +54,18 @@ class ForkedLaboratory:
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
         """Fork a process and connect to it."""
+        drawn = self.seed_of(scene, seed)
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             try:
                 async with passed(self._running(), errors.fileno()) as messages:
-                    messages.write([*self.words, "--scene", str(scene), "--seed", str(seed)])
+                    messages.write([*self.words, "--scene", str(scene), "--seed", str(drawn)])
                     async with messages.client(self.timeout_s) as client:
                         yield client
             except Exception as error:
                 # If a call did not return, the last line that the server wrote says more than the client knows.
-                raise own_error(error, PermanentFailure, UsageError) or server_failure(
-                    f"the server process of scene {scene} failed", error, errors
-                ) from error
+                failure = server_failure(f"the server process of scene {scene} failed", error, errors)
+                found = own_error(error, PermanentFailure, UsageError) or failure
+                raise without_seed(found, drawn, seed) from error
 
     def _running(self) -> socket.socket:
         """The control socket of the process that forks. If it has died, another one is started; its forks live on.

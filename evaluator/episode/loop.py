@@ -29,6 +29,7 @@ from evaluator.records import (
     Versions,
     total_usage,
 )
+from evaluator.spans import call_span, end_call, turn_span
 
 SCENE_RESOURCE = "physment://scene"
 GONE = "physment/gone"
@@ -75,7 +76,8 @@ async def play_episode(
         player = agent.player(key, briefing)
         feedback: Feedback | None = None
         for remaining in range(key.budget - 1, -1, -1):
-            turn, answered = await _take_turn(player, feedback, client, toolbox, used)
+            with turn_span(len(turns) + 1):
+                turn, answered = await _take_turn(player, feedback, client, toolbox, used)
             turns.append(turn)
             if answered:
                 outcome, answer = Outcome.ANSWERED, _answer_of(turn.exchanges)
@@ -121,12 +123,26 @@ async def _take_turn(
     return turn, batch.answered
 
 
-async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
-    arguments = {"prompting": key.prompting, "protocol": key.protocol, "budget": str(key.budget)}
-    prompt = await client.get_prompt("scene", arguments)
+async def opening_prompt(client: Client, key: EpisodeKey, budget: int | None) -> str:
+    """The opening prompt of an open episode.
+
+    Args:
+        client: A client connected to it.
+        key: Gives prompting and protocol.
+        budget: Iterations that the prompt names; None if it names none.
+
+    Raises:
+        MCPError: The server refused the request.
+    """
+    arguments = {"prompting": key.prompting, "protocol": key.protocol}
+    prompt = await client.get_prompt("scene", arguments if budget is None else {**arguments, "budget": str(budget)})
     parts = [message.content for message in prompt.messages]
-    text = "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
-    return Briefing(prompt=text, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
+    return "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
+
+
+async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
+    prompt = await opening_prompt(client, key, key.budget)
+    return Briefing(prompt=prompt, tools=toolbox.tools, budget=key.budget, scene=await _scene_resource(client))
 
 
 async def _scene_resource(client: Client) -> Mapping[str, Any]:
@@ -154,7 +170,9 @@ async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
             note, stopped = f"{misfit}; this call and the ones after it were not run.", True
             exchanges.append(Exchange(call=call, returned=False, is_error=True, text=misfit))
             continue
-        exchange = await _run(client, call, toolbox)
+        with call_span(call.tool) as span:
+            exchange = await _run(client, call, toolbox)
+            end_call(span, exchange)
         exchanges.append(exchange)
         answered = stopped = call.tool == ANSWER and not exchange.is_error
     return _Batch(tuple(exchanges), note, answered)

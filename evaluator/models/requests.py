@@ -10,15 +10,21 @@ from pydantic_ai.direct import model_request
 from pydantic_ai.exceptions import ModelHTTPError
 from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model
+from pydantic_ai.models.instrumented import InstrumentationSettings
 from pydantic_ai.settings import ModelSettings, merge_model_settings
 
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure
 from evaluator.models.failures import AskAgain, judge
 from evaluator.models.lanes import Lane, Patience
 from evaluator.models.offer import NOTHING, Offer
+from evaluator.spans import are_recorded
 
 MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
 """Gemini's finish reasons for a malformed call, which is an error of the model and not of the service."""
+
+
+_SPANS = InstrumentationSettings(include_content=False, include_model_request_parameters=False)
+"""Spans of requests without their content, which may hold secrets that records have removed."""
 
 
 @dataclass(slots=True)
@@ -79,6 +85,7 @@ class Requests:
                 messages,
                 model_settings=merge_model_settings(self.settings, tools.settings),
                 model_request_parameters=tools.parameters,
+                instrument=_SPANS if are_recorded() else None,
             )
         except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; `judge` says how
             # Do not chain the error: a client's error holds the request, and with it the key.

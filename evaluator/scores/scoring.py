@@ -23,6 +23,9 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.store import RunFolder
 from scenes import content_hash_of
 
+WITHHELD = "withheld until the seeds are revealed"
+"""In place of the reason of a grade, which may quote the key."""
+
 
 class GradedRun(NamedTuple):
     """A run that has just been graded."""
@@ -57,16 +60,21 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
     )
 
 
-def grade_run(folder: RunFolder, keys: KeyRing) -> GradedRun:
+def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> GradedRun:
     """Grade and score all episodes of a run, and write its grades and its summary.
 
     If a verdict changed, the previous grades are kept in a second file.
+
+    Args:
+        folder: The run.
+        keys: Answer keys of its scenes.
+        withhold: Leave out of the grades what would tell a key, since the seeds of the run are held back.
 
     Raises:
         UsageError: A pack is malformed or gives no key.
         StoreError: The folder cannot be read or written.
     """
-    rows = [score_episode(episode, grade_record(episode, keys), keys) for episode in folder.episodes().values()]
+    rows = graded_rows(folder, keys, withhold=withhold)
     records = [row.record for row in rows]
     changes = _changes(folder.grades(), records)
     if changes:
@@ -75,6 +83,30 @@ def grade_run(folder: RunFolder, keys: KeyRing) -> GradedRun:
     summary = summarise(rows)
     folder.write_text(folder.summary_file, summary.model_dump_json(indent=2) + "\n")
     return GradedRun(rows, summary, changes)
+
+
+def graded_rows(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> list[ScoredEpisode]:
+    """The episodes of a run, graded and scored anew. Writes nothing.
+
+    Args:
+        folder: The run.
+        keys: Answer keys of its scenes.
+        withhold: Leave out of the grades what would tell a key.
+
+    Raises:
+        UsageError: A pack is malformed or gives no key.
+        StoreError: The folder cannot be read.
+    """
+
+    def graded(episode: Episode) -> GradeRecord:
+        record = grade_record(episode, keys)
+        if not withhold:
+            return record
+        return record.model_copy(
+            update={"answer_key": None, "grade": record.grade.model_copy(update={"reason": WITHHELD})}
+        )
+
+    return [score_episode(episode, graded(episode), keys) for episode in folder.episodes().values()]
 
 
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:

@@ -10,6 +10,7 @@ from evaluator.episode.connect import Laboratory
 from evaluator.episode.contender import Contender
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
+from evaluator.spans import end_episode, episode_span
 
 MAX_ATTEMPTS = 3
 """How often an episode is opened before an infrastructure error is recorded."""
@@ -54,6 +55,15 @@ async def play_key(
         UsageError: The contender cannot play in this laboratory.
         PermanentFailure: No episode of this contender can be played.
     """
+    with episode_span(key) as span:
+        episode = await _attempted(contender, laboratory, key, versions, timeout_s)
+        end_episode(span, episode)
+        return episode
+
+
+async def _attempted(
+    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None
+) -> Episode:
     failure, used = "", list[Usage]()
     for attempt in range(1, MAX_ATTEMPTS + 1):
         if attempt > 1:

@@ -18,6 +18,7 @@ from evaluator.errors import UsageError
 from evaluator.models.choice import Options
 from evaluator.models.factory import model_contender
 from evaluator.models.lanes import Lanes, Patience
+from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
 
 AGENTS = (
     "reference",
@@ -65,6 +66,13 @@ class Team:
     """The operator vouches that an external agent cannot read the packs."""
     users: tuple[str, ...] = ()
     """System users that a sealed agent runs as."""
+    seed_key: SeedKey | None = None
+    """The key of held-back seeds; None if the seeds are as recorded."""
+
+    @property
+    def seed_of(self) -> SeedOf:
+        """What turns the seeds of episodes into those that variants are drawn from."""
+        return seed_as_recorded if self.seed_key is None else self.seed_key.seed
 
     def build(self) -> dict[str, Contender]:
         """The contenders by name.

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import anyio
+from mcp import Client
 from pydantic import JsonValue
 
 from evaluator.agents.recorded import RecordedAgent
@@ -96,7 +97,7 @@ async def _replay_episode(
     try:
         async with laboratory.open(stored.key.scene, stored.key.seed) as client:
             present = (await server_record(client, option="")).tool_schema_hash
-            now = await play_episode(agent, client, stored.key, stored.versions, laboratory.toolboxes)
+            now = await _played_again(agent, client, laboratory, stored)
     except InfrastructureError as error:
         return Replayed(stored.key, failure=str(error))
     calls = sum(exchange.returned for turn in stored.turns for exchange in turn.exchanges)
@@ -104,6 +105,17 @@ async def _replay_episode(
     if not contracts <= {present}:
         now, added = without_added(stored, now)
     return Replayed(stored.key, calls, tuple(differences(stored, now, rel_tol)), added)
+
+
+async def _played_again(agent: RecordedAgent, client: Client, laboratory: Laboratory, stored: Episode) -> Episode:
+    """An episode with the calls of a record, and with as many turns as the record was allowed."""
+    if stored.max_calls is None:
+        return await play_episode(agent, client, stored.key, stored.versions, laboratory.toolboxes)
+    # A program that plays by itself is told its number of calls in words of its own, and each call is a turn.
+    key = stored.key.model_copy(update={"budget": max(stored.allowance, len(stored.turns))})
+    one = RecordedAgent(agent.name, (stored.model_copy(update={"key": key}),))
+    now = await play_episode(one, client, key, stored.versions, laboratory.toolboxes)
+    return now.model_copy(update={"key": stored.key, "prompt": stored.prompt})
 
 
 def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]:
@@ -155,7 +167,7 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
         for index, (before, after) in enumerate(
             zip(turn.exchanges, now.turns[number - 1].exchanges, strict=True), start=1
         ):
-            found = _first_difference(before, after, rel_tol)
+            found = exchange_difference(before, after, rel_tol)
             if found is not None:
                 path, old, new = found
                 what = f"{before.call.tool}: {path}" if path else before.call.tool
@@ -164,16 +176,19 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
     if answered[0] != answered[1]:
         words = ["answered" if ended else "not answered" for ended in answered]
         yield Difference(key=key, turn=0, call=0, what="outcome", stored=words[0], now=words[1])
+    elif stored.answer != now.answer:
+        # The recorded answer is what is graded; it must be the one that was given in a call.
+        yield Difference(key=key, turn=0, call=0, what="answer", stored=stored.answer, now=now.answer)
 
 
-def _first_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
-    """The first difference between the returns of two runs of a call; None if there is none."""
+def exchange_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
+    """The first difference between the returns of two runs of a call: path, earlier and later value; None if equal."""
     kinds = [_kind(exchange) for exchange in (before, after)]
     if kinds[0] != kinds[1]:
         return "", f"{kinds[0]}: {before.text}", f"{kinds[1]}: {after.text}"
     if before.is_error:
         return None if before.text == after.text else ("", before.text, after.text)
-    return next(_different_values(before.content, after.content, rel_tol, ""), None)
+    return next(different_values(before.content, after.content, rel_tol, ""), None)
 
 
 def _kind(exchange: Exchange) -> str:
@@ -181,16 +196,24 @@ def _kind(exchange: Exchange) -> str:
     return f"{ran}, an error" if exchange.is_error else ran
 
 
-def _different_values(
+def different_values(
     old: JsonValue, new: JsonValue, rel_tol: float, path: str
 ) -> Iterator[tuple[str, JsonValue, JsonValue]]:
+    """Every place where two JSON values differ: its path, and what is there in each.
+
+    Args:
+        old: One value.
+        new: The other.
+        rel_tol: Largest difference between numbers that count as the same, relative to the larger one.
+        path: Of the values, empty for a whole document.
+    """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in _names_of_both(old, new):
             inner = f"{path}.{name}" if path else name
-            yield from _different_values(old.get(name, _NOTHING), new.get(name, _NOTHING), rel_tol, inner)
+            yield from different_values(old.get(name, _NOTHING), new.get(name, _NOTHING), rel_tol, inner)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
-            yield from _different_values(old_item, new_item, rel_tol, f"{path}[{index}]")
+            yield from different_values(old_item, new_item, rel_tol, f"{path}[{index}]")
     elif _is_number(old) and _is_number(new):
         assert isinstance(old, int | float)
         assert isinstance(new, int | float)

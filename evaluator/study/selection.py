@@ -1,12 +1,16 @@
-"""Reads the values of `--scenes`, `--budgets` and `--seeds`."""
+"""Reads the values of `--scenes`, `--budgets`, `--seeds` and `--split`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from evaluator.errors import UsageError
 from scenes import Category, PackError, PackFiles, Rung, list_packs, read_pack
+from scenes.splits import HELD_BACK, Split, splits
 
 SUITE = "all"
 """Selects every scene but the open worlds, which are a track of their own."""
+USUAL_SEEDS = 20
+"""Seeds of a split that are played if `--seeds` names none."""
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
@@ -32,6 +36,58 @@ def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
     except PackError as error:
         raise UsageError(str(error)) from error
     return [packs[scene] for scene in sorted(chosen)]
+
+
+def find_split(name: str) -> Split:
+    """A split of the suite.
+
+    Raises:
+        UsageError: There is no such split, or only its publisher knows its seeds.
+    """
+    if name == HELD_BACK:
+        raise UsageError(f"the seeds of {HELD_BACK} come from a key that its publisher keeps: run --seed-key FILE")
+    if name not in splits():
+        raise UsageError(f"there is no split {name!r}; the splits are {', '.join(splits())} and {HELD_BACK}")
+    return splits()[name]
+
+
+def scenes_in_split(split: Split, scenes: str | None, scenes_dir: Path | None) -> list[PackFiles]:
+    """The packs of a split, or those of them that `--scenes` selects.
+
+    Raises:
+        UsageError: A part is malformed, or the split has none of these scenes.
+    """
+    packs = [files for files in parse_scenes(scenes, scenes_dir) if files.scene_id in split.scenes]
+    if not packs:
+        where = f"--scenes {scenes}" if scenes else f"{scenes_dir}"
+        raise UsageError(f"the split {split.name} has no scene of {where}; its scenes are {_ranges(split.scenes)}")
+    return packs
+
+
+def seeds_in_split(split: Split, seeds: str | None) -> tuple[int, ...]:
+    """The seeds of a split that `--seeds` selects; without it the first twenty.
+
+    Raises:
+        UsageError: A part is malformed, or is no seed of the split.
+    """
+    if seeds is None:
+        return tuple(split.seeds[:USUAL_SEEDS])
+    chosen = parse_numbers(seeds, "--seeds", 0)
+    for seed in chosen:
+        if seed not in split.seeds:
+            raise UsageError(f"--seeds {seed}: the split {split.name} has the seeds {split.seeds[0]}-{split.seeds[-1]}")
+    return chosen
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Ascending numbers as `--scenes` takes them, such as `7-9,12`."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][-1] + 1:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return ",".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
 def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:

@@ -8,6 +8,8 @@ import socket
 from importlib.util import find_spec
 from threading import Thread
 
+import anyio
+
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, timestep
 from physment_mcp.errors import UsageError
 
@@ -62,6 +64,14 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="name that the host answers to besides its addresses, as behind a proxy; may be given again",
     )
+    _processes(serve)
+    observations(serve, again=True)
+    timestep(serve, again=True)
+    serve.set_defaults(run=run)
+
+
+def _processes(serve: argparse.ArgumentParser) -> None:
+    """Declare the options about other processes."""
     serve.add_argument(
         "--end-with-stdin",
         action="store_true",
@@ -74,9 +84,14 @@ def add(commands: Commands) -> None:
         help="descriptor of an inherited Unix socket, through which the program that starts this host also opens"
         " episodes, each on a socket of its own, without HTTP and without a token",
     )
-    observations(serve, again=True)
-    timestep(serve, again=True)
-    serve.set_defaults(run=run)
+    serve.add_argument(
+        "--workers",
+        type=positive(int),
+        default=1,
+        metavar="N",
+        help="processes that share the episodes, behind one port (default 1: this one; useful up to one for each"
+        " processor)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -105,23 +120,63 @@ def run(args: argparse.Namespace) -> int:
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
     if args.end_with_stdin:
         Thread(target=_end_with_stdin, daemon=True).start()
+    args.max_episodes = args.max_episodes or usual_episodes(free_memory())
     host = Host(
         args.scenes_dir,
-        args.max_episodes or usual_episodes(free_memory()),
+        args.max_episodes,
         args.idle_timeout,
         token,
         exposed,
         names,
         watching(args.observations, args.scenes_dir),
         args.timestep,
-        control,
+        control=control,
     )
     _allow_open_files()
     try:
-        serve(host, args.host, args.port)
+        if args.workers > 1:
+            _serve_with_workers(args, token, exposed=exposed, names=names)
+        else:
+            serve(host, args.host, args.port)
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
+
+
+def _serve_with_workers(args: argparse.Namespace, token: str | None, *, exposed: bool, names: tuple[str, ...]) -> None:
+    """Serve with several processes, until interrupted.
+
+    Raises:
+        OSError: The address cannot be used.
+        UsageError: The workers cannot start, or this system does not allow them.
+    """
+    from physment_mcp.serving.host_worker import WorkerOptions  # noqa: PLC0415 - as above
+    from physment_mcp.serving.host_workers import serve_with_workers  # noqa: PLC0415
+    from physment_mcp.serving.listening import listen  # noqa: PLC0415
+
+    if args.control_fd is not None or not hasattr(socket, "send_fds"):
+        raise UsageError("--workers: not with --control-fd, nor on systems that pass no connections between processes")
+    folder = None if args.scenes_dir is None else str(args.scenes_dir)
+
+    def options(number: int, source: int, memory: int) -> WorkerOptions:
+        return WorkerOptions(
+            number=number,
+            workers=args.workers,
+            source=source,
+            memory=memory,
+            scenes_dir=folder,
+            max_episodes=args.max_episodes,
+            idle_timeout_s=args.idle_timeout,
+            token=token,
+            exposed=exposed,
+            names=names,
+            observations=args.observations,
+            timestep=args.timestep,
+            log_level=args.log_level.upper(),
+        )
+
+    with listen(args.host, args.port) as listener:
+        anyio.run(serve_with_workers, listener, args.workers, options)
 
 
 def _token(args: argparse.Namespace) -> str | None:

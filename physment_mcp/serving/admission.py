@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physment_mcp.errors import NotOpened, SceneError, quoted
 from physment_mcp.scene import kept_scene, load_scene
+from physment_mcp.serving.places import Places
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -33,22 +34,20 @@ class EpisodeRequest(BaseModel):
 
 @dataclass(slots=True)
 class Admission:
-    """Opens sessions, and counts the places of those that are open."""
+    """Opens sessions as long as there are places."""
 
     scenes_dir: Path | None
-    most: int
-    """Most episodes that may be open."""
+    places: Places
+    """Of all episodes that may be open."""
     timestep: float | None
     """Time step that replaces those of the models [s]."""
     for_operator: bool
     """Whether refusals may tell details of packs: true if only the operator can ask."""
-    _taken: int = 0
-    """Places of episodes that are open or being opened."""
     _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
     """The place for the scene that is being loaded, in a thread, because that takes up to 50 ms."""
 
     async def open(self, body: bytes) -> tuple[EpisodeRequest, Session]:
-        """Open a session, which takes a place until `leave`.
+        """Open a session, which takes a place; whoever closes the episode gives it back.
 
         Args:
             body: The request in JSON.
@@ -62,9 +61,8 @@ class Admission:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
             raise NotOpened(400, f'{quoted(where)[1:-1]}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
-        if self._taken >= self.most:
-            raise NotOpened(429, f"{self.most} episodes are open, which is the limit; delete some or wait")
-        self._taken += 1
+        if not self.places.take():
+            raise NotOpened(429, f"{self.places.most} episodes are open, which is the limit; delete some or wait")
         try:
             kept = kept_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
             if kept is not None:
@@ -72,16 +70,12 @@ class Admission:
             async with self._loading:
                 return wanted, await anyio.to_thread.run_sync(self._load, wanted)
         except SceneError as error:
-            self.leave()
+            self.places.leave()
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
             raise NotOpened(404, str(error) if self.for_operator else error.for_client) from error
         except BaseException:
-            self.leave()
+            self.places.leave()
             raise
-
-    def leave(self) -> None:
-        """Give back the place of an episode that is closed."""
-        self._taken -= 1
 
     def _load(self, wanted: EpisodeRequest) -> Session:
         scene = load_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)

@@ -4,11 +4,14 @@ Importing this imports uvicorn, which takes half a second, and which episodes on
 """
 
 import asyncio
+import contextlib
 import json
 import logging
 import socket
+from collections.abc import Callable
 from typing import Any
 
+import anyio
 import uvicorn
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
@@ -29,30 +32,60 @@ _WAITING = 1024
 """Connections that may wait to be accepted."""
 
 
+def listen(address: str, port: int) -> socket.socket:
+    """Listen on an address.
+
+    Raises:
+        OSError: The system does not allow it.
+    """
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=_WAITING)
+    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
+
+
+def announce(listener: socket.socket) -> None:
+    """Print the address as one line of JSON; it names the port that was chosen."""
+    bound, chosen = listener.getsockname()[:2]
+    shown = f"[{bound}]" if ":" in bound else bound
+    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
+
+
 def serve(host: Host, address: str, port: int) -> None:
     """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
 
     Raises:
         OSError: The system does not allow listening on this address.
     """
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=_WAITING)
-    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    bound, chosen = listener.getsockname()[:2]
-    shown = f"[{bound}]" if ":" in bound else bound
-    print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
-    connections = Connections(most := _CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS, most * 3 // 4)
-    config = uvicorn.Config(
+    listener = listen(address, port)
+    announce(listener)
+    PatientServer(_config(host)).run(sockets=[listener])
+
+
+def serve_passed(host: Host, source: socket.socket, ready: Callable[[], None]) -> None:
+    """Serve the connections that a front passes, until interrupted.
+
+    Args:
+        host: A worker.
+        source: Brings the connections.
+        ready: Called when they are served.
+    """
+    PassedServer(_config(host), source, ready).run(sockets=[])
+
+
+def _config(host: Host) -> uvicorn.Config:
+    workers = 1 if host.worker is None else host.worker.count
+    most = (_CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS) // workers
+    return uvicorn.Config(
         host.app(),
-        http=bounded_protocol(connections),
+        http=bounded_protocol(Connections(most, most * 3 // 4)),
         backlog=_ACCEPTED_AT_ONCE,
         log_config=None,  # as all other lines
         log_level="warning",
         timeout_graceful_shutdown=2,
         timeout_keep_alive=_KEEP_ALIVE_S,
     )
-    PatientServer(config).run(sockets=[listener])
 
 
 class PatientServer(uvicorn.Server):
@@ -63,6 +96,47 @@ class PatientServer(uvicorn.Server):
         await super().startup(sockets)
         for listener in sockets or ():
             listener.listen(_WAITING)
+
+
+class PassedServer(uvicorn.Server):
+    """Serves connections that another process has accepted."""
+
+    def __init__(self, config: uvicorn.Config, source: socket.socket, ready: Callable[[], None]) -> None:
+        """Set up; arguments as for `serve_passed`."""
+        super().__init__(config)
+        self._source = source
+        self._ready = ready
+        self._taking: asyncio.Task[None] | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to serve connections."""
+        await super().startup(sockets)
+        self._taking = asyncio.create_task(self._take())
+        self._ready()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Take no more connections, and end."""
+        if self._taking is not None:
+            self._taking.cancel()
+        await super().shutdown(sockets)
+
+    async def _take(self) -> None:
+        self._source.setblocking(False)
+        loop = asyncio.get_running_loop()
+        while True:
+            await anyio.wait_readable(self._source)
+            with contextlib.suppress(BlockingIOError):
+                mark, passed, _, _ = socket.recv_fds(self._source, 1, 1)
+                if not mark:
+                    return
+                for number in passed:
+                    connection = socket.socket(fileno=number)
+                    connection.setblocking(False)
+                    await loop.connect_accepted_socket(self._protocol, connection)
+
+    def _protocol(self) -> asyncio.Protocol:
+        made: Any = self.config.http_protocol_class
+        return made(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
 
 
 def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:

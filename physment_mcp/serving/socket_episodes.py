@@ -130,9 +130,6 @@ class SocketEpisodes:
         self._traffic = traffic
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
-    def __len__(self) -> int:
-        return len(self._open)
-
     async def serve(self, control: socket.socket) -> None:
         """Serve an episode on each socket that the control socket brings, until its other end is closed."""
         control.setblocking(False)
@@ -185,7 +182,7 @@ class SocketEpisodes:
         try:
             await self._play(lines, session)
         finally:
-            self._admission.leave()
+            self._admission.places.leave()
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""

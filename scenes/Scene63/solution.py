@@ -1,5 +1,7 @@
 """Scene 63: the platform's angular speed before and after, as twice its energy over its angular momentum."""
 
+from scipy.optimize import brentq
+
 from scenes.protocol import answer, call
 
 START_R = 0.8
@@ -33,11 +35,13 @@ def theory(knobs):
     def inertia(r):
         return knobs["platform"] + 2 * knobs["m"] * (r**2 + BALL_INERTIA)
 
-    spin, r = inertia(START_R) * FIRST_RATE, knobs["rest"]
-    for _ in range(200):
-        rate = spin / inertia(r)
-        r = STIFFNESS * knobs["rest"] / (STIFFNESS - knobs["m"] * rate**2)
-    return spin / inertia(r) / FIRST_RATE
+    spin = inertia(START_R) * FIRST_RATE
+
+    def outward(r):
+        """Force on a weight, as it turns with the platform."""
+        return knobs["m"] * (spin / inertia(r)) ** 2 * r - STIFFNESS * (r - knobs["rest"])
+
+    return spin / inertia(brentq(outward, knobs["rest"], START_R)) / FIRST_RATE
 
 
 def measure(engine, knobs):

@@ -7,6 +7,7 @@ client returns the reason of each refusal, as agents need it.
 """
 
 import contextlib
+import functools
 import json
 import re
 import threading
@@ -18,16 +19,17 @@ from typing import Any
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from scenes import list_packs, read_pack
+from scenes import PackFiles, list_packs, read_pack
 from scenes.protocol import Call, Reading, load_solution
 
 KEY = "no-key-at-all"
 WRONG = Call("get_position", {"object_id": "object_99"})
 """A call that every scene refuses; the refusal names the object."""
 WRONG_CALLS = 3
+_USAGE = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
 _DONE = "The answer is given."
 
 
@@ -70,10 +72,16 @@ def next_call(conversation: Conversation) -> Call | None:
 
 def _solver(task: str) -> Any:
     named = re.search(r"# Scene: (.*)", task)
-    for files in list_packs():
-        if named and read_pack(files).metadata.scene_name == named[1].strip():
-            return load_solution(files).solve
-    raise ValueError(f"the conversation names no scene: {task[:200]!r}")
+    files = _packs().get(named[1].strip()) if named else None
+    if files is None:
+        raise ValueError(f"the conversation names no scene: {task[:200]!r}")
+    return load_solution(files).solve
+
+
+@functools.cache
+def _packs() -> Mapping[str, PackFiles]:
+    """Name of a scene → its pack."""
+    return {read_pack(files).metadata.scene_name: files for files in list_packs()}
 
 
 def reading(returned: Any) -> Reading:
@@ -157,26 +165,41 @@ def _text(contents: Any) -> str:
             return ""
 
 
-async def _openai(request: Request) -> JSONResponse:
+async def _openai(request: Request) -> Response:
     body = await request.json()
-    if body.get("stream"):
-        return JSONResponse({"error": {"message": "this model does not stream", "type": "no_stream"}}, 400)
     conversation = read_openai(body)
     call, words = _reply(conversation)
     message: dict[str, Any] = {"role": "assistant", "content": None if call else words}
     if call:
         function = {"name": call.tool, "arguments": json.dumps(call.arguments)}
         message["tool_calls"] = [{"id": f"call_{len(conversation.returns)}", "type": "function", "function": function}]
+    finish = "tool_calls" if call else "stop"
+    if body.get("stream"):
+        return streamed(message, finish)
     return JSONResponse(
         {
             "id": f"chatcmpl-{len(conversation.returns)}",
             "object": "chat.completion",
             "created": int(time.time()),
             "model": body.get("model", ""),
-            "choices": [{"index": 0, "message": message, "finish_reason": "tool_calls" if call else "stop"}],
-            "usage": {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2},
+            "choices": [{"index": 0, "message": message, "finish_reason": finish}],
+            "usage": _USAGE,
         }
     )
+
+
+def streamed(message: Mapping[str, Any], finish: str) -> Response:
+    """A chat completion as server-sent events: the message in one piece, then why it ended, then the usage."""
+    calls = [{"index": number, **call} for number, call in enumerate(message.get("tool_calls", ()))]
+    delta = {**message, "tool_calls": calls} if calls else message
+    events = [
+        {"choices": [{"index": 0, "delta": delta, "finish_reason": None}]},
+        {"choices": [{"index": 0, "delta": {}, "finish_reason": finish}]},
+        {"choices": [], "usage": _USAGE},
+    ]
+    common = {"id": "chatcmpl-s", "object": "chat.completion.chunk", "created": int(time.time()), "model": "scripted"}
+    lines = [json.dumps(common | event) for event in events]
+    return Response("".join(f"data: {line}\n\n" for line in [*lines, "[DONE]"]), media_type="text/event-stream")
 
 
 async def _gemini(request: Request) -> JSONResponse:

@@ -44,6 +44,8 @@ class Evaluation:
     folder: Path
     server: str
     seeds: int
+    workers: int = 1
+    """Processes that play."""
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
     starts: int = 0
     background: bool = False
@@ -62,7 +64,7 @@ class Evaluation:
             prepare: Runs in the new process before the evaluator does.
         """
         words = ["--server", self.server, "--scenes", f"{SCENES[0]}-{SCENES[-1]}", "--seeds", f"0-{self.seeds - 1}"]
-        words += ["--concurrency", "4", "--out", str(self.folder), "--resume"]
+        words += ["--workers", str(self.workers), "--concurrency", "4", "--out", str(self.folder), "--resume"]
 
         def begin() -> None:
             # It is ignored by what a script starts in its background.

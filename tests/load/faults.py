@@ -92,6 +92,11 @@ def _server_killed(run: Struck) -> int:
     return run.strike(kill)[0]
 
 
+def _worker_killed(run: Struck) -> int:
+    run.evaluation.workers = 2
+    return _server_killed(run)
+
+
 def _full_disk(run: Struck) -> int:
     most = run.chance.randrange(run.usual.size)
     return run.strike(
@@ -149,8 +154,6 @@ def _on_own_disk(strike: Callable[[Struck], int]) -> Fault:
             shutil.copytree(folder, kept)
         folder.rmdir()
         kept.rename(folder)
-        if code == 0:
-            raise Broken("nothing could be written, and the run says that all is well")
         return code
 
     return fault
@@ -160,6 +163,8 @@ def _no_space(run: Struck) -> int:
     folder = run.evaluation.folder
     disks.fill(folder, run.chance.randrange(run.usual.size))
     code, _ = run.strike(lambda _process: None)
+    if code == 0:
+        raise Broken("there was no space for all episodes, and the run says that all is well")
     disks.empty(folder)
     return code
 
@@ -184,6 +189,7 @@ FAULTS: dict[str, Fault] = {
     "SIGHUP": _signalled(signal.SIGHUP),
     "SIGKILL": _signalled(signal.SIGKILL),
     "server killed": _server_killed,
+    "worker killed": _worker_killed,
     "full disk": _full_disk,
     "torn last line": _torn_line,
     "garbage line": _garbage_line,

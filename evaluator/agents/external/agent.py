@@ -8,7 +8,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -21,9 +21,8 @@ from evaluator.agents.external.child_process import Ended, run_child
 from evaluator.agents.external.environment import TOKEN, URL, child_environment
 from evaluator.agents.external.folders import episode_folders
 from evaluator.agents.external.system_users import SystemUser, SystemUsers
-from evaluator.agents.external.watched import WatchedEpisode, watch_episode
+from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.episode.connect import HostLaboratory, Laboratory
-from evaluator.episode.player import ANSWER
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
 from evaluator.redaction import Redaction
@@ -126,7 +125,8 @@ class ExternalAgent:
             except AgentError as error:
                 failure = str(error)
             turns = await episode.turns()
-        outcome, answer = _outcome(turns, max_calls)
+        found, answer = outcome_of(turns, max_calls)
+        outcome = found or Outcome.AGENT_ERROR
         if outcome is Outcome.AGENT_ERROR and ended is not None:
             # Remove secrets before truncating: half a secret would not be recognised.
             failure = clean.text(_how_it_ended(self, ended, len(turns), max_calls))[:_FAILURE]
@@ -202,15 +202,6 @@ def _rules(max_calls: int, max_wall_s: float) -> str:
         f" {max_calls} tool calls, refused ones included, within {max_wall_s:g} s of wall time. If you have not called"
         " `answer` by then, the task counts as failed."
     )
-
-
-def _outcome(turns: Sequence[Turn], max_calls: int) -> tuple[Outcome, JsonValue]:
-    """How the episode ended according to the log, and the answer."""
-    for turn in turns:
-        for exchange in turn.exchanges:
-            if exchange.call.tool == ANSWER and exchange.returned and not exchange.is_error:
-                return Outcome.ANSWERED, exchange.call.arguments["answer"]
-    return (Outcome.BUDGET_EXHAUSTED if len(turns) >= max_calls else Outcome.AGENT_ERROR), None
 
 
 def _how_it_ended(agent: ExternalAgent, ended: Ended, calls: int, max_calls: int) -> str:

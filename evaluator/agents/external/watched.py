@@ -1,19 +1,22 @@
 """An episode that another program plays: opened on a host, watched, and read back from the host's log of calls."""
 
 import contextlib
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import anyio
 import httpx2
-import mcp_types as types
-from pydantic import BaseModel, ValidationError
+from mcp import Client
+from pydantic import BaseModel, JsonValue, ValidationError
 
 from evaluator.episode.bounds import unrecordable
 from evaluator.episode.connect import HostLaboratory, http_client, mcp_client
+from evaluator.episode.loop import opening_prompt
+from evaluator.episode.player import ANSWER, Briefing
+from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import InfrastructureError
-from evaluator.records import EpisodeKey, Exchange, ToolCall, Turn
+from evaluator.records import EpisodeKey, Exchange, Outcome, ToolCall, Turn
 
 _LOOK_S = 0.5
 """Wall time between two checks whether the episode has ended [s]."""
@@ -59,14 +62,30 @@ class WatchedEpisode:
         Raises:
             InfrastructureError: The host failed.
         """
-        arguments = {"prompting": key.prompting, "protocol": key.protocol}
+        async with self._connected() as client:
+            return await opening_prompt(client, key, None)
+
+    async def briefing(self, key: EpisodeKey, toolboxes: Toolboxes) -> Briefing:
+        """What an agent in the loop knows before its first turn: the prompt with its iteration budget, and the tools.
+
+        Args:
+            key: Gives prompting, protocol and budget.
+            toolboxes: The tools of the host.
+
+        Raises:
+            InfrastructureError: The host failed.
+        """
+        async with self._connected() as client:
+            toolbox = await toolboxes.of(client)
+            return Briefing(await opening_prompt(client, key, key.budget), toolbox.tools, key.budget, scene={})
+
+    @contextlib.asynccontextmanager
+    async def _connected(self) -> AsyncGenerator[Client]:
         try:
             async with mcp_client(self.mcp_url, self._http) as client:
-                prompt = await client.get_prompt("scene", arguments)
+                yield client
         except Exception as error:
             raise InfrastructureError(f"the opening prompt could not be read: {error!r}") from error
-        parts = [message.content for message in prompt.messages]
-        return "\n\n".join(part.text for part in parts if isinstance(part, types.TextContent))
 
     async def until_end(self) -> bool:
         """Wait until the episode accepts no more calls.
@@ -147,6 +166,20 @@ async def watch_episode(
         finally:
             with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})
+
+
+def outcome_of(turns: Sequence[Turn], max_calls: int) -> tuple[Outcome | None, JsonValue]:
+    """How an episode ended according to its log, and its answer; no outcome if it could go on.
+
+    Args:
+        turns: Its calls, each as a turn.
+        max_calls: How many it may have.
+    """
+    for turn in turns:
+        for exchange in turn.exchanges:
+            if exchange.call.tool == ANSWER and exchange.returned and not exchange.is_error:
+                return Outcome.ANSWERED, exchange.call.arguments["answer"]
+    return (Outcome.BUDGET_EXHAUSTED if len(turns) >= max_calls else None), None
 
 
 def _exchange(seen: _SeenCall) -> Exchange:

@@ -3,12 +3,13 @@
 import base64
 import hashlib
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
-from evaluator.records import Exchange, Outcome, Turn
+from evaluator.records import Exchange, Fork, Outcome, Turn
 from evaluator.report.agent_results import Run
 from evaluator.report.page import render
-from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.run_record import ForkedRun, Plan, RunRecord, ServerRecord
 from evaluator.scores.scored_episode import ScoredEpisode
 from tests.builders.records import RIGHT, episode, episode_key, grade, refused, returned, turn
 from tests.builders.scored import scored
@@ -135,6 +136,23 @@ def test_provenance_names_the_programs_that_met_other_seeds_and_what_the_seal_sa
     usual = page(row(7, True, "easy-single"))
     assert "other ones at each" not in usual
     assert "<dt>Records</dt>" not in usual
+
+
+def test_provenance_names_split_held_back_seeds_and_the_run_that_was_forked() -> None:
+    plan = RECORD.plan.model_copy(update={"split": "held-back", "held_back": "c0ffee"})
+    forked = ForkedRun(folder="<b>earlier</b>", seal_head="abc", turn=2)
+    record = RECORD.model_copy(update={"plan": plan, "forked_from": forked})
+    before = row(7, True, "easy-single")
+    fork = Fork(key=episode_key(agent="first"), turn=2, record_sha256="0")
+    again = replace(before, episode=before.episode.model_copy(update={"forked_from": fork}))
+    text = render([Run("run", record, [again], {})]).page
+    assert "<dt>Split</dt><dd>held-back</dd>" in text
+    assert "held back; numbers of variants 0, drawn with the key of commitment <code>c0ffee</code>" in text
+    assert "episodes of &lt;b&gt;earlier&lt;/b&gt;, continued after turn 2; its seal is <code>abc</code>" in text
+    assert "the first 2 turns are those of first" in text
+    usual = page(before)
+    assert "<dt>Split</dt>" not in usual
+    assert "<dt>Forked</dt>" not in usual
 
 
 def test_an_episode_that_is_too_long_is_cut_and_says_so() -> None:

@@ -1,0 +1,54 @@
+"""`physment-eval export`: a run in the formats of other programs."""
+
+import argparse
+from pathlib import Path
+
+from evaluator.commands.argument_types import trust_edited
+from evaluator.commands.base import Commands
+from evaluator.errors import StoreError
+from evaluator.report.inspect_log import write_inspect_logs
+from evaluator.report.parquet import write_parquet
+from evaluator.scores.scoring import read_graded
+from evaluator.store import RunFolder
+from evaluator.study.sealing import seal_note
+
+_DESCRIPTION = """\
+Write a graded run for other programs.
+
+  physment-eval export runs/mine --to parquet   runs/mine/exchanges.parquet: a row for each exchange, for data frames
+  physment-eval export runs/mine --to inspect   runs/mine/inspect/*.eval: logs of Inspect AI, one for each condition
+
+The first needs the extra `parquet`, the second the extra `inspect`. Nothing in the run folder is changed.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `export`."""
+    export = commands.add_parser(
+        "export",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    export.set_defaults(run=_export)
+    export.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    export.add_argument("--to", required=True, choices=("parquet", "inspect"), help="which format")
+    export.add_argument("--out", type=Path, metavar="PATH", help="file of parquet, folder of inspect")
+    trust_edited(export)
+
+
+def _export(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.folder)
+    run = folder.read_run()
+    seal_note(folder, trust=args.trust_edited)
+    graded = read_graded(folder)
+    if args.to == "inspect":
+        for file in write_inspect_logs(args.out or folder.path / "inspect", run, graded):
+            print(file)
+        return 0
+    file = args.out or folder.path / "exchanges.parquet"
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{file.parent} cannot be written: {error.strerror}") from error
+    print(f"{file}: {write_parquet(file, run, graded)} exchanges")
+    return 0

@@ -1,0 +1,163 @@
+"""`physment-eval fork`: lets another agent go on from a turn of stored episodes."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import count_of, seconds, seed_key, trust_edited
+from evaluator.commands.base import Commands
+from evaluator.commands.external import USUAL_CONCURRENCY
+from evaluator.commands.model_options import add_model_options, model_options
+from evaluator.commands.run import PreparedRun, create_folder, play_run
+from evaluator.commands.run_options import RunOptions
+from evaluator.episode.contender import AgentContender
+from evaluator.errors import UsageError
+from evaluator.records import Episode
+from evaluator.run_record import ForkedRun, Plan
+from evaluator.store import RunFolder
+from evaluator.study.contenders import Team
+from evaluator.study.forking import CONDITIONS, ForkContender, fork_keys, line_hashes, select_episodes
+from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
+from evaluator.study.limits import Limits, Meter
+from evaluator.study.sealing import seal_note
+from evaluator.study.shards import WHOLE
+from scenes import PackError, find_pack
+
+_DESCRIPTION = f"""\
+Play stored episodes again, bit for bit, up to a turn, and let another agent go on from there. It is told what was done
+so far and what it returned, not what the first agent thought. Two agents forked from the same turn have the same
+evidence, so that the difference is what they make of it.
+
+  physment-eval fork runs/mine --episode scene=7,seed=3 --turn 2 --agent model:gpt-5.5
+  physment-eval fork runs/mine --episode agent=blind --turn 1 --agent reference --agent random --out runs/forks
+
+--episode takes conditions, separated by commas: {", ".join(CONDITIONS)}. Every stored episode that meets them and goes
+on after the turn is continued. The result is a run folder like any other; each record names the episode and the turn
+that it continues. If the laboratory returns anything else than what is stored, the fork is refused and says where.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `fork`."""
+    fork = commands.add_parser(
+        "fork",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    fork.set_defaults(run=_fork)
+    fork.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    fork.add_argument("--episode", required=True, metavar="NAME=VALUE,…", help="which episodes, such as scene=7,seed=3")
+    fork.add_argument(
+        "--turn", required=True, type=count_of("turns"), metavar="K", help="how many turns are played as stored"
+    )
+    fork.add_argument(
+        "--agent", action="append", required=True, metavar="A", help="who goes on, as for run; may be repeated"
+    )
+    fork.add_argument(
+        "--server", default="host", metavar="S", help="stdio · host (default) · the URL of a host · a command"
+    )
+    fork.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
+    seed_key(fork)
+    trust_edited(fork)
+    fork.add_argument("--out", type=Path, metavar="DIR", help="the new run folder (default runs/TIME-AGENT)")
+    fork.add_argument("--resume", action="store_true", help="continue the fork in --out")
+    fork.add_argument(
+        "--concurrency",
+        type=count_of("episodes"),
+        default=USUAL_CONCURRENCY,
+        metavar="N",
+        help="episodes played at a time (default %(default)s)",
+    )
+    fork.add_argument(
+        "--episode-timeout", type=seconds, default=7200.0, metavar="S", help="wall time of one attempt [s] (7200)"
+    )
+    fork.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
+    add_model_options(fork.add_argument_group("models"))
+
+
+def _fork(args: argparse.Namespace) -> int:
+    source = RunFolder(args.folder)
+    record = source.read_run()
+    seal_note(source, trust=args.trust_edited)
+    episodes = select_episodes(source, args.episode, args.turn)
+    seed_of = seeds_of(source, args.seed_key)
+    key = read_seed_key(args.seed_key) if args.seed_key else read_revealed(source)
+    options = _options(args, episodes, Team(
+        agents=tuple(args.agent),
+        scenes_dir=args.scenes_dir,
+        server=args.server,
+        observations=record.plan.observations,
+        seed_key=key if record.plan.held_back else None,
+        **model_options(args),
+    ))  # fmt: skip
+    built, agents = options.team.build(), dict[str, AgentContender]()
+    for name, contender in built.items():
+        if not isinstance(contender, AgentContender):
+            raise UsageError(f"--agent {name}: a program plays by itself from the start, and cannot go on from a fork")
+        agents[name] = contender
+    keys = fork_keys(episodes, list(agents))
+    hashes = line_hashes(source)
+    contenders = {name: ForkContender(inner, keys, hashes, args.turn) for name, inner in agents.items()}
+    seal = source.read_seal()
+    run = PreparedRun(
+        options=options,
+        contenders=contenders,
+        plan=_plan(options, record.plan, list(contenders)),
+        keys=list(keys),
+        folder=create_folder(options, contenders),
+        answers=KeyRing(args.scenes_dir, seed_of),
+        meter=Meter(options.limits),
+        console=Console(stderr=args.json),
+        forked_from=ForkedRun(folder=args.folder.resolve().name, seal_head=seal.head if seal else "", turn=args.turn),
+    )
+    pass_on_key(source, run.folder)
+    return play_run(run)
+
+
+def _options(args: argparse.Namespace, episodes: list[Episode], team: Team) -> RunOptions:
+    """The options of a run that plays what these episodes played."""
+    keys = [episode.key for episode in episodes]
+    try:
+        packs = tuple(find_pack(scene, args.scenes_dir) for scene in sorted({key.scene for key in keys}))
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    return RunOptions(
+        team=team,
+        packs=packs,
+        split="",
+        budgets=tuple(sorted({key.budget for key in keys})),
+        seeds=tuple(sorted({key.seed for key in keys})),
+        epochs=max(key.epoch for key in keys),
+        same_seeds=True,
+        promptings=tuple(dict.fromkeys(key.prompting for key in keys)),
+        protocols=tuple(dict.fromkeys(key.protocol for key in keys)),
+        shard=WHOLE,
+        limits=Limits(None, None, None),
+        concurrency=args.concurrency,
+        executor="local",
+        episode_timeout_s=args.episode_timeout,
+        out=args.out,
+        resume=args.resume,
+        trust_edited=False,
+        dry_run=False,
+        workers=1,
+        otel=False,
+        as_json=args.json,
+    )
+
+
+def _plan(options: RunOptions, stored: Plan, agents: list[str]) -> Plan:
+    """The smallest matrix that holds the forked episodes."""
+    return Plan(
+        scenes=tuple(files.scene_id for files in options.packs),
+        agents=tuple(agents),
+        budgets=options.budgets,
+        seeds=options.seeds,
+        epochs=options.epochs,
+        promptings=options.promptings,
+        protocols=options.protocols,
+        observations=stored.observations,
+        held_back=stored.held_back,
+    )

@@ -1,0 +1,214 @@
+"""`physment-eval referee`: opens episodes for a trainer over HTTP, and says after their end what each was worth."""
+
+import argparse
+import contextlib
+import functools
+import ipaddress
+import json
+import os
+import socket
+import sys
+from collections.abc import AsyncGenerator
+from dataclasses import replace
+from pathlib import Path
+
+import anyio
+import anyio.lowlevel
+import uvicorn
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import count_of, port, price, seconds
+from evaluator.commands.base import Commands, run_async
+from evaluator.episode.connect import HostLaboratory, connect
+from evaluator.errors import InfrastructureError, UsageError
+from evaluator.redaction import Redaction
+from evaluator.referee.episodes import Referee
+from evaluator.referee.requests import LOOPBACK, app
+from evaluator.referee.rewards import RewardRule, Worth
+from evaluator.run_record import Plan
+from evaluator.store import RunFolder
+from evaluator.study.provenance import run_record, server_record
+from evaluator.study.sealing import Sealing
+from evaluator.study.selection import parse_scenes
+from scenes import PackFiles
+
+_KEEP_ALIVE_S = 60
+"""How long an idle connection is kept [s]."""
+_MORE_CONNECTIONS = 100
+"""Open connections besides two for each episode; beyond them the answer is 503."""
+_DESCRIPTION = """\
+Open episodes for a trainer, and say after the end of each what it was worth. The answer keys stay in this process.
+
+  physment-eval referee                              on http://127.0.0.1:8900, with a host of its own
+  physment-eval referee --server http://127.0.0.1:8000 --reward graded --cost-per-call 0.01
+  physment-eval referee --out runs/training          and keep every graded episode, for grade and report
+
+  POST   /episodes {"scene": 7, "seed": 3}           opens one: mcp_url, player_token, prompt, tools, owner_token
+  POST   /episodes/ID/reward                         its reward, once, with the owner_token as bearer token
+  POST   /episodes/ID/reward {"end": "budget_exhausted"}   the same, for an episode that ends without an answer
+  DELETE /episodes/ID                                closes it without a reward
+  POST   /checks {"scene": 7, "seed": 3}             the reward of the scene's reference protocol
+  GET    /healthz                                    how many episodes are open
+
+Only the mcp_url and the player_token are for the agent. docs/how-to/train.md shows the way to a training run.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `referee`."""
+    command = commands.add_parser(
+        "referee",
+        help="open episodes for a trainer, and give each a reward",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_referee)
+    command.add_argument(
+        "--server", default="host", metavar="S", help="host (default: a host of its own) · the URL of a host"
+    )
+    command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+    command.add_argument(
+        "--reward",
+        choices=[worth.value for worth in Worth],
+        default=Worth.STRICT.value,
+        help="strict: 1 if the answer is right, else 0 (default) · graded: the share of right sub-answers",
+    )
+    command.add_argument(
+        "--cost-per-iteration", type=price, default=0.0, metavar="X", help="taken off for each iteration (0)"
+    )
+    command.add_argument("--cost-per-call", type=price, default=0.0, metavar="X", help="taken off for each call (0)")
+    command.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default 127.0.0.1; others need --token-env)"
+    )
+    command.add_argument(
+        "--port", type=port, default=8900, help="port (default 8900; 0: any free one, printed at the start)"
+    )
+    command.add_argument(
+        "--token-env",
+        metavar="NAME",
+        help="environment variable with a token; only requests with this token open episodes (default: all do)",
+    )
+    command.add_argument(
+        "--max-episodes", type=count_of("episodes"), default=1000, metavar="N", help="most open episodes (1000)"
+    )
+    command.add_argument(
+        "--max-wall-time",
+        type=seconds,
+        default=3600.0,
+        metavar="S",
+        help="close an episode whose reward was not asked for within S s (3600)",
+    )
+    command.add_argument("--out", type=Path, metavar="DIR", help="run folder for the graded episodes (default: none)")
+    command.add_argument(
+        "--name", default="trainer", metavar="NAME", help="who plays, in the records of --out (default %(default)s)"
+    )
+
+
+def _referee(args: argparse.Namespace) -> int:
+    packs = parse_scenes(None, args.scenes_dir)
+    token = _token(args)
+    with _listening(args.host, args.port) as listener:
+        run_async(functools.partial(_serve, args, packs, token, listener))
+    return 0
+
+
+def _token(args: argparse.Namespace) -> str | None:
+    """The token of the referee; None if it needs none.
+
+    Raises:
+        UsageError: It needs one, or the variable holds none.
+    """
+    if args.token_env is None:
+        if _is_loopback(args.host):
+            return None
+        raise UsageError(
+            f"--host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1) is served"
+            " without a token: put a secret into an environment variable and name it with --token-env"
+        )
+    token = os.environ.get(args.token_env, "").strip()
+    if not token:
+        raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
+    return token
+
+
+def _is_loopback(address: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(address.strip("[]")).is_loopback
+    return address in LOOPBACK
+
+
+def _listening(address: str, number: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    try:
+        listener = socket.create_server((address.strip("[]"), number), family=family)
+    except OSError as error:
+        raise UsageError(f"cannot listen on {address} port {number}: {error.strerror}") from error
+    # Otherwise the system holds small packets back, which costs 40 ms a request.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
+
+
+async def _serve(args: argparse.Namespace, packs: list[PackFiles], token: str | None, listener: socket.socket) -> None:
+    """Serve until interrupted. Prints one line of JSON with the address."""
+    async with connect(args.server, args.scenes_dir) as host:
+        if not isinstance(host, HostLaboratory):
+            raise UsageError(f"--server {args.server}: a referee needs a laboratory with an address: host, or a URL")
+        async with _refereeing(args, packs, host) as referee:
+            bound, chosen = listener.getsockname()[:2]
+            shown = f"[{bound}]" if ":" in bound else bound
+            print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)
+            config = uvicorn.Config(
+                app(referee, token),
+                limit_concurrency=2 * args.max_episodes + _MORE_CONNECTIONS,
+                log_config=None,
+                log_level="warning",
+                timeout_graceful_shutdown=2,
+                timeout_keep_alive=_KEEP_ALIVE_S,
+            )
+            await uvicorn.Server(config).serve(sockets=[listener])
+            await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect
+
+
+@contextlib.asynccontextmanager
+async def _refereeing(
+    args: argparse.Namespace, packs: list[PackFiles], host: HostLaboratory
+) -> AsyncGenerator[Referee]:
+    """A referee, and at its end the record of the run and its seal.
+
+    Raises:
+        UsageError: The host cannot be used.
+        StoreError: The run folder cannot be used.
+    """
+    plan = Plan(scenes=tuple(files.scene_id for files in packs), agents=(args.name,))
+    try:
+        async with host.open(packs[0].scene_id, 0) as client:
+            server = await server_record(client, args.server)
+    except InfrastructureError as error:
+        raise UsageError(str(error)) from error
+    rule = RewardRule(Worth(args.reward), args.cost_per_iteration, args.cost_per_call)
+    referee = Referee(
+        host,
+        KeyRing(args.scenes_dir),
+        run_record(plan, packs, server),
+        rule,
+        max_episodes=args.max_episodes,
+        max_wall_s=args.max_wall_time,
+    )
+    if args.out is None:
+        yield referee
+        return
+    folder = RunFolder(args.out, Redaction.of(os.environ, {"host token": host.token} if host.token else {}))
+    folder.create(resume=False)
+    with folder.held():
+        sealing = Sealing(folder)
+        folder.write_run(referee.record)
+        referee.folder = replace(folder, on_line=sealing.add)
+        try:
+            yield referee
+        finally:
+            folder.write_run(referee.played_record())
+            folder.write_seal(sealing.seal)
+            print(
+                f"{sealing.sentence()}\nrun folder: {folder.path}   to report: physment-eval grade {folder.path}",
+                file=sys.stderr,
+            )

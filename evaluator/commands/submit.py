@@ -1,0 +1,96 @@
+"""`physment-eval submit` and `check-submission`: the results of a run in one file, and whether they are true."""
+
+import argparse
+import os
+from pathlib import Path
+
+from evaluator.agents.recorded import load_recorded
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import count_of, seed_key
+from evaluator.commands.base import Commands, run_async
+from evaluator.episode.connect import connect
+from evaluator.errors import UsageError
+from evaluator.store import RunFolder
+from evaluator.study.held_back import seeds_of
+from evaluator.study.replay import Replayed, replay
+from evaluator.study.submission import first_difference, read_submission, submission_of
+
+_SUBMIT = """\
+Write the results of a whole run into one JSON file for a leaderboard: summary, provenance, hashes of the records, the
+head of their seal, and the commitment to held-back seeds if there are any. Incomplete, unsealed and edited runs are
+refused. Publish the file; keep the run folder, or publish it too.
+"""
+_CHECK = """\
+Check a submission against its run folder. The folder is graded again and the submission made again: every field must be
+the same. Then every episode is replayed: the laboratory must return what the records say.
+
+Exit code: 0 it is true; 1 a replay differs; 2 the submission or the folder was changed, or they do not belong together.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `submit` and `check-submission`."""
+    submit = commands.add_parser("submit", description=_SUBMIT)
+    submit.set_defaults(run=_submit)
+    check = commands.add_parser(
+        "check-submission",
+        description=_CHECK,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    check.set_defaults(run=_check)
+    check.add_argument("file", type=Path, metavar="FILE", help="the submission")
+    for command in (submit, check):
+        command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+        command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
+        seed_key(command)
+    submit.add_argument("--out", type=Path, metavar="FILE", help="where to (default submission.json in the run folder)")
+    check.add_argument(
+        "--server", default="host", metavar="S", help="stdio · host (default) · the URL of a host · a command"
+    )
+    check.add_argument(
+        "--concurrency",
+        type=count_of("episodes"),
+        default=min(4, os.cpu_count() or 1),
+        metavar="N",
+        help="episodes replayed at a time (default %(default)s)",
+    )
+
+
+def _submit(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.folder)
+    submission = submission_of(folder, KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key)))
+    target = args.out or folder.path / "submission.json"
+    folder.write_text(target, submission.model_dump_json(indent=2) + "\n")
+    print(f"{target}: {submission.seal.lines} episodes, seal {submission.seal.head}")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    folder, claimed = RunFolder(args.folder), read_submission(args.file)
+    seed_of = seeds_of(folder, args.seed_key)
+    difference = first_difference(claimed, submission_of(folder, KeyRing(args.scenes_dir, seed_of)))
+    if difference:
+        raise UsageError(f"{args.file} does not state the results of {args.folder}: {difference}")
+    agent, contracts = load_recorded(args.folder), claimed.run.tool_contracts()
+
+    async def play() -> list[Replayed]:
+        async with connect(args.server, args.scenes_dir, seed_of=seed_of) as laboratory:
+            return await replay(agent, laboratory, contracts=contracts, concurrency=args.concurrency)
+
+    results = run_async(play)
+    wrong = next((one for one in results if one.differences or one.failure), None)
+    if wrong is not None:
+        print(f"{args.file} cannot be confirmed: {_place(wrong)}")
+        return 1
+    calls = sum(one.calls for one in results)
+    print(f"{args.file} is what {args.folder} gives: {len(results)} episodes graded again, {calls} calls replayed")
+    return 0
+
+
+def _place(replayed: Replayed) -> str:
+    key = replayed.key
+    where = f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"
+    if replayed.failure:
+        return f"{where} could not be replayed: {replayed.failure}"
+    found = replayed.differences[0]
+    return f"{where}, turn {found.turn}, call {found.call}, {found.what}: recorded {found.stored}, replayed {found.now}"

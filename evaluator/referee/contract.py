@@ -1,0 +1,60 @@
+"""What a trainer sends to a referee, and what it gets. Knows no HTTP and no keys."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from evaluator.episode.player import Briefing
+from evaluator.records import Grade, Outcome
+
+MOST_CALLS = 10_000
+"""Most tool calls of an episode; a host accepts no higher limit."""
+
+
+class WantedEpisode(BaseModel):
+    """Body of `POST /episodes`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    scene: int = Field(ge=0)
+    seed: int = Field(default=0, ge=0)
+    budget: int = Field(default=20, ge=1, le=1000)
+    """Iterations that the opening prompt names. Whoever asks the model counts them."""
+    max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
+    """Tool calls after which the laboratory ends the episode."""
+    prompting: Literal["zero-shot", "one-shot-cot", "few-shot-cot"] = "zero-shot"
+
+
+class EndedEpisode(BaseModel):
+    """Body of `POST /episodes/ID/reward`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    iterations: int | None = Field(default=None, ge=0)
+    """Replies of the agent; None counts each call as one."""
+    end: Literal["budget_exhausted", "agent_error"] | None = None
+    """Ends an episode without an answer, and says why; None only asks."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedEpisode:
+    """What a trainer gets."""
+
+    episode_id: str
+    owner_token: str
+    """Asks for the reward, and closes the episode. Never for the agent."""
+    mcp_url: str
+    player_token: str | None
+    """What every request of the agent's client must carry."""
+    briefing: Briefing
+
+
+@dataclass(frozen=True, slots=True)
+class Reward:
+    """What an episode was worth. Holds no key, and no reason, since a reason may state the key."""
+
+    reward: float
+    grade: Grade
+    outcome: Outcome
+    calls: int

@@ -1,0 +1,284 @@
+"""The episodes of a referee: opened on a host, captured from its log of calls, graded once after their end.
+
+Knows hosts, keys and records. Knows no HTTP of its own.
+"""
+
+import contextlib
+import functools
+import secrets
+import time
+from collections import Counter, OrderedDict
+from collections.abc import AsyncGenerator
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import TypeVar
+
+import anyio
+import anyio.to_thread
+
+from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.answers.keys import KeyRing
+from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.loop import play_episode
+from evaluator.errors import RefusedRequest, UsageError
+from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, WantedEpisode
+from evaluator.referee.rewards import RewardRule
+from evaluator.run_record import RunRecord
+from evaluator.scores.scoring import grade_record
+from evaluator.store import RunFolder
+
+T = TypeVar("T")
+
+_REMEMBERED = 10_000
+"""Graded episodes of which a referee still knows that it graded them."""
+_GONE = "there is no such episode: it was closed, has expired, or never was; open one with POST /episodes"
+
+
+@dataclass(slots=True)
+class _Watched:
+    """An episode that is not graded yet."""
+
+    key: EpisodeKey
+    max_calls: int
+    owner_token: str
+    prompt: str
+    watched: WatchedEpisode
+    closing: AsyncExitStack
+    """Closes it on the host."""
+    opened_at: float
+    """By the monotonic clock [s]."""
+    started_at: str
+    asked: bool = False
+    """Whether it is being graded now."""
+
+
+@dataclass(slots=True)
+class Referee:
+    """Opens episodes on one host and grades them."""
+
+    host: HostLaboratory
+    keys: KeyRing
+    record: RunRecord
+    """Gives the versions of episodes, and the one name under which they are recorded."""
+    rule: RewardRule = field(default_factory=RewardRule)
+    folder: RunFolder | None = None
+    """Where episodes are recorded; None for nowhere."""
+    max_episodes: int = 1000
+    max_wall_s: float = 3600.0
+    """Wall time after which an episode that nobody asked about is closed [s]."""
+    _open: dict[str, _Watched] = field(default_factory=dict[str, _Watched])
+    _opening: int = 0
+    _graded: OrderedDict[str, str] = field(default_factory=OrderedDict[str, str])
+    """Id → owner token of episodes that have been graded, the latest ones."""
+    _played: Counter[tuple[int, int, int, str]] = field(default_factory=Counter[tuple[int, int, int, str]])
+    """How often each combination was recorded: equal episodes are told apart by their epoch."""
+    _grading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(1))
+    """One thread: a key may need a run of the engine, and a record is appended to a file."""
+
+    @property
+    def open_episodes(self) -> int:
+        """Episodes that are open or being opened."""
+        return len(self._open) + self._opening
+
+    async def open(self, wanted: WantedEpisode) -> OpenedEpisode:
+        """Open an episode on the host.
+
+        Raises:
+            RefusedRequest: There is no such scene, it has no key for this seed, or too many episodes are open.
+            InfrastructureError: The host failed.
+        """
+        async with self._place():
+            (agent,) = self.record.plan.agents
+            return await self._open_one(await self._key(wanted, agent), wanted.max_calls)
+
+    async def check(self, wanted: WantedEpisode) -> Reward:
+        """Let the reference protocol of a scene play one episode, which is not recorded.
+
+        Raises:
+            RefusedRequest: As for `open`.
+            InfrastructureError: The host failed.
+        """
+        async with self._place():
+            agent = ReferenceAgent(self.keys.folder)
+            key, versions = await self._key(wanted, agent.name), self.record.versions_of(wanted.scene)
+            async with self.host.open(key.scene, key.seed) as client:
+                played = await play_episode(agent, client, key, versions, self.host.toolboxes)
+            grade = (await self._in_thread(functools.partial(grade_record, played, self.keys))).grade
+            calls = sum(exchange.returned for turn in played.turns for exchange in turn.exchanges)
+            return Reward(self.rule.reward(grade, len(played.turns), calls), grade, played.outcome, calls)
+
+    @contextlib.asynccontextmanager
+    async def _place(self) -> AsyncGenerator[None]:
+        """The place of one episode that is being opened.
+
+        Raises:
+            RefusedRequest: There is none.
+        """
+        if self.open_episodes >= self.max_episodes:
+            raise RefusedRequest(
+                429, f"{self.max_episodes} episodes are open, which is the limit: ask for rewards, or close some"
+            )
+        self._opening += 1
+        try:
+            yield
+        finally:
+            self._opening -= 1
+
+    async def _key(self, wanted: WantedEpisode, agent: str) -> EpisodeKey:
+        """Which episode is wanted. A scene without a key must be refused before it is played."""
+        try:
+            await self._in_thread(functools.partial(self.keys.key, wanted.scene, wanted.seed))
+        except UsageError as error:
+            raise RefusedRequest(404, str(error)) from error
+        return EpisodeKey(
+            scene=wanted.scene, seed=wanted.seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting
+        )
+
+    async def _open_one(self, key: EpisodeKey, max_calls: int) -> OpenedEpisode:
+        started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
+        async with AsyncExitStack() as stack:
+            watched = await stack.enter_async_context(
+                watch_episode(self.host, key.scene, key.seed, max_calls, guarded=True)
+            )
+            briefing = await watched.briefing(key, self.host.toolboxes)
+            closing = stack.pop_all()
+        episode_id, owner_token = secrets.token_urlsafe(18), secrets.token_urlsafe(24)
+        self._open[episode_id] = _Watched(
+            key=key,
+            max_calls=max_calls,
+            owner_token=owner_token,
+            prompt=briefing.prompt,
+            watched=watched,
+            closing=closing,
+            opened_at=time.monotonic(),
+            started_at=started_at,
+        )
+        return OpenedEpisode(episode_id, owner_token, watched.mcp_url, watched.token, briefing)
+
+    async def reward(self, episode_id: str, token: str, ended: EndedEpisode) -> Reward:
+        """Grade an episode that has ended; it is answered once.
+
+        Args:
+            episode_id: Which episode.
+            token: Its owner token.
+            ended: What its trainer knows of its end.
+
+        Raises:
+            RefusedRequest: There is no such episode, the token is another one's, the episode is still running, or its
+                reward has been given already.
+            InfrastructureError: The host failed, so the episode has no reward.
+            StoreError: The record could not be written; the reward can be asked for again.
+        """
+        episode = self._owned(episode_id, token)
+        if self.rule.per_iteration and ended.iterations is None:
+            raise RefusedRequest(400, 'iterations cost here, so say how many there were: {"iterations": 7}')
+        if episode.asked:
+            raise RefusedRequest(409, "this episode is being graded now, for another request; a reward is given once")
+        episode.asked = True
+        try:
+            found = await self._grade(episode, ended)
+        finally:
+            episode.asked = False
+        self._graded[episode_id] = episode.owner_token
+        while len(self._graded) > _REMEMBERED:
+            self._graded.popitem(last=False)
+        await self._close(episode_id)
+        return found
+
+    async def _grade(self, episode: _Watched, ended: EndedEpisode) -> Reward:
+        turns = await episode.watched.turns()
+        outcome, answer = outcome_of(turns, episode.max_calls)
+        if outcome is None:
+            if ended.end is None:
+                raise RefusedRequest(
+                    409,
+                    "the episode is still running: ask after its answer, or end it without one by sending"
+                    ' {"end": "budget_exhausted"}',
+                )
+            outcome = Outcome(ended.end)
+        played = Episode(
+            key=self._recorded_as(episode.key),
+            outcome=outcome,
+            answer=answer,
+            prompt=episode.prompt,
+            turns=turns,
+            error="the trainer ended it" if outcome is Outcome.AGENT_ERROR else None,
+            max_calls=episode.max_calls,
+            started_at=episode.started_at,
+            duration_s=time.monotonic() - episode.opened_at,
+            versions=self.record.versions_of(episode.key.scene),
+        )
+        grade = (await self._in_thread(functools.partial(grade_record, played, self.keys))).grade
+        iterations = len(turns) if ended.iterations is None else ended.iterations
+        if self.folder is not None:
+            # Before anybody learns of it: no run loses a finished episode.
+            await self._in_thread(functools.partial(self.folder.append_episode, played))
+        return Reward(self.rule.reward(grade, iterations, len(turns)), grade, outcome, len(turns))
+
+    def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
+        """The key of the record. Its epoch is taken at once, so that two episodes graded together do not share it."""
+        if self.folder is None:
+            return key
+        self._played[_cell(key)] += 1
+        return key.model_copy(update={"epoch": self._played[_cell(key)]})
+
+    async def close(self, episode_id: str, token: str) -> None:
+        """Close an episode that shall get no reward.
+
+        Raises:
+            RefusedRequest: There is no such episode, or the token is another one's.
+        """
+        self._owned(episode_id, token)
+        await self._close(episode_id)
+
+    def _owned(self, episode_id: str, token: str) -> _Watched:
+        episode = self._open.get(episode_id)
+        owner_token = self._graded.get(episode_id) if episode is None else episode.owner_token
+        if owner_token is None:
+            raise RefusedRequest(404, _GONE)
+        if not secrets.compare_digest(token.encode(), owner_token.encode()):
+            raise RefusedRequest(401, "only who opened this episode may ask: send its owner_token as a bearer token")
+        if episode is None:
+            raise RefusedRequest(409, "the reward of this episode was given already; it is given once")
+        return episode
+
+    async def _close(self, episode_id: str) -> None:
+        episode = self._open.pop(episode_id, None)
+        if episode is not None:
+            await episode.closing.aclose()
+
+    async def sweep(self) -> None:
+        """Close the episodes that are too old, except those that are being graded."""
+        oldest = time.monotonic() - self.max_wall_s
+        for episode_id, episode in list(self._open.items()):
+            if episode.opened_at < oldest and not episode.asked:
+                await self._close(episode_id)
+
+    async def close_all(self) -> None:
+        """Close what is open, at the end of the process."""
+        for episode_id in list(self._open):
+            await self._close(episode_id)
+
+    def played_record(self) -> RunRecord:
+        """The record of the run, its plan being what was recorded."""
+        cells = sorted(self._played)
+        plan = self.record.plan.model_copy(
+            update={
+                "scenes": tuple(sorted({scene for scene, *_ in cells})),
+                "seeds": tuple(sorted({seed for _, seed, *_ in cells})),
+                "budgets": tuple(sorted({budget for _, _, budget, _ in cells})),
+                "promptings": tuple(sorted({prompting for *_, prompting in cells})),
+                "epochs": max(self._played.values(), default=1),
+            }
+        )
+        return self.record.model_copy(update={"plan": plan})
+
+    async def _in_thread(self, work: functools.partial[T]) -> T:
+        return await anyio.to_thread.run_sync(work, limiter=self._grading)
+
+
+def _cell(key: EpisodeKey) -> tuple[int, int, int, str]:
+    return key.scene, key.seed, key.budget, key.prompting

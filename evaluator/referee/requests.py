@@ -1,0 +1,212 @@
+"""The referee over HTTP: which requests it answers, and what it answers.
+
+`POST /episodes {"scene": 7, "seed": 3}` opens an episode, `POST /episodes/ID/reward` grades it, `DELETE /episodes/ID`
+closes it, `POST /checks {"scene": 7, "seed": 3}` lets the reference protocol play. Every refusal is one sentence.
+Knows HTTP. Knows no keys.
+"""
+
+import contextlib
+import secrets
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+import anyio
+from pydantic import BaseModel, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from evaluator.episode.player import Briefing
+from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
+from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
+from evaluator.referee.episodes import Referee
+
+M = TypeVar("M", bound=BaseModel)
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""Names by which only this machine can be reached."""
+_MAX_BODY = 16_000
+"""Largest accepted body [bytes]."""
+_BODY_S = 15.0
+"""Longest time that a body may take [s]."""
+_SWEEP_S = 5.0
+"""Longest wall time between two searches for episodes that are too old [s]."""
+
+
+def app(referee: Referee, token: str | None = None) -> Starlette:
+    """The ASGI application of a referee.
+
+    Args:
+        referee: Whose.
+        token: What requests that open or check episodes must carry; None if any program on this machine may.
+    """
+    answers = _Answers(referee, token)
+    return Starlette(
+        routes=[
+            Route("/healthz", answers.health),
+            Route("/episodes", answers.answered(answers.open), methods=["POST"]),
+            Route("/episodes/{episode_id}", answers.answered(answers.close), methods=["DELETE"]),
+            Route("/episodes/{episode_id}/reward", answers.answered(answers.reward), methods=["POST"]),
+            Route("/checks", answers.answered(answers.check), methods=["POST"]),
+        ],
+        middleware=[Middleware(_PageGate)] if token is None else [],
+        lifespan=answers.lifespan,
+    )
+
+
+class _PageGate:
+    """Refuses what web pages send: without a token, whoever reaches the referee may open episodes."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            headers = Request(scope).headers
+            name = urlsplit(f"//{headers.get('host', '')}").hostname
+            # A page can let its own name resolve to our address; its requests then name that host.
+            if name not in LOOPBACK or "origin" in headers:
+                await _refusal(403, "web pages and other machines may not speak to a referee without a token")(
+                    scope, receive, send
+                )
+                return
+        await self._app(scope, receive, send)
+
+
+class _Answers:
+    """What a referee answers."""
+
+    def __init__(self, referee: Referee, token: str | None) -> None:
+        self._referee = referee
+        self._token = token
+
+    @contextlib.asynccontextmanager
+    async def lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
+        """Close old episodes as long as the application runs, and all of them at its end."""
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(self._sweep)
+            try:
+                yield
+            finally:
+                tasks.cancel_scope.cancel()
+                with anyio.CancelScope(shield=True):
+                    await self._referee.close_all()
+
+    async def _sweep(self) -> None:
+        while True:
+            await anyio.sleep(min(_SWEEP_S, self._referee.max_wall_s / 2))
+            await self._referee.sweep()
+
+    @staticmethod
+    def answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+        """The endpoint for an answer, with each of our errors as one sentence."""
+
+        async def endpoint(request: Request) -> Response:
+            try:
+                return await answer(request)
+            except RefusedRequest as refusal:
+                return _refusal(refusal.status, str(refusal))
+            except UsageError as error:
+                return _refusal(404, str(error))
+            except InfrastructureError as error:
+                return _refusal(502, f"{error}; this says nothing about the agent: open another episode")
+            except StoreError as error:
+                return _refusal(507, f"{error}; ask again when it can be")
+
+        return endpoint
+
+    async def health(self, _request: Request) -> Response:
+        """How many episodes are open."""
+        return JSONResponse({"status": "ok", "episodes": self._referee.open_episodes})
+
+    async def open(self, request: Request) -> Response:
+        """Open an episode."""
+        self._check_token(request)
+        wanted = await _body(request, WantedEpisode, '{"scene": 7, "seed": 3}')
+        opened = await self._referee.open(wanted)
+        found: dict[str, Any] = {
+            "episode_id": opened.episode_id,
+            "owner_token": opened.owner_token,
+            "mcp_url": opened.mcp_url,
+            "player_token": opened.player_token,
+            **_briefing(opened.briefing),
+        }
+        return JSONResponse(found, status_code=201)
+
+    async def reward(self, request: Request) -> Response:
+        """Grade an episode."""
+        ended = await _body(request, EndedEpisode, '{"iterations": 7}')
+        found = await self._referee.reward(request.path_params["episode_id"], _bearer(request), ended)
+        return JSONResponse(_reward(found))
+
+    async def close(self, request: Request) -> Response:
+        """Close an episode without a reward."""
+        await self._referee.close(request.path_params["episode_id"], _bearer(request))
+        return Response(status_code=204)
+
+    async def check(self, request: Request) -> Response:
+        """Let the reference protocol play."""
+        self._check_token(request)
+        wanted = await _body(request, WantedEpisode, '{"scene": 7, "seed": 3}')
+        return JSONResponse(_reward(await self._referee.check(wanted)))
+
+    def _check_token(self, request: Request) -> None:
+        if self._token is not None and not secrets.compare_digest(_bearer(request).encode(), self._token.encode()):
+            raise RefusedRequest(401, "send the token of this referee as a bearer token (Authorization: Bearer ...)")
+
+
+def _briefing(briefing: Briefing) -> dict[str, Any]:
+    tools = [
+        {"name": tool.name, "description": tool.description, "input_schema": tool.input_schema}
+        for tool in briefing.tools
+    ]
+    return {"prompt": briefing.prompt, "budget": briefing.budget, "tools": tools}
+
+
+def _reward(found: Reward) -> dict[str, Any]:
+    """A reward as a trainer gets it. The reason of a grade is left out, because it may state the key."""
+    return {
+        "reward": found.reward,
+        "strict": found.grade.strict.value,
+        "graded": found.grade.graded,
+        "normalised": found.grade.normalised.value,
+        "outcome": found.outcome.value,
+        "calls": found.calls,
+    }
+
+
+def _bearer(request: Request) -> str:
+    """The bearer token of a request; empty if it has none."""
+    scheme, _, token = request.headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else ""
+
+
+async def _body(request: Request, kind: type[M], example: str) -> M:
+    """The body of a request; an empty one has all defaults.
+
+    Raises:
+        RefusedRequest: It is too large, takes too long, or does not fit.
+    """
+    content = bytearray()
+    with anyio.move_on_after(_BODY_S) as patience:
+        async for part in request.stream():
+            content += part
+            if len(content) > _MAX_BODY:
+                raise RefusedRequest(413, f"a request has at most {_MAX_BODY} bytes")
+    if patience.cancelled_caught:
+        raise RefusedRequest(408, f"the request took longer than {_BODY_S:g} s")
+    try:
+        return kind.model_validate_json(bytes(content) or b"{}")
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "body"
+        raise RefusedRequest(400, f"{where}: {first['msg']}; send {example}") from error
+
+
+def _refusal(status: int, sentence: str) -> JSONResponse:
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse({"error": sentence}, status_code=status, headers=headers)

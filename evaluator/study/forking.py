@@ -1,0 +1,220 @@
+"""Forks: a stored episode is played again up to a turn, and another agent goes on from there.
+
+Two agents that go on from the same turn have the same evidence, so that any difference is what they make of it. The
+turns before the fork keep calls and returns only: what the first agent thought is in its own record.
+"""
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass, replace
+
+from pydantic import JsonValue
+
+from evaluator.episode.connect import Laboratory
+from evaluator.episode.contender import AgentContender
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
+from evaluator.errors import UsageError
+from evaluator.protocols.text import feedback_text
+from evaluator.records import Episode, EpisodeKey, Fork, Outcome, Usage, Versions
+from evaluator.store import RunFolder
+from evaluator.study.replay import exchange_difference
+
+CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
+"""What `--episode` may say of an episode."""
+_CONDITION = re.compile(rf"(?:^|,)\s*({'|'.join(CONDITIONS)})=")
+
+
+@dataclass(frozen=True, slots=True)
+class ForkedAgent:
+    """Makes the calls of stored episodes up to a turn, and then lets another agent play."""
+
+    inner: Agent
+    stored: Mapping[EpisodeKey, Episode]
+    """Key of the new episode → the stored one."""
+    turn: int
+
+    @property
+    def name(self) -> str:
+        """The name of the agent that goes on."""
+        return self.inner.name
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_ForkedPlayer":
+        """The player of one episode.
+
+        Raises:
+            UsageError: The opening prompt is not the one that the stored episode began with.
+        """
+        stored = self.stored[key]
+        if briefing.prompt != stored.prompt:
+            raise UsageError(
+                f"{described(stored.key)} cannot be continued: the laboratory's opening prompt has changed"
+            )
+        return _ForkedPlayer(self.inner, key, briefing, stored, self.turn)
+
+
+@dataclass(slots=True)
+class _ForkedPlayer:
+    agent: Agent
+    key: EpisodeKey
+    briefing: Briefing
+    stored: Episode
+    turn: int
+    played: int = 0
+    inner: Player | None = None
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        if self.inner is not None:
+            return await self.inner.act(feedback)
+        if feedback is not None:
+            self._compare(feedback)
+        if self.played == self.turn:
+            prompt = f"{self.briefing.prompt}\n\n{account(self.stored, self.turn)}"
+            briefing = replace(self.briefing, prompt=prompt, budget=self.briefing.budget - self.turn)
+            self.inner = self.agent.player(self.key, briefing)
+            return await self.inner.act(None)
+        calls = tuple(exchange.call for exchange in self.stored.turns[self.played].exchanges)
+        self.played += 1
+        return Reply(calls=calls)
+
+    def _compare(self, feedback: Feedback) -> None:
+        """Refuse to go on from returns that are not, bit for bit, the recorded ones."""
+        before = self.stored.turns[self.played - 1].exchanges
+        for number, (old, new) in enumerate(zip(before, feedback.exchanges, strict=True), start=1):
+            found = exchange_difference(old, new, 0.0)
+            if found is None and old.text != new.text:
+                found = "text", old.text, new.text
+            if found is None and old.frames != new.frames:
+                found = "frames", [one.name for one in old.frames], [one.name for one in new.frames]
+            if found is not None:
+                path, was, now = found
+                raise UsageError(
+                    f"{described(self.stored.key)} cannot be continued: at turn {self.played}, call {number}"
+                    f" ({old.call.tool}{path and f': {path}'}) {was} is recorded, and the laboratory now returns {now}"
+                )
+
+
+def account(stored: Episode, turn: int) -> str:
+    """What an agent is told of the turns before the fork, after the opening prompt."""
+    budget = stored.key.budget
+    turns = [
+        f"## Iteration {number}\n\n"
+        + feedback_text(Feedback(played.exchanges, played.note if played.exchanges else "", budget - number))
+        for number, played in enumerate(stored.turns[:turn], start=1)
+    ]
+    opening = (
+        f"# What has been done\n\nThe experiment is under way: {turn} of the {budget} iterations are used up, and"
+        f" {budget - turn} are left. These calls were made, with these returns. Go on from here."
+    )
+    return "\n\n".join([opening, *turns])
+
+
+@dataclass(frozen=True, slots=True)
+class ForkContender:
+    """A contender that plays every episode from a fork."""
+
+    inner: AgentContender
+    stored: Mapping[EpisodeKey, Episode]
+    hashes: Mapping[EpisodeKey, str]
+    """Key of the stored episode → SHA-256 of its line."""
+    turn: int
+
+    @property
+    def name(self) -> str:
+        """The agent's name."""
+        return self.inner.name
+
+    def facts(self) -> Mapping[str, JsonValue]:
+        """Those of the agent."""
+        return self.inner.facts()
+
+    def running(self) -> AbstractAsyncContextManager[object]:
+        """The context of the agent."""
+        return self.inner.running()
+
+    async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
+        """Play one episode, its first turns as stored.
+
+        Raises:
+            UsageError: The laboratory does not return what is stored.
+        """
+        agent = ForkedAgent(self.inner.agent, self.stored, self.turn)
+        origin = self.stored[key].key
+        async with laboratory.open(key.scene, key.seed) as client:
+            episode = await play_episode(agent, client, key, versions, laboratory.toolboxes, used)
+        fork = Fork(key=origin, turn=self.turn, record_sha256=self.hashes[origin])
+        return episode.model_copy(update={"forked_from": fork})
+
+
+def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
+    """The stored episodes that can be continued after a turn.
+
+    Args:
+        folder: The run.
+        text: Conditions such as `scene=7,seed=3`, as `--episode` takes them.
+        turn: How many of their turns are to be played again.
+
+    Raises:
+        UsageError: A condition is malformed, no episode meets them, or all that do are too short.
+        StoreError: A record is damaged.
+    """
+    wanted = _conditions(text)
+    played = [episode for episode in folder.episodes().values() if episode.outcome is not Outcome.INFRASTRUCTURE_ERROR]
+    found = [
+        episode for episode in played if all(str(getattr(episode.key, name)) == value for name, value in wanted.items())
+    ]
+    if not found:
+        some = f", such as {described(played[0].key)}" if played else ""
+        raise UsageError(
+            f"--episode {text}: {folder.path} holds {len(played)} episodes{some}, and none of them is meant"
+        )
+    programs = [episode for episode in found if episode.max_calls is not None]
+    if programs:
+        raise UsageError(
+            f"{described(programs[0].key)} was played by a program, which has calls and no turns to go on from"
+        )
+    # The answer ends an episode, so there is nothing to go on with after its last turn.
+    long = [episode for episode in found if turn < _last(episode)]
+    if not long:
+        most = max(_last(episode) for episode in found) - 1
+        raise UsageError(
+            f"--turn {turn}: none of these {len(found)} episodes goes on after it; it can be {most} at most"
+        )
+    agents = sorted({episode.key.agent for episode in long})
+    if len(agents) > 1:
+        raise UsageError(f"--episode {text}: these are episodes of {', '.join(agents)}; add agent=… to choose one")
+    return long
+
+
+def _last(episode: Episode) -> int:
+    """The first turn after which nothing can follow: the answering one, or the last of the budget."""
+    return (
+        len(episode.turns) if episode.outcome is Outcome.ANSWERED else min(len(episode.turns) + 1, episode.key.budget)
+    )
+
+
+def _conditions(text: str) -> dict[str, str]:
+    found = list(_CONDITION.finditer(text))
+    ends = [*(match.start() for match in found[1:]), len(text)][: len(found)]
+    wanted = {match[1]: text[match.end() : end].strip() for match, end in zip(found, ends, strict=True)}
+    if not found or found[0].start() != 0 or not all(wanted.values()):
+        raise UsageError(f"--episode {text}: write conditions such as scene=7,seed=3; they are {', '.join(CONDITIONS)}")
+    return wanted
+
+
+def line_hashes(folder: RunFolder) -> dict[EpisodeKey, str]:
+    """Key → SHA-256 of the last line with this key."""
+    lines = folder.episode_lines()
+    return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
+
+
+def fork_keys(episodes: Sequence[Episode], agents: Sequence[str]) -> dict[EpisodeKey, Episode]:
+    """Key of each new episode → the stored one that it continues."""
+    return {episode.key.model_copy(update={"agent": agent}): episode for agent in agents for episode in episodes}
+
+
+def described(key: EpisodeKey) -> str:
+    """An episode in words."""
+    return f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"

@@ -1,0 +1,111 @@
+"""Runs on held-back seeds: which key belongs to a run, and its disclosure."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from evaluator.errors import StoreError, UsageError
+from evaluator.records import FORMAT, Record
+from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.store import RunFolder
+
+
+class RevealedKey(Record):
+    """`seed_key.json`: the key of a held-back run, once its publisher discloses it."""
+
+    format: Literal[1] = FORMAT
+    key: str
+    """64 hexadecimal digits."""
+
+
+def seed_key_file(folder: RunFolder) -> Path:
+    """Where a run folder discloses the key of its seeds."""
+    return folder.path / "seed_key.json"
+
+
+def read_seed_key(file: Path) -> SeedKey:
+    """The key in a file.
+
+    Raises:
+        UsageError: It cannot be read, or holds no key.
+    """
+    try:
+        return SeedKey.parse(file.read_text(encoding="ascii"))
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        if isinstance(error, UnicodeDecodeError):
+            reason = "it must hold 64 hexadecimal digits and nothing else"
+        raise UsageError(f"--seed-key {file}: {reason} (`openssl rand -hex 32` makes such a key)") from error
+
+
+def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
+    """What turns the recorded seeds of a stored run into those that it was played with.
+
+    Args:
+        folder: The run. One without `run.json` has plain seeds.
+        key_file: The key of a held-back run; None to use the one that the folder discloses.
+
+    Raises:
+        UsageError: The run needs a key and there is none, or another one.
+    """
+    # Runs of other programs may lack run.json; their seeds are plain.
+    commitment = folder.read_run().plan.held_back if folder.run_file.exists() else ""
+    if not commitment:
+        if key_file is not None:
+            raise UsageError(f"--seed-key {key_file}: {folder.path} was not played on held-back seeds")
+        return seed_as_recorded
+    revealed = read_revealed(folder)
+    if key_file is None and revealed is None:
+        raise UsageError(
+            f"{folder.path} was played on held-back seeds, which are not revealed yet; whoever has their key names it"
+            " with --seed-key FILE"
+        )
+    key = revealed if key_file is None else read_seed_key(key_file)
+    assert key is not None
+    if key.commitment != commitment:
+        source = key_file or seed_key_file(folder)
+        raise UsageError(
+            f"the key in {source} is not the one that {folder.path} was played with: its commitment is"
+            f" {key.commitment[:16]}…, and that of the run {commitment[:16]}…"
+        )
+    return key.seed
+
+
+def read_revealed(folder: RunFolder) -> SeedKey | None:
+    """The key that a run folder discloses; None if it discloses none.
+
+    Raises:
+        StoreError: `seed_key.json` cannot be read.
+    """
+    file = seed_key_file(folder)
+    if not file.exists():
+        return None
+    try:
+        return SeedKey.parse(RevealedKey.model_validate_json(file.read_bytes()).key)
+    except (OSError, ValidationError, ValueError) as error:
+        raise StoreError(f"{file} holds no seed key: {error}") from error
+
+
+def reveal(folder: RunFolder, key_file: Path) -> None:
+    """Write the key into the run folder, so that everybody can grade and replay the run.
+
+    Raises:
+        UsageError: The run is not held back, or was played with another key.
+        StoreError: The file cannot be written.
+    """
+    seeds_of(folder, key_file)
+    disclosed = RevealedKey(key=read_seed_key(key_file).secret.hex())
+    folder.write_text(seed_key_file(folder), disclosed.model_dump_json(indent=2) + "\n")
+
+
+def pass_on_key(source: RunFolder, target: RunFolder) -> None:
+    """Disclose in a run that was made of another one what that one discloses."""
+    key = read_revealed(source)
+    if key is not None:
+        target.write_text(seed_key_file(target), RevealedKey(key=key.secret.hex()).model_dump_json(indent=2) + "\n")
+
+
+def is_withheld(folder: RunFolder) -> bool:
+    """Whether the grades of a run must not contain what is right, because its seeds are not revealed."""
+    return bool(folder.read_run().plan.held_back) and not seed_key_file(folder).exists()

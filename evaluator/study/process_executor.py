@@ -1,0 +1,244 @@
+"""`--workers N`: processes on this machine play the episodes, each with a host of its own for `--server host`.
+
+A worker is a Python process that holds one end of a socket pair. Requests and replies go over it, each with a number.
+If either side ends, however it does, the other one notices, and a worker ends with all that it started.
+"""
+
+import contextlib
+import itertools
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import AsyncGenerator, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import metadata
+from pathlib import Path
+from typing import IO, Any
+
+import anyio
+import anyio.to_thread
+from anyio.abc import TaskGroup
+
+from evaluator.episode.contender import Contender
+from evaluator.errors import PermanentFailure, UsageError
+from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.run_record import RunRecord
+from evaluator.study.attempts import Play
+from evaluator.study.channel import Crash, ProcessChannel
+from evaluator.study.contenders import EXTERNAL, Team
+from evaluator.study.workers import EpisodeWorker, Seat, Terms, WorkerLost, Workers, lanes_of, shares
+
+AVAILABLE = hasattr(socket, "AF_UNIX")
+"""Whether this system has the sockets that workers need; Windows has not."""
+_KIND = "worker process"
+_PATIENCE_S = 60.0
+"""How long a lost worker is waited for [s]. It takes a few seconds to start again."""
+_MEMORY = 400 * 2**20
+"""What a worker and its host take, with some hundred episodes [bytes]."""
+_EPISODES_EACH = 25
+"""Fewest episodes for which a worker is worth its start, which takes 3 s of a processor."""
+_CONCURRENT_EACH = 4
+"""Fewest episodes at a time for which it is."""
+_END_S = 5.0
+"""Longest wall time for a worker to end by itself [s]."""
+
+
+def usual_workers(team: Team, episodes: int, concurrency: int) -> int:
+    """How many workers play a run unless the operator says: as many as are worth their start and fit into this machine.
+
+    Args:
+        team: Who plays.
+        episodes: How many episodes.
+        concurrency: How many of them at a time.
+    """
+    if not AVAILABLE or EXTERNAL in team.agents or team.server == "stdio":
+        return 1  # programs, and servers on stdio, are processes already
+    worth = min(episodes // _EPISODES_EACH, concurrency // _CONCURRENT_EACH)
+    return max(1, min(_processors(), _free_memory() // _MEMORY, worth))
+
+
+def _processors() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)  # what a scheduler lets us use; macOS does not say
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _free_memory() -> int:
+    """Memory that is free [bytes]; where the system does not say, enough for any number of workers."""
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError, AttributeError):
+        return sys.maxsize
+
+
+@dataclass(slots=True, eq=False)
+class _ProcessWorker:
+    """A worker process, which is started again if it is lost."""
+
+    plan: EpisodeWorker
+    """What the process is to be."""
+    tasks: TaskGroup
+    """Reads its replies."""
+    _process: subprocess.Popen[bytes] | None = None
+    _channel: ProcessChannel | None = None
+    _errors: IO[str] | None = None
+    _numbers: "itertools.count[int]" = field(default_factory=itertools.count)
+    _waiting: dict[int, "_Reply"] = field(default_factory=dict[int, "_Reply"])
+
+    async def prepare(self) -> UsageError | None:
+        """As in `Worker`: starts the process anew."""
+        await self.stop()
+        try:
+            await self._start()
+        except OSError as error:
+            return UsageError(f"a {_KIND} cannot start: {error.strerror or error}")
+        try:
+            return await self._ask("prepare", self.plan)
+        except WorkerLost:
+            if await anyio.to_thread.run_sync(self._ended) > 0:
+                return UsageError(f"a {_KIND} cannot start: {self._last_line()}")
+            raise
+
+    async def play(
+        self, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    ) -> Episode | PermanentFailure | UsageError:
+        """As in `Worker`."""
+        return await self._ask("play", key, versions, timeout_s)
+
+    async def close(self) -> None:
+        """As in `Worker`."""
+        await self._ask("close")
+
+    async def stop(self) -> None:
+        """End the process, if there is one."""
+        if self._channel is not None:
+            self._channel.close()
+            self._channel = None
+        if self._process is not None:
+            await anyio.to_thread.run_sync(self._ended)
+            self._process = None
+        if self._errors is not None:
+            self._errors.close()
+            self._errors = None
+
+    def _ended(self) -> int:
+        """Wait until the process has ended, and kill it if that takes long; returns its exit code."""
+        assert self._process is not None
+        try:
+            return self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+    async def _start(self) -> None:
+        """Start the process.
+
+        Raises:
+            OSError: The system has no process or no file left.
+        """
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in stop
+        ours, theirs = socket.socketpair()
+        try:
+            with theirs:
+                self._process = subprocess.Popen(  # noqa: ASYNC220, S603 - our own program, and does not wait
+                    [sys.executable, "-m", "evaluator.study.worker_process", str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    stderr=self._errors,
+                    pass_fds=[theirs.fileno()],
+                    # Ctrl-C on a terminal goes to the run alone, which then ends its workers.
+                    start_new_session=True,
+                )
+            self._channel = await ProcessChannel.over(ours)
+        except BaseException:
+            ours.close()
+            raise
+        self.tasks.start_soon(self._read, self._channel)
+
+    async def _read(self, channel: ProcessChannel) -> None:
+        """Give replies to those who wait for them, until the process ends."""
+        while (message := await channel.receive()) is not None:
+            number, outcome = message
+            self._waiting.pop(number).set(outcome)
+        for waiting in self._waiting.values():
+            waiting.set(WorkerLost())
+        self._waiting.clear()
+
+    async def _ask(self, what: str, *arguments: object) -> Any:
+        if self._channel is None or self._channel.closed:
+            raise WorkerLost
+        number = next(self._numbers)
+        reply = self._waiting[number] = _Reply()
+        self._channel.send((number, what, arguments))
+        await reply.there.wait()
+        match reply.outcome:
+            case WorkerLost():
+                raise reply.outcome
+            case Crash(trace):
+                # An error in our own code, or in an agent: playing again would only repeat it.
+                raise RuntimeError(trace)
+            case outcome:
+                return outcome
+
+    def _last_line(self) -> str:
+        assert self._errors is not None
+        self._errors.seek(0)
+        lines = [line.strip() for line in self._errors.read().splitlines() if line.strip()]
+        return lines[-1] if lines else "it says nothing"
+
+
+@dataclass(slots=True)
+class _Reply:
+    """What a request waits for."""
+
+    there: anyio.Event = field(default_factory=anyio.Event)
+    outcome: Any = None
+
+    def set(self, outcome: Any) -> None:
+        self.outcome = outcome
+        self.there.set()
+
+
+@contextlib.asynccontextmanager
+async def process_workers(
+    team: Team,
+    contenders: Mapping[str, Contender],
+    record: RunRecord,
+    *,
+    count: int,
+    concurrency: int,
+    timeout_s: float | None = None,
+    patience_s: float = _PATIENCE_S,
+) -> AsyncGenerator[Play]:
+    """Workers on this machine.
+
+    Args:
+        team: Who plays.
+        contenders: The same, built here; their facts hold the limits of the providers, which the workers share.
+        record: The record of the run.
+        count: How many workers; fewer are started if fewer episodes are played at a time, or a provider allows fewer
+            requests.
+        concurrency: Episodes at a time, over all workers.
+        timeout_s: Wall time of one attempt at an episode [s]; None for no limit.
+        patience_s: How long a lost worker is waited for [s].
+
+    Raises:
+        UsageError: A worker cannot start.
+    """
+    lanes = lanes_of(team, contenders)
+    count = max(1, min(count, concurrency, *lanes.values()))
+    shared = replace(team, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
+    packs = record.packs if team.server in {"stdio", "host"} else {}
+    plan = EpisodeWorker(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND)
+    async with anyio.create_task_group() as tasks:
+        workers = [_ProcessWorker(plan, tasks) for _ in range(count)]
+        seats = [Seat(worker, places) for worker, places in zip(workers, shares(concurrency, count), strict=True)]
+        try:
+            async with Workers(seats, Terms(record, timeout_s, patience_s, _KIND)).at_work() as play:
+                yield play
+        finally:
+            tasks.cancel_scope.cancel()
+            with anyio.CancelScope(shield=True):
+                async with anyio.create_task_group() as ending:
+                    for worker in workers:
+                        ending.start_soon(worker.stop)

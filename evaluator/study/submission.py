@@ -1,0 +1,191 @@
+"""A submission: what a run claims, in one file that anyone can check against the run folder.
+
+Everything in it follows from the folder, so it is checked by making it again. Knows neither displays nor sessions.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from evaluator.answers.grading import GRADER_VERSION
+from evaluator.answers.keys import KeyRing
+from evaluator.errors import StoreError, UsageError
+from evaluator.records import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
+from evaluator.run_record import RunRecord
+from evaluator.scores.metrics import RunSummary, summarise
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import graded_rows
+from evaluator.seal import Seal
+from evaluator.store import RunFolder
+from evaluator.study.replay import REL_TOL, different_values
+from scenes import PackError, find_pack, same_pack
+
+
+class Submission(Record):
+    """The results of a whole run, where they come from, and hashes of its records."""
+
+    format: Literal[1] = FORMAT
+    run: RunRecord
+    """Contents of `run.json`: matrix, agents, packs, server and software."""
+    seed_commitment: str = Field(default="", exclude_if=is_absent)
+    """Commitment to the key of held-back seeds; absent if the seeds are as recorded."""
+    seal: Seal
+    """Contents of `seal.json`; its head stands for every record and their order."""
+    episodes_sha256: str
+    """Of `episodes.jsonl`."""
+    unsealed_episodes: int
+    """Episodes whose agent could have known more than it measured."""
+    grader_version: str
+    verdicts_sha256: str
+    """Of the keys and verdicts of all grades, in the order of the episodes."""
+    summary: RunSummary
+
+
+def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
+    """Grade a run anew and state its results. Writes nothing.
+
+    Args:
+        folder: The run.
+        keys: Answer keys of its scenes.
+
+    Raises:
+        UsageError: The run is not whole, was not graded, or was played on other packs than these.
+        StoreError: Its records are not as they were sealed.
+    """
+    record, seal = folder.read_run(), _intact_seal(folder)
+    if record.forked_from is not None:
+        raise UsageError(f"{folder.path} continues episodes of another run, so its results are not those of its agents")
+    _check_whole(folder, record)
+    _check_packs(record, keys.folder)
+    _check_frames(folder)
+    rows = graded_rows(folder, keys)
+    _check_grades(folder, rows)
+    return Submission(
+        run=record,
+        seed_commitment=record.plan.held_back,
+        seal=seal,
+        episodes_sha256=hashlib.sha256(folder.episodes_file.read_bytes()).hexdigest(),
+        unsealed_episodes=sum(row.episode.unsealed is not None for row in rows),
+        grader_version=GRADER_VERSION,
+        verdicts_sha256=hashlib.sha256("\n".join(_verdict(row.record) for row in rows).encode()).hexdigest(),
+        summary=summarise(rows),
+    )
+
+
+def read_submission(file: Path) -> Submission:
+    """A submission from its file.
+
+    Raises:
+        UsageError: It cannot be read or is no submission.
+    """
+    try:
+        return Submission.model_validate_json(file.read_bytes())
+    except OSError as error:
+        raise UsageError(f"{file} cannot be read: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise UsageError(f"{file} is no submission: {f'{place}: ' if place else ''}{first['msg']}") from error
+
+
+def first_difference(claimed: Submission, found: Submission) -> str:
+    """Where a submission differs from the one that its run folder gives, as a clause; empty if it does not.
+
+    Numbers may differ by one part in 10⁹, since libraries of statistics differ in last digits.
+    """
+    before, now = (one.model_dump(mode="json") for one in (claimed, found))
+    for path, old, new in different_values(before, now, REL_TOL, ""):
+        return f"{path} is {old!r} in the submission, and {new!r} in the run folder"
+    return ""
+
+
+def _intact_seal(folder: RunFolder) -> Seal:
+    seal = folder.read_seal()
+    if seal is None:
+        raise StoreError(f"{folder.path} is not sealed, so nothing tells whether its records are as they were written")
+    lines = folder.episode_lines()
+    problem = seal.problem(lines)
+    if not problem and len(lines) > seal.lines:
+        problem = f"{seal.lines} episodes were sealed, and {len(lines)} are there"
+    if problem:
+        raise StoreError(f"{folder.episodes_file} is not what the run wrote: {problem}")
+    if seal.edited:
+        raise StoreError(f"{folder.episodes_file} is not what the run wrote: {seal.edited[0]}")
+    return seal
+
+
+def _check_whole(folder: RunFolder, record: RunRecord) -> None:
+    """Refuse a run that lacks episodes: those that went badly could have been left out."""
+    episodes = folder.episodes()
+    wanted = record.plan.matrix()
+    unplayed = [key for key in wanted if key not in episodes or episodes[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
+    if unplayed:
+        raise UsageError(
+            f"{folder.path} lacks {len(unplayed)} of {len(wanted)} episodes, the first of them {_named(unplayed[0])};"
+            " play them with --resume, or merge the shards"
+        )
+    planned = set(wanted)
+    extra = next((key for key in episodes if key not in planned), None)
+    if extra is not None:
+        raise UsageError(f"{folder.path} holds an episode that is not in its plan, {_named(extra)}")
+
+
+def _check_packs(record: RunRecord, scenes_dir: Path | None) -> None:
+    try:
+        other = [
+            scene for scene, stored in record.packs.items() if not same_pack(stored, find_pack(int(scene), scenes_dir))
+        ]
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    if other:
+        raise UsageError(
+            f"the run was played on another pack of scene {other[0]} than the one here, which cannot grade it"
+        )
+
+
+def _check_frames(folder: RunFolder) -> None:
+    """Refuse a frame that is missing or is not the one that the records name: its name is its hash."""
+    names = {
+        frame.name
+        for episode in folder.episodes().values()
+        for turn in episode.turns
+        for exchange in turn.exchanges
+        for frame in exchange.frames
+    }
+    for name in sorted(names):
+        file = folder.frames_folder / f"{name}.png"
+        try:
+            same = Frame.of(file.read_bytes()).name == name
+        except OSError as error:
+            raise StoreError(f"{file} cannot be read: {error.strerror}") from error
+        if not same:
+            raise StoreError(f"{file} is not the frame that the records name")
+
+
+def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
+    """Refuse stored grades that grading again does not give."""
+    stored: Mapping[EpisodeKey, GradeRecord] = folder.grades()
+    for row in rows:
+        if row.key not in stored:
+            raise UsageError(
+                f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first"
+            )
+        kept, now = stored[row.key].grade, row.record.grade
+        if _verdict(stored[row.key]) != _verdict(row.record):
+            raise UsageError(
+                f"{folder.grades_file}: the grade of {_named(row.key)} is {kept.strict.value}, {kept.normalised.value},"
+                f" {kept.graded}; grading again gives {now.strict.value}, {now.normalised.value}, {now.graded}"
+            )
+
+
+def _verdict(record: GradeRecord) -> str:
+    """What counts of a grade. Its key and its reason are withheld while seeds are held back."""
+    grade = record.grade
+    return f"{record.key.model_dump_json()} {grade.strict.value} {grade.normalised.value} {grade.graded}"
+
+
+def _named(key: EpisodeKey) -> str:
+    return f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"

@@ -1,0 +1,252 @@
+"""Workers: processes that play episodes, on this machine or on a cluster, and how episodes are handed out to them.
+
+Knows neither how a worker is started nor how it is spoken to. Knows no run folders: the process that the operator
+started hands episodes out, takes their records back and writes them.
+"""
+
+import contextlib
+import math
+import os
+import platform
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Protocol
+
+import anyio
+
+from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.contender import Contender
+from evaluator.errors import PermanentFailure, UsageError
+from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.run_record import RunRecord
+from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
+from evaluator.study.contenders import Team
+from scenes import find_pack, same_pack
+
+_AGAIN_S = 0.5
+"""Pause before a worker that did not reply is asked again whether it is ready [s]."""
+_CLOSE_S = 5.0
+"""Longest time for workers to end the servers they started [s]."""
+
+
+class WorkerLost(Exception):
+    """A worker has ended, or cannot be reached."""
+
+
+class Worker(Protocol):
+    """A worker as the run sees it. It stays the same when its process is started again, here or on another machine."""
+
+    async def prepare(self) -> UsageError | None:
+        """Get ready to play; returns a problem that only the operator can solve.
+
+        Raises:
+            WorkerLost: It did not get that far; it may be asked again.
+        """
+        ...
+
+    async def play(
+        self, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    ) -> Episode | PermanentFailure | UsageError:
+        """Play one episode. Errors that end more than this episode are returned.
+
+        Raises:
+            WorkerLost: It ended before the episode did.
+        """
+        ...
+
+    async def close(self) -> None:
+        """End the servers that it started.
+
+        Raises:
+            WorkerLost: It ended before.
+        """
+        ...
+
+
+@dataclass(slots=True)
+class EpisodeWorker:
+    """What runs in the process of a worker: plays episodes, several at a time, in a laboratory of its own."""
+
+    team: Team
+    folder: Path
+    """Where the run was started: relative paths in options start here, on machines that share the folder."""
+    version: str
+    """Version of this package where the run was started."""
+    packs: Mapping[str, str]
+    """Scene → hash of the pack that the run is recorded with; empty if a host of others has the packs."""
+    kind: str
+    """What problems call it, such as `Ray worker`."""
+    _contenders: Mapping[str, Contender] = field(default_factory=dict[str, Contender])
+    _laboratory: Laboratory | None = None
+    _open: contextlib.AsyncExitStack = field(default_factory=contextlib.AsyncExitStack)
+
+    async def prepare(self) -> UsageError | None:
+        """Get ready to play. A problem is returned and not raised, since Ray wraps raised errors."""
+        if self._laboratory is not None:
+            return None
+        where = f"a {self.kind} on {platform.node()}"
+        try:
+            with contextlib.suppress(OSError):
+                os.chdir(self.folder)
+            if (here := metadata.version("physment-mcp")) != self.version:
+                return UsageError(f"{where} has version {here}, not {self.version}")
+            for scene, known in self.packs.items():
+                if not same_pack(known, find_pack(int(scene), self.team.scenes_dir)):
+                    return UsageError(f"{where} has another pack of scene {scene}")
+            self._contenders = self.team.build()
+            for contender in self._contenders.values():
+                await self._open.enter_async_context(contender.running())
+            place = connect(self.team.server, self.team.scenes_dir, self.team.observations, self.team.seed_of)
+            self._laboratory = await self._open.enter_async_context(place)
+        except Exception as error:  # noqa: BLE001 - whatever a node lacks, the operator must learn which node it is
+            return UsageError(f"{where} cannot play: {error}")
+        return None
+
+    async def play(
+        self, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    ) -> Episode | PermanentFailure | UsageError:
+        """Play one episode. Errors that end more than this episode are returned."""
+        assert self._laboratory is not None
+        try:
+            return await play_key(self._contenders[key.agent], self._laboratory, key, versions, timeout_s)
+        except (PermanentFailure, UsageError) as error:
+            return error
+
+    async def close(self) -> None:
+        """End the servers that were started and close connections."""
+        await self._open.aclose()
+
+
+@dataclass(slots=True, eq=False)
+class Seat:
+    """A worker, and what it has to do."""
+
+    worker: Worker
+    places: int
+    """Episodes it plays at a time."""
+    ready: bool = False
+    life: int = 0
+    """How often it was lost. A place that was given out in an earlier life is void."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What is the same for every episode of a run."""
+
+    record: RunRecord
+    timeout_s: float | None
+    """Wall time of one attempt [s]."""
+    patience_s: float
+    """How long a lost worker is waited for [s]."""
+    kind: str
+    """What problems call a worker."""
+
+
+class Workers:
+    """Hands episodes out to workers. An episode whose worker was lost is played again."""
+
+    def __init__(self, seats: Sequence[Seat], terms: Terms) -> None:
+        self._seats = list(seats)
+        self._terms = terms
+        self._tasks = anyio.create_task_group()
+        self._decided = anyio.Event()
+        """Set when a worker is ready, or when all have been given up."""
+        self._give, self._take = anyio.create_memory_object_stream[tuple[Seat, int]](math.inf)
+
+    @contextlib.asynccontextmanager
+    async def at_work(self) -> AsyncGenerator[Play]:
+        """Prepare the workers, wait for the first one, and close all of them at the end.
+
+        Raises:
+            UsageError: A worker has a problem that only the operator can solve.
+        """
+        with self._give, self._take:
+            async with self._tasks:
+                for seat in self._seats:
+                    self._tasks.start_soon(self._wait_for, seat)
+                await self._decided.wait()
+                try:
+                    yield self._play
+                finally:
+                    self._tasks.cancel_scope.cancel()
+                    with anyio.move_on_after(_CLOSE_S, shield=True):
+                        async with anyio.create_task_group() as closing:
+                            for seat in self._seats:
+                                if seat.ready:
+                                    closing.start_soon(self._close, seat)
+
+    async def _play(self, key: EpisodeKey) -> Episode:
+        versions, kind = self._terms.record.versions_of(key.scene), self._terms.kind
+        for lost in range(MAX_ATTEMPTS):
+            try:
+                seat, life = await self._take.receive()
+                while life != seat.life:
+                    seat, life = await self._take.receive()
+            except anyio.EndOfStream:
+                raise PermanentFailure(f"no {kind} was there for {self._terms.patience_s:g} s") from None
+            try:
+                played = await seat.worker.play(key, versions, self._terms.timeout_s)
+            except WorkerLost:
+                self._lose(seat, life)
+                continue
+            if life == seat.life:
+                self._give.send_nowait((seat, life))
+            if isinstance(played, Exception):
+                raise played
+            return played.model_copy(update={"attempts": played.attempts + lost})
+        return unplayed(key, f"{MAX_ATTEMPTS} {kind}s were lost while they played it", versions)
+
+    def _lose(self, seat: Seat, life: int) -> None:
+        """Count a worker as lost. Each of its episodes reports the loss; the first report counts."""
+        if life == seat.life:
+            seat.life += 1
+            seat.ready = False
+            self._tasks.start_soon(self._wait_for, seat)
+
+    async def _wait_for(self, seat: Seat) -> None:
+        """Ask a worker until it is ready, then give out its places.
+
+        Raises:
+            UsageError: The worker has a problem that only the operator can solve.
+        """
+        with anyio.move_on_after(self._terms.patience_s):
+            while not seat.ready:
+                try:
+                    problem = await seat.worker.prepare()
+                except WorkerLost:
+                    await anyio.sleep(_AGAIN_S)
+                    continue
+                if problem is not None:
+                    raise problem
+                seat.ready = True
+            for _ in range(seat.places):
+                self._give.send_nowait((seat, seat.life))
+            self._decided.set()
+            return
+        self._seats.remove(seat)
+        if not self._seats:
+            self._give.close()
+            self._decided.set()
+
+    async def _close(self, seat: Seat) -> None:
+        with contextlib.suppress(WorkerLost):
+            await seat.worker.close()
+
+
+def shares(concurrency: int, count: int) -> list[int]:
+    """Places of each worker, which add up to the episodes at a time."""
+    return [concurrency // count + (number < concurrency % count) for number in range(count)]
+
+
+def lanes_of(team: Team, contenders: Mapping[str, Contender]) -> dict[str, int]:
+    """Provider → most requests at a time, for every provider that is asked."""
+    lanes = dict(team.lanes)
+    for contender in contenders.values():
+        match contender.facts():
+            case {"provider": str(provider), "concurrency": int(limit)}:
+                lanes[provider] = limit
+            case _:
+                pass
+    return lanes

@@ -1,0 +1,186 @@
+"""A client of `physment-eval referee`: opens episodes, and asks what they were worth. Standard library only.
+
+The integrations share it, because none of them may import the laboratory or the evaluator.
+"""
+
+import json
+import os
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+URL = "http://127.0.0.1:8900"
+"""Where a referee listens unless it is told otherwise."""
+URL_VARIABLE = "PHYSMENT_REFEREE_URL"
+TOKEN_VARIABLE = "PHYSMENT_REFEREE_TOKEN"  # noqa: S105 - a name, not a token
+"""Environment variable with the token that a referee requires for opening episodes."""
+ANSWER = "answer"
+"""Name of the tool that ends an episode."""
+_MOST = 1_000_000
+"""Longest range of numbers that is accepted; a longer one is a typing error."""
+
+End = Literal["budget_exhausted", "agent_error"]
+"""Why an episode ends without an answer."""
+
+
+class RefereeError(Exception):
+    """The referee refused, or cannot be reached; one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedEpisode:
+    """An episode on a host."""
+
+    episode_id: str
+    owner_token: str = field(repr=False)
+    """Asks for the reward. Never for the agent."""
+    mcp_url: str
+    """Where the agent's calls go."""
+    player_token: str = field(repr=False)
+    """The bearer token of these calls."""
+    prompt: str
+    tools: tuple[dict[str, Any], ...] = field(repr=False)
+    """Each with `name`, `description` and `input_schema`."""
+    budget: int
+    """Iterations that the prompt names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reward:
+    """What an episode was worth."""
+
+    reward: float
+    strict: str
+    """`correct` or `incorrect`."""
+    graded: float
+    """Share of the parts of the answer that are right."""
+    normalised: str
+    outcome: str
+    calls: int
+
+
+@dataclass(frozen=True, slots=True)
+class Referee:
+    """A referee at an address."""
+
+    url: str = URL
+    token: str | None = field(default=None, repr=False)
+    """Required to open episodes; None if anybody on its machine may."""
+    timeout_s: float = 120.0
+
+    @classmethod
+    def from_environment(cls) -> "Referee":
+        """The referee that `PHYSMENT_REFEREE_URL` and `PHYSMENT_REFEREE_TOKEN` name."""
+        return cls(os.environ.get(URL_VARIABLE) or URL, os.environ.get(TOKEN_VARIABLE) or None)
+
+    def open(self, scene: int, seed: int = 0, **options: Any) -> OpenedEpisode:
+        """Open an episode.
+
+        Args:
+            scene: Id of the scene.
+            seed: Variant of the scene.
+            options: `budget`, `max_calls` and `prompting`, if other than the referee's defaults.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        found = self._ask("POST", "/episodes", {"scene": scene, "seed": seed, **options}, self.token)
+        return OpenedEpisode(**found | {"tools": tuple(found["tools"])})
+
+    def reward(self, episode_id: str, owner_token: str, *, iterations: int, end: End | None = None) -> Reward:
+        """Ask for the reward of an episode. It is given once.
+
+        Args:
+            episode_id: Which episode.
+            owner_token: Its token.
+            iterations: Replies of the agent.
+            end: Ends an episode that has no answer, and says why; an answered episode keeps its answer.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        body = {"iterations": iterations} | ({"end": end} if end else {})
+        return Reward(**self._ask("POST", f"/episodes/{episode_id}/reward", body, owner_token))
+
+    def close(self, episode_id: str, owner_token: str) -> None:
+        """Close an episode that shall get no reward.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        self._ask("DELETE", f"/episodes/{episode_id}", None, owner_token)
+
+    def check(self, scene: int, seed: int = 0) -> Reward:
+        """What the scene's reference protocol gets, played on the same host.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        return Reward(**self._ask("POST", "/checks", {"scene": scene, "seed": seed}, self.token))
+
+    def _ask(self, method: str, path: str, body: Any, token: str | None) -> dict[str, Any]:
+        if not self.url.startswith(("http://", "https://")):
+            raise RefereeError(f"{self.url!r} is not the URL of a referee, such as {URL}")
+        headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {token}"} if token else {})
+        content = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.url.rstrip("/") + path, content, headers, method=method)  # noqa: S310 - checked above
+        try:
+            with urllib.request.urlopen(request, timeout=self.timeout_s) as reply:  # noqa: S310 - as above
+                return json.loads(reply.read() or b"{}")
+        except urllib.error.HTTPError as error:
+            raise RefereeError(_sentence(error)) from error
+        except (OSError, ValueError) as error:
+            raise RefereeError(
+                f"the referee {self.url} cannot be reached ({error}): start `physment-eval referee`, and put its"
+                f" address into {URL_VARIABLE}"
+            ) from error
+
+
+def _sentence(error: urllib.error.HTTPError) -> str:
+    try:
+        return f"the referee refused: {json.loads(error.read())['error']}"
+    except (ValueError, LookupError, TypeError):
+        return f"this is no PhysMent referee: it answered {error.code}"
+
+
+def read_pairs(scenes: str = "", seeds: str = "1", file: Path | None = None) -> Iterator[tuple[int, int]]:
+    """Pairs of a scene and a seed: of a file, or every scene with every seed.
+
+    Args:
+        scenes: Ids and ranges such as `7,21-30`.
+        seeds: The same for seeds; all scenes come with the first seed before the second.
+        file: A line of JSON for each pair, such as `{"scene": 7, "seed": 3}`; then the others are not looked at.
+
+    Raises:
+        ValueError: Something of this cannot be read, in one sentence.
+    """
+    if file is None:
+        if not scenes:
+            raise ValueError('name scenes, such as "7,21-30", or a file with a pair in each line')
+        chosen = _numbers(scenes, "scenes")
+        yield from ((scene, seed) for seed in _numbers(seeds, "seeds") for scene in chosen)
+        return
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
+    for number, line in enumerate(lines, start=1):
+        try:
+            pair = json.loads(line)
+            yield int(pair["scene"]), int(pair["seed"])
+        except (ValueError, LookupError, TypeError) as error:
+            raise ValueError(f'{file}, line {number}: write {{"scene": 7, "seed": 3}}, not {line[:80]!r}') from error
+
+
+def _numbers(text: str, what: str) -> list[int]:
+    found: list[int] = []
+    for part in text.split(","):
+        low, dash, high = part.strip().partition("-")
+        high = high if dash else low
+        if not (low.isdecimal() and high.isdecimal() and 0 <= int(high) - int(low) < _MOST):
+            raise ValueError(f"{what} {part.strip()!r}: write whole numbers and ranges such as 7,21-30")
+        found += range(int(low), int(high) + 1)
+    return list(dict.fromkeys(found))

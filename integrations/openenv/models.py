@@ -1,0 +1,37 @@
+"""What crosses the wire: actions, observations, the state of an episode. None holds a seed, a key or a token."""
+
+from typing import Any
+
+from pydantic import Field
+
+from openenv.core.env_server.types import Action, Observation, State
+
+
+class PhysmentAction(Action):
+    """A tool call."""
+
+    tool: str = Field(description="Name of one of the tools that the first observation lists, such as `step`.")
+    arguments: dict[str, Any] = Field(default_factory=dict, description="Its arguments, by name.")
+
+
+class PhysmentObservation(Observation):
+    """What came of an action. `done` and `reward` come with the last one."""
+
+    text: str = Field(default="", description="What the model reads: the result as JSON, or why the call was refused.")
+    is_error: bool = Field(default=False, description="Whether the call was refused; then it changed nothing.")
+    result: dict[str, Any] | None = Field(default=None, description="The result as data.")
+    prompt: str = Field(default="", description="The opening prompt, with the first observation.")
+    tools: list[dict[str, Any]] = Field(
+        default_factory=list, description="The tools, with the first observation: name, description, input_schema."
+    )
+    iterations_left: int = Field(default=0, description="Actions that are left.")
+    outcome: str = Field(default="", description="How the episode ended: answered or budget_exhausted.")
+    verdict: dict[str, Any] = Field(default_factory=dict, description="strict, normalised, graded: after the end.")
+
+
+class PhysmentState(State):
+    """Where an episode is."""
+
+    scene: int | None = None
+    budget: int = 0
+    done: bool = False

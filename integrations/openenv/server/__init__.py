@@ -1,0 +1,1 @@
+"""The server: an environment for each session, and the application."""

@@ -1,0 +1,116 @@
+"""An episode of the laboratory as an environment: `reset` opens it, `step` makes a call, the end brings the reward."""
+
+import contextlib
+from typing import Any
+
+from physment_openenv.models import PhysmentAction, PhysmentObservation, PhysmentState
+from physment_openenv.server.laboratory import Laboratory
+from physment_referee import ANSWER, OpenedEpisode, Referee, RefereeError
+
+from openenv.core.env_server.interfaces import Environment
+from openenv.core.env_server.types import EnvironmentMetadata
+
+_FIRST_SCENE = 7
+"""The scene that is opened if none is named."""
+
+
+class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, PhysmentState]):
+    """One session: an episode at a time. An action is an iteration with one call."""
+
+    SUPPORTS_CONCURRENT_SESSIONS = True
+
+    def __init__(self) -> None:
+        """Open nothing yet."""
+        super().__init__()
+        self._referee = Referee.from_environment()
+        self._state = PhysmentState(episode_id=None, step_count=0)
+        self._opened: OpenedEpisode | None = None
+        self._laboratory: Laboratory | None = None
+
+    def reset(
+        self,
+        seed: int | None = None,
+        episode_id: str | None = None,
+        scene: int = _FIRST_SCENE,
+        budget: int = 20,
+        prompting: str = "zero-shot",
+        **_options: Any,
+    ) -> PhysmentObservation:
+        """Open an episode, and close the one before it.
+
+        Args:
+            seed: Variant of the scene; None and 0 for the scene as written.
+            episode_id: A name for it; by default that of the referee.
+            scene: Id of the scene.
+            budget: Actions that the episode has.
+            prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
+
+        Raises:
+            RefereeError: The referee refused, or cannot be reached.
+        """
+        self.close()
+        opened = self._referee.open(scene, seed or 0, budget=budget, prompting=prompting)
+        self._opened = opened
+        self._laboratory = Laboratory(opened.mcp_url, opened.player_token)
+        self._state = PhysmentState(
+            episode_id=episode_id or opened.episode_id, step_count=0, scene=scene, budget=opened.budget
+        )
+        return PhysmentObservation(
+            prompt=opened.prompt, text=opened.prompt, tools=list(opened.tools), iterations_left=opened.budget
+        )
+
+    def step(self, action: PhysmentAction, timeout_s: float | None = None, **_options: Any) -> PhysmentObservation:
+        """Make a call. The answer ends the episode, and so does the last action of the budget.
+
+        Raises:
+            RefereeError: No episode is open, it has ended, or the referee refused.
+        """
+        del timeout_s
+        if self._laboratory is None or self._opened is None:
+            raise RefereeError(
+                "the episode has ended: reset opens another" if self._state.done else "no episode is open: reset first"
+            )
+        text, result, is_error = self._laboratory.call(action.tool, action.arguments)
+        self._state.step_count += 1
+        left = self._state.budget - self._state.step_count
+        observation = PhysmentObservation(text=text, result=result, is_error=is_error, iterations_left=left)
+        if left == 0 or (action.tool == ANSWER and not is_error):
+            self._end(observation)
+        return observation
+
+    def _end(self, observation: PhysmentObservation) -> None:
+        """Put the reward into the last observation."""
+        assert self._opened is not None
+        assert self._laboratory is not None
+        self._laboratory.close()
+        found = self._referee.reward(
+            self._opened.episode_id,
+            self._opened.owner_token,
+            iterations=self._state.step_count,
+            end="budget_exhausted",
+        )
+        observation.done, observation.reward, observation.outcome = True, found.reward, found.outcome
+        observation.verdict = {"strict": found.strict, "normalised": found.normalised, "graded": found.graded}
+        self._opened, self._laboratory, self._state.done = None, None, True
+
+    @property
+    def state(self) -> PhysmentState:
+        """Where the episode is."""
+        return self._state
+
+    def get_metadata(self) -> EnvironmentMetadata:
+        """What the server says of itself."""
+        return EnvironmentMetadata(
+            name="PhysMent",
+            description="A MuJoCo laboratory with 26 tools: find out by experiment what the scene asks, then answer.",
+            version="0.1.0",
+        )
+
+    def close(self) -> None:
+        """Close what is open; an episode without a reward gets none."""
+        if self._laboratory is not None:
+            self._laboratory.close()
+        if self._opened is not None:
+            with contextlib.suppress(RefereeError):  # the referee may have closed it already
+                self._referee.close(self._opened.episode_id, self._opened.owner_token)
+        self._laboratory, self._opened = None, None

@@ -1,0 +1,339 @@
+"""The referee over HTTP, with a real host: what it opens, what it refuses, and that each reward is given once."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import AsyncGenerator, Generator
+from pathlib import Path
+from typing import Any
+
+import anyio
+import httpx
+import httpx2
+import pytest
+
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.answers.keys import KeyRing
+from evaluator.episode.connect import HostLaboratory, mcp_client
+from evaluator.episode.loop import play_episode
+from evaluator.records import Episode, Verdict
+from evaluator.referee.episodes import Referee
+from evaluator.referee.requests import app
+from evaluator.referee.rewards import RewardRule, Worth
+from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.scores.scoring import grade_record, grade_run
+from evaluator.store import RunFolder
+from tests.builders.records import VERSIONS, episode_key
+from tests.builders.referee_client import referee_client
+from tests.clients.playing import canonical, exchanges_of
+
+RECORD = RunRecord(
+    created_at="2026-01-01T00:00:00+00:00",
+    plan=Plan(scenes=(7, 23), agents=("trainer",)),
+    server=ServerRecord(option="host", protocol="x"),
+    packs={"7": "p", "23": "p"},
+    versions={"physment-mcp": "0"},
+)
+GIVE_UP = {"end": "budget_exhausted"}
+
+
+@pytest.fixture(scope="module")
+def host() -> Generator[str]:
+    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())["listening"]
+        finally:
+            process.terminate()
+
+
+class Trainer:
+    """A trainer's side of a referee."""
+
+    def __init__(self, referee: Referee, http: httpx.AsyncClient) -> None:
+        self.referee, self.http = referee, http
+
+    async def open(self, **wanted: Any) -> dict[str, Any]:
+        reply = await self.http.post("/episodes", json={"scene": 7, "seed": 3} | wanted)
+        assert reply.status_code == 201, reply.text
+        return reply.json()
+
+    async def reward(self, opened: dict[str, Any], body: Any = None, token: str | None = None) -> httpx.Response:
+        headers = {"Authorization": f"Bearer {opened['owner_token'] if token is None else token}"}
+        return await self.http.post(f"/episodes/{opened['episode_id']}/reward", json=body or {}, headers=headers)
+
+
+@contextlib.asynccontextmanager
+async def refereeing(host: str, *, token: str | None = None, **options: Any) -> AsyncGenerator[Trainer]:
+    referee = Referee(HostLaboratory(host), KeyRing(), RECORD, **options)
+    served = app(referee, token)
+    async with (
+        served.router.lifespan_context(served),
+        httpx.AsyncClient(transport=httpx.ASGITransport(served), base_url="http://127.0.0.1") as http,
+    ):
+        yield Trainer(referee, http)
+
+
+async def played_by_reference(opened: dict[str, Any], scene: int, seed: int) -> Episode:
+    """What the loop makes of an episode that the referee opened: only its address and its token are used."""
+    headers = {"Authorization": f"Bearer {opened['player_token']}"}
+    key = episode_key(scene, seed=seed, agent="reference", budget=opened["budget"])
+    async with httpx2.AsyncClient(headers=headers) as http, mcp_client(opened["mcp_url"], http) as client:
+        return await play_episode(ReferenceAgent(), client, key, VERSIONS)
+
+
+def sentence(reply: httpx.Response) -> str:
+    """The one sentence of a refusal."""
+    body = reply.json()
+    assert set(body) == {"error"}
+    assert len(body["error"].splitlines()) == 1
+    return body["error"]
+
+
+async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host: str, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(resume=False)
+    async with refereeing(host, folder=folder) as trainer:
+        opened = await trainer.open(scene=23, seed=5, budget=12)
+        episode = await played_by_reference(opened, 23, 5)
+        reply = (await trainer.reward(opened, {"iterations": len(episode.turns)})).json()
+    assert opened["prompt"] == episode.prompt
+    assert len(opened["tools"]) == 26
+    assert reply["reward"] == 1.0
+    assert (reply["outcome"], reply["strict"]) == ("answered", "correct")
+    (recorded,) = folder.episodes().values()
+    assert list(map(canonical, exchanges_of(recorded))) == list(map(canonical, exchanges_of(episode)))
+    assert grade_record(recorded, KeyRing()).grade == grade_record(episode, KeyRing()).grade
+    assert reply["calls"] == len(exchanges_of(episode))
+
+
+async def test_a_reward_is_given_once(host: str) -> None:
+    async with refereeing(host) as trainer:
+        opened = await trainer.open()
+        assert (await trainer.reward(opened, GIVE_UP)).json()["reward"] == 0.0
+        again = await trainer.reward(opened, GIVE_UP)
+    assert (again.status_code, sentence(again)) == (
+        409,
+        "the reward of this episode was given already; it is given once",
+    )
+
+
+async def test_an_unfinished_episode_has_no_reward_and_goes_on(host: str) -> None:
+    async with refereeing(host) as trainer:
+        opened = await trainer.open()
+        early = await trainer.reward(opened)
+        assert (early.status_code, sentence(early).partition(":")[0]) == (409, "the episode is still running")
+        await played_by_reference(opened, 7, 3)
+        assert (await trainer.reward(opened)).json()["reward"] == 1.0
+
+
+async def test_an_episode_whose_calls_are_used_up_has_ended(host: str) -> None:
+    async with refereeing(host) as trainer:
+        opened = await trainer.open(max_calls=1)
+        await played_by_reference(opened, 7, 3)
+        reply = (await trainer.reward(opened)).json()
+    assert (reply["reward"], reply["outcome"]) == (0.0, "budget_exhausted")
+
+
+async def test_the_token_of_the_player_does_not_open_the_reward(host: str) -> None:
+    async with refereeing(host) as trainer:
+        opened = await trainer.open()
+        for token in (opened["player_token"], "", "x"):
+            refused = await trainer.reward(opened, GIVE_UP, token)
+            assert refused.status_code == 401
+            assert "owner_token" in sentence(refused)
+        assert (await trainer.reward(opened, GIVE_UP)).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "says"),
+    [
+        ('{"scene": 9999}', 404, "no scene 9999"),
+        ('{"scene": "7"}', 400, "scene: Input should be a valid integer"),
+        ('{"scene": 7, "seed": -1}', 400, "seed: Input should be greater than or equal to 0"),
+        ('{"scene": 7, "knobs": 1}', 400, "knobs: Extra inputs are not permitted"),
+        ("{", 400, "body: Invalid JSON"),
+        ("", 400, "scene: Field required"),
+        (f'{{"scene": 7, "prompting": "{"x" * 20_000}"}}', 413, "a request has at most 16000 bytes"),
+    ],
+)
+async def test_what_cannot_be_opened_is_refused_in_one_sentence(host: str, body: str, status: int, says: str) -> None:
+    async with refereeing(host) as trainer:
+        refused = await trainer.http.post("/episodes", content=body)
+        assert refused.status_code == status
+        assert says in sentence(refused)
+        assert trainer.referee.open_episodes == 0
+
+
+async def test_an_episode_that_never_was_is_refused_in_one_sentence(host: str) -> None:
+    async with refereeing(host) as trainer:
+        refused = await trainer.reward({"episode_id": "none", "owner_token": "none"})
+    assert refused.status_code == 404
+    assert "there is no such episode" in sentence(refused)
+
+
+async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host: str) -> None:
+    key = KeyRing().key(7, 41_287).value
+    async with refereeing(host) as trainer:
+        opened = await trainer.open(seed=41_287)
+        assert set(opened) == {"episode_id", "owner_token", "mcp_url", "player_token", "prompt", "budget", "tools"}
+        assert "41287" not in json.dumps(opened)
+        await played_by_reference(opened, 7, 41_287)
+        rewarded = await trainer.reward(opened)
+    assert set(rewarded.json()) == {"reward", "strict", "graded", "normalised", "outcome", "calls"}
+    assert str(key)[:6] not in rewarded.text
+
+
+async def test_no_more_episodes_are_open_than_allowed(host: str) -> None:
+    async with refereeing(host, max_episodes=1) as trainer:
+        opened = await trainer.open()
+        full = await trainer.http.post("/episodes", json={"scene": 7})
+        assert (full.status_code, sentence(full)[:15]) == (429, "1 episodes are ")
+        owner = {"Authorization": f"Bearer {opened['owner_token']}"}
+        assert (await trainer.http.delete(f"/episodes/{opened['episode_id']}", headers=owner)).status_code == 204
+        assert (await trainer.http.get("/healthz")).json() == {"status": "ok", "episodes": 0}
+        await trainer.open()
+
+
+async def test_an_episode_that_nobody_asked_about_is_closed_here_and_on_the_host(host: str) -> None:
+    async with refereeing(host) as trainer, httpx2.AsyncClient(base_url=host) as http:
+        opened = await trainer.open()
+        before = (await http.get("/healthz")).json()["episodes"]
+        await trainer.referee.sweep()
+        assert (await http.get("/healthz")).json()["episodes"] == before
+        trainer.referee.max_wall_s = 0.0
+        await trainer.referee.sweep()
+        assert (await http.get("/healthz")).json()["episodes"] == before - 1
+        assert (await trainer.reward(opened, GIVE_UP)).status_code == 404
+
+
+async def test_an_episode_that_its_host_lost_is_not_the_agents_fault(host: str) -> None:
+    async with refereeing(host) as trainer:
+        opened = await trainer.open()
+        watched = trainer.referee._open[opened["episode_id"]].watched
+        async with httpx2.AsyncClient(base_url=host) as http:
+            owner = {"Authorization": f"Bearer {watched._owner_token}"}
+            assert (await http.delete(watched._path, headers=owner)).status_code == 204
+        lost = await trainer.reward(opened, GIVE_UP)
+    assert lost.status_code == 502
+    assert "says nothing about the agent" in sentence(lost)
+
+
+async def test_without_a_token_web_pages_and_other_machines_are_refused(host: str) -> None:
+    async with refereeing(host) as trainer:
+        for headers in ({"Origin": "http://127.0.0.1"}, {"Host": "lab.example"}):
+            assert (await trainer.http.get("/healthz", headers=headers)).status_code == 403
+
+
+async def test_a_referee_with_a_token_opens_and_checks_only_with_it(host: str) -> None:
+    async with refereeing(host, token="ours") as trainer:
+        for path in ("/episodes", "/checks"):
+            for headers in ({}, {"Authorization": "Bearer theirs"}):
+                refused = await trainer.http.post(path, json={"scene": 7}, headers=headers)
+                assert (refused.status_code, "bearer token" in sentence(refused)) == (401, True)
+        right = {"Authorization": "Bearer ours", "Host": "lab.example"}
+        assert (await trainer.http.post("/episodes", json={"scene": 7}, headers=right)).status_code == 201
+
+
+async def test_a_check_lets_the_reference_play(host: str) -> None:
+    async with refereeing(host) as trainer:
+        reply = await trainer.http.post("/checks", json={"scene": 23, "seed": 9})
+        assert (reply.json()["reward"], reply.json()["outcome"]) == (1.0, "answered")
+        assert trainer.referee.open_episodes == 0
+
+
+async def test_what_iterations_cost_is_taken_off_and_they_must_be_told(host: str) -> None:
+    async with refereeing(host, rule=RewardRule(per_iteration=0.125, per_call=0.25)) as trainer:
+        opened = await trainer.open()
+        refused = await trainer.reward(opened, GIVE_UP)
+        assert (refused.status_code, "how many" in sentence(refused)) == (400, True)
+        episode = await played_by_reference(opened, 7, 3)
+        calls = len(exchanges_of(episode))
+        assert (await trainer.reward(opened, {"iterations": 2})).json()["reward"] == 1 - 2 * 0.125 - calls * 0.25
+
+
+def test_the_graded_reward_is_the_share_of_right_parts() -> None:
+    from evaluator.records import Grade
+
+    half = Grade(strict=Verdict.INCORRECT, graded=0.5, normalised=Verdict.INCORRECT, reason="")
+    assert RewardRule(Worth.GRADED).reward(half, 9, 9) == 0.5
+    assert RewardRule().reward(half, 9, 9) == 0.0
+    unscored = half.model_copy(update={"strict": Verdict.UNSCORED, "graded": None})
+    with pytest.raises(ValueError, match="no reward"):
+        RewardRule().reward(unscored, 0, 0)
+
+
+async def test_graded_episodes_are_a_run_that_can_be_graded_again(host: str, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(resume=False)
+    async with refereeing(host, folder=folder) as trainer:
+        for _ in range(2):
+            opened = await trainer.open()
+            await played_by_reference(opened, 7, 3)
+            await trainer.reward(opened)
+        await trainer.reward(await trainer.open(seed=4, budget=5), {"end": "agent_error"})
+        plan = trainer.referee.played_record().plan
+    assert (plan.scenes, plan.seeds, plan.budgets, plan.epochs) == ((7,), (3, 4), (5, 20), 2)
+    summary = grade_run(folder, KeyRing()).summary
+    assert (summary.overall.n_correct, summary.overall.n_scored) == (2, 3)
+
+
+async def test_episodes_that_are_graded_together_are_all_recorded(host: str, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(resume=False)
+    async with refereeing(host, folder=folder) as trainer:
+        opened = [await trainer.open() for _ in range(4)]
+        async with anyio.create_task_group() as tasks:
+            for one in opened:
+                tasks.start_soon(trainer.reward, one, GIVE_UP)
+    assert sorted(key.epoch for key in folder.episodes()) == [1, 2, 3, 4]
+
+
+def test_the_command_serves_until_it_is_ended_and_leaves_a_sealed_run(host: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "evaluator", "referee", "--server", host, "--port", "0"]
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path / "run")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        address = json.loads(process.stdout.readline())["listening"]
+        referee = referee_client().Referee(address)
+        opened = referee.open(7, 3, budget=4)
+        assert (opened.budget, len(opened.tools)) == (4, 26)
+        given = referee.reward(opened.episode_id, opened.owner_token, iterations=4, end="budget_exhausted")
+        assert (given.reward, given.outcome) == (0.0, "budget_exhausted")
+        with pytest.raises(referee_client().RefereeError, match="given already"):
+            referee.close(opened.episode_id, opened.owner_token)
+        assert referee.check(7, 3).reward == 1.0
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "seal: 1 episodes" in errors
+    assert "Traceback" not in errors
+    folder = RunFolder(tmp_path / "run")
+    seal = folder.read_seal()
+    assert seal is not None
+    assert seal.problem(folder.episode_lines()) == ""
+    assert folder.read_run().plan.scenes == (7,)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--host", "0.0.0.0"], "put a secret into an environment variable"),
+        (["--token-env", "PHYSMENT_NO_SUCH_VARIABLE"], "holds no token"),
+        (["--server", "stdio", "--port", "0"], "needs a laboratory with an address"),
+        (["--server", "http://127.0.0.1:9", "--port", "0"], "cannot be reached"),
+        (["--cost-per-call", "-1"], "is not a cost"),
+    ],
+)
+def test_the_command_says_in_one_sentence_what_it_cannot_use(words: list[str], says: str) -> None:
+    from tests.builders.commands import physment_eval
+
+    assert "PHYSMENT_NO_SUCH_VARIABLE" not in os.environ
+    done = physment_eval("referee", *words)
+    assert done.returncode == 2
+    assert says in done.stderr.splitlines()[-1]

@@ -1,0 +1,54 @@
+"""Plays episodes on an OpenEnv server with a model over the wire, in the environment of OpenEnv.
+
+openenv_agent.py SERVER MODEL BUDGET SCENE:SEED...    prints a line of JSON for each episode
+"""
+
+import json
+import sys
+import urllib.request
+from typing import Any
+
+from physment_openenv import PhysmentAction, PhysmentEnv
+
+
+def next_call(model: str, messages: list[dict[str, Any]], tools: list[dict[str, Any]]) -> dict[str, Any]:
+    """The model's next message, which holds one call."""
+    described = [
+        {"name": tool["name"], "description": tool["description"], "parameters": tool["input_schema"]} for tool in tools
+    ]
+    body = {
+        "model": "scripted",
+        "messages": messages,
+        "tools": [{"type": "function", "function": f} for f in described],
+    }
+    request = urllib.request.Request(f"{model}/v1/chat/completions", json.dumps(body).encode())
+    with urllib.request.urlopen(request) as reply:
+        return json.loads(reply.read())["choices"][0]["message"]
+
+
+def play(env: Any, model: str, budget: int, scene: int, seed: int) -> dict[str, Any]:
+    """Play one episode to its end."""
+    seen = env.reset(seed=seed, scene=scene, budget=budget)
+    tools, rewards = seen.observation.tools, [seen.reward]
+    messages: list[dict[str, Any]] = [{"role": "user", "content": seen.observation.prompt}]
+    while not seen.done:
+        message = next_call(model, messages, tools)
+        call = message["tool_calls"][0]
+        function = call["function"]
+        seen = env.step(PhysmentAction(tool=function["name"], arguments=json.loads(function["arguments"])))
+        rewards.append(seen.reward)
+        messages += [message, {"role": "tool", "tool_call_id": call["id"], "content": seen.observation.text}]
+    last = seen.observation
+    facts = {"outcome": last.outcome, "verdict": last.verdict, "rewards": rewards, "tools": len(tools)}
+    return {"scene": scene, "seed": seed, "state": env.state().model_dump(), **facts}
+
+
+def main(server: str, model: str, budget: str, *pairs: str) -> None:
+    """Play all pairs in one session."""
+    with PhysmentEnv(base_url=server).sync() as env:
+        for pair in pairs:
+            scene, seed = map(int, pair.split(":"))
+            print(json.dumps(play(env, model, int(budget), scene, seed)), flush=True)
+
+
+main(*sys.argv[1:])

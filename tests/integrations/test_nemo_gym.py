@@ -1,0 +1,62 @@
+"""The real NeMo Gym serves the laboratory: the same calls, returns, outcome and grade as `physment-eval`."""
+
+import json
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+from tests.builders.paths import ROOT
+from tests.integrations.playing import Stand, check_same, grade_of, rehearsed, standing
+
+PROGRAM = Path(__file__).parent / "programs" / "nemo_gym_agent.py"
+SERVER = ROOT / "integrations" / "nemo_gym" / "resources_servers" / "physment"
+
+
+@pytest.fixture(scope="module")
+def stand(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stand]:
+    with standing("nemo_gym", tmp_path_factory.mktemp("nemo_gym")) as opened:
+        yield opened
+
+
+def dataset(stand: Stand, name: str, *words: object) -> Path:
+    """A dataset that its command writes."""
+    done = stand.run("python", "-m", "physment_nemo_gym.dataset", *words)
+    assert done.returncode == 0, done.stderr
+    file = stand.scratch / name
+    file.write_text(done.stdout, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(("budget", "reward"), [(20, 1.0), (5, 0.0)])
+def test_a_row_in_nemo_gym_has_the_same_calls_returns_outcome_and_grade_as_here(
+    stand: Stand, budget: int, reward: float
+) -> None:
+    rows = dataset(stand, f"rows{budget}.jsonl", "--scenes", "20,23", "--seeds", "3", "--budget", budget)
+    done = stand.run("python", PROGRAM, stand.model, rows)
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["pair"]["scene"] for one in said] == [20, 23], done.stderr[-2000:]
+    for one in said:
+        ours = rehearsed(one["pair"]["scene"], 3, budget)
+        check_same(stand.episodes()[one["pair"]["scene"], 3, budget], ours)
+        assert (one["reward"], one["outcome"], one["graded"]) == (reward, ours.outcome, grade_of(ours).graded)
+
+
+def test_the_fixture_tests_of_the_server_pass(stand: Stand) -> None:
+    done = stand.run("python", "-m", "pytest", "-q", "-p", "no:cacheprovider", SERVER / "tests")
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "3 passed" in done.stdout or done.stdout.startswith("...")
+
+
+def test_a_dataset_that_cannot_be_written_is_refused_in_one_sentence(stand: Stand) -> None:
+    for words, says in ((["--scenes", "x"], "write whole numbers"), (["--scenes", "9999"], "no scene 9999")):
+        done = stand.run("python", "-m", "physment_nemo_gym.dataset", *words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert says in done.stderr
+
+
+def test_another_version_of_nemo_gym_is_refused_in_one_sentence(stand: Stand) -> None:
+    code = "import importlib.metadata as m; m.version = lambda name: '0.5.0'; import physment_nemo_gym"
+    assert stand.run("python", "-c", code).stderr.splitlines()[-1] == (
+        "ImportError: physment-nemo-gym is tested with nemo-gym 0.4 and not with 0.5.0: pip install 'nemo-gym==0.4.*'"
+    )

@@ -1,0 +1,116 @@
+"""The real OpenEnv serves the laboratory: the same calls, returns, outcome and grade as `physment-eval`."""
+
+import contextlib
+import json
+import socket
+import subprocess
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.builders.paths import ROOT
+from tests.integrations.playing import Stand, check_same, grade_of, rehearsed, standing
+
+PROGRAM = Path(__file__).parent / "programs" / "openenv_agent.py"
+
+
+@dataclass(frozen=True)
+class Served:
+    """An OpenEnv server on a stand."""
+
+    stand: Stand
+    url: str
+
+    def played(self, budget: int, *pairs: str) -> list[dict[str, Any]]:
+        """What the program says of each episode."""
+        done = self.stand.run("python", PROGRAM, self.url, self.stand.model, budget, *pairs)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+@contextlib.contextmanager
+def serving_openenv(stand: Stand, **variables: str) -> Generator[str]:
+    url = f"http://127.0.0.1:{(port := free_port())}"
+    command = [str(stand.programs / "server"), "--port", str(port)]
+    with subprocess.Popen(command, cwd=stand.scratch, env=stand.environment() | variables) as process:
+        try:
+            while process.poll() is None:
+                with contextlib.suppress(httpx.TransportError):
+                    httpx.get(f"{url}/health").raise_for_status()
+                    break
+                time.sleep(0.1)
+            yield url
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Generator[Served]:
+    with standing("openenv", tmp_path_factory.mktemp("openenv")) as stand, serving_openenv(stand) as url:
+        yield Served(stand, url)
+
+
+def test_an_episode_in_openenv_has_the_same_calls_returns_outcome_and_grade_as_here(served: Served) -> None:
+    for said, scene, seed in zip(served.played(20, "20:3", "23:4"), (20, 23), (3, 4), strict=True):
+        ours = rehearsed(scene, seed)
+        check_same(served.stand.episodes()[scene, seed, 20], ours)
+        grade = grade_of(ours)
+        assert said["verdict"] == {"strict": grade.strict, "normalised": grade.normalised, "graded": grade.graded}
+        *before, last = said["rewards"]
+        assert (last, said["outcome"], said["tools"]) == (1.0, ours.outcome, 26)
+        assert set(before) == {None}
+        assert (said["state"]["step_count"], said["state"]["done"]) == (len(ours.turns), True)
+        assert "seed" not in said["state"]
+
+
+def test_the_last_action_of_the_budget_ends_the_episode(served: Served) -> None:
+    (said,) = served.played(4, "23:5")
+    check_same(served.stand.episodes()[23, 5, 4], rehearsed(23, 5, budget=4))
+    assert (said["rewards"], said["outcome"]) == ([None] * 4 + [0.0], "budget_exhausted")
+
+
+def test_openenv_finds_the_package_and_the_running_server_valid(served: Served) -> None:
+    for words in (["--url", served.url], [ROOT / "integrations" / "openenv", "--level", "static"]):
+        done = served.stand.run("openenv", "validate", *words)
+        assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "Verdict: PASS"), done.stdout
+
+
+def test_a_session_that_ends_early_leaves_no_episode_open(served: Served) -> None:
+    reset = httpx.post(f"{served.url}/reset", json={"seed": 1, "scene": 7})
+    assert reset.json()["observation"]["prompt"]
+    assert httpx.get(f"{served.stand.referee}/healthz").json()["episodes"] == 0
+
+
+def test_what_cannot_be_opened_or_done_is_said_in_one_sentence(served: Served) -> None:
+    code = """if True:
+        from physment_openenv import PhysmentAction, PhysmentEnv
+        with PhysmentEnv(base_url={url!r}).sync() as env:
+            for ask in (lambda: env.step(PhysmentAction(tool="step")), lambda: env.reset(scene=9999)):
+                try:
+                    ask()
+                except RuntimeError as error:
+                    print(error)
+    """
+    first, second = served.stand.run("python", "-c", code.format(url=served.url)).stdout.splitlines()
+    assert "no episode is open: reset first" in first
+    assert "no scene 9999" in second
+    with serving_openenv(served.stand, PHYSMENT_REFEREE_URL="http://127.0.0.1:9") as url:
+        (alone,) = served.stand.run("python", "-c", code.format(url=url)).stdout.splitlines()[1:]
+    assert "start `physment-eval referee`" in alone
+
+
+def test_another_version_of_openenv_is_refused_in_one_sentence(served: Served) -> None:
+    code = "import importlib.metadata as m; m.version = lambda name: '0.11.0'; import physment_openenv"
+    assert served.stand.run("python", "-c", code).stderr.splitlines()[-1] == (
+        "ImportError: physment-openenv is tested with openenv 0.10 and not with 0.11.0: pip install 'openenv==0.10.*'"
+    )
