@@ -23,7 +23,7 @@ STAMPS = {
     "evaluator/episode/loop.py": {"play_episode"},
     "evaluator/study/attempts.py": {"unplayed"},
     "evaluator/study/provenance.py": {"run_record"},
-    "evaluator/commands/run.py": {"_create_folder"},
+    "evaluator/commands/run.py": {"create_folder"},
     "evaluator/commands/play.py": {"_play"},
 }
 """Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder."""

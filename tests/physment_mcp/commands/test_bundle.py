@@ -89,7 +89,7 @@ def test_the_bundle_brings_the_dependencies_of_its_own_code(unpacked: Path) -> N
     brought = {
         requirement.split("=")[0].split("<")[0].split(">")[0] for requirement in project["project"]["dependencies"]
     }
-    brought |= {"mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
+    brought |= {"httpx2", "mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
     own = {"physment_mcp", "scenes"}
     imported: set[str] = set()
     for path in unpacked.rglob("*.py"):
