@@ -21,6 +21,7 @@ STAMPS = {
     "physment_mcp/serving/host.py": {"_create"},
     "evaluator/agents/external/agent.py": {"play"},
     "evaluator/episode/loop.py": {"play_episode"},
+    "evaluator/referee/episodes.py": {"_open_one"},
     "evaluator/study/attempts.py": {"unplayed"},
     "evaluator/study/provenance.py": {"run_record"},
     "evaluator/commands/run.py": {"create_folder"},
