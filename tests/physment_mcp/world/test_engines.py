@@ -1,4 +1,4 @@
-"""What `world/` asks of the engine holds on the installed version; `make engines` runs this file on the others too."""
+"""What `world/` asks of the engine holds on the installed version."""
 
 import mujoco
 import pytest
