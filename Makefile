@@ -9,6 +9,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Modules whose lines and branches the tests must cover completely, because results depend on them.
 CORE := physment_mcp/session.py,physment_mcp/tools/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/records.py,evaluator/episode/loop.py,evaluator/answers/grading.py,evaluator/answers/strict.py,evaluator/answers/forgiven.py,evaluator/scores/metrics.py,evaluator/scores/grouping.py,evaluator/scores/comparison.py,evaluator/scores/dimensions.py,evaluator/scores/scored_episode.py,evaluator/statistics/*
+# Processes that run the tests: more than processors, because many tests wait for programs that they start.
+WORKERS = $(shell $(BIN)/python -c 'import os; print(3 * (os.cpu_count() or 1) // 2 or 1)')
 # The interpreters that are tried, the newest first; `make setup PYTHON=python3.11` tries only that one.
 PYTHONS := $(or $(PYTHON),python3.13 python3.12 python3.11 python3 python)
 MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
@@ -55,7 +57,7 @@ check: $(STAMP) ## check layout (ruff format), rules (ruff check) and types (pyr
 
 # The second command is quiet and only decides; if it fails, the third prints the lines that are missing.
 test: $(STAMP) ## run the whole test suite, and require full coverage of the core modules
-	@$(BIN)/python -m pytest -n auto --dist worksteal --cov --cov-report=term
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 

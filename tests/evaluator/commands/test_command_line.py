@@ -225,6 +225,7 @@ def _start_and_stop(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # noqa: PLW1509 - ignored under nohup
     ) as process:
         assert process.stdout is not None
         for _ in range(after):
