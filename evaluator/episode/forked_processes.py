@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import AsyncGenerator
 from dataclasses import dataclass, field
-from typing import Self
+from typing import IO, Self
 
 from mcp import Client
 
@@ -36,6 +36,8 @@ class ForkedLaboratory:
     seed_of: SeedOf = seed_as_recorded
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
     _control: socket.socket | None = field(default=None, repr=False)
+    _told: IO[str] | None = field(default=None, repr=False)
+    """What the process that forks wrote to stderr, which is nothing unless it cannot load."""
 
     @property
     def toolboxes(self) -> None:
@@ -62,8 +64,10 @@ class ForkedLaboratory:
                     async with messages.client(self.timeout_s) as client:
                         yield client
             except Exception as error:
-                # If a call did not return, the last line that the server wrote says more than the client knows.
-                failure = server_failure(f"the server process of scene {scene} failed", error, errors)
+                # The last line that the server wrote says more than the client knows, or that of the process that
+                # should have forked it.
+                wrote = errors if errors.seek(0, os.SEEK_END) else self._told or errors
+                failure = server_failure(f"the server process of scene {scene} failed", error, wrote)
                 found = own_error(error, PermanentFailure, UsageError) or failure
                 raise without_seed(found, drawn, seed) from error
 
@@ -76,6 +80,7 @@ class ForkedLaboratory:
         if self._control is not None and self._process is not None and self._process.poll() is None:
             return self._control
         self._let_go()
+        self._told = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - see _let_go
         ours, theirs = socket.socketpair()
         with theirs:
             ours.setblocking(False)
@@ -84,7 +89,7 @@ class ForkedLaboratory:
                     [sys.executable, "-m", "physment_mcp", "fork-server", "--control-fd", str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
+                    stderr=self._told,
                     pass_fds=[theirs.fileno()],
                     # Forking is for processes of one thread.
                     env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
@@ -107,3 +112,6 @@ class ForkedLaboratory:
                 self._process.kill()
                 self._process.wait()
             self._process = None
+        if self._told is not None:
+            self._told.close()
+            self._told = None

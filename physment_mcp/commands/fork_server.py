@@ -24,12 +24,12 @@ from physment_mcp.errors import UsageError
 _LOADED = ("mcp.server.stdio", "physment_mcp.serving.frames", "physment_mcp.serving.server", "physment_mcp.session")
 """What an episode on stdio needs; the rest comes with it."""
 _LONGEST_LINE = 64_000
-"""[bytes]."""
-
+"""Longest first line that is read [bytes]."""
 _PATIENCE_S = 5
 """Wall time that forks get to end [s]."""
 
 Program = Callable[[Sequence[str]], int]
+"""Takes the words of a command line and returns an exit code."""
 
 
 def add(commands: Commands, program: Program) -> None:

@@ -95,3 +95,14 @@ async def test_a_folder_of_scenes_reaches_the_forks(tmp_path: Path) -> None:
         with pytest.raises(InfrastructureError, match="scene 7 failed"):
             async with laboratory.open(7, 0):
                 pass
+
+
+async def test_if_the_process_that_forks_cannot_load_its_last_words_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mujoco.py").write_text('raise ImportError("no engine here")', encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    async with connect("stdio", None) as laboratory:
+        with pytest.raises(InfrastructureError, match="scene 7 failed: ImportError: no engine here"):
+            async with laboratory.open(7, 0):
+                pass
