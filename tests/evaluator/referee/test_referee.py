@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncGenerator, Generator
+from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
@@ -40,17 +40,6 @@ RECORD = RunRecord(
 GIVE_UP = {"end": "budget_exhausted"}
 
 
-@pytest.fixture(scope="module")
-def host() -> Generator[str]:
-    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield json.loads(process.stdout.readline())["listening"]
-        finally:
-            process.terminate()
-
-
 class Trainer:
     """A trainer's side of a referee."""
 
@@ -68,8 +57,8 @@ class Trainer:
 
 
 @contextlib.asynccontextmanager
-async def refereeing(host: str, *, token: str | None = None, **options: Any) -> AsyncGenerator[Trainer]:
-    referee = Referee(HostLaboratory(host), KeyRing(), RECORD, **options)
+async def refereeing(host_url: str, *, token: str | None = None, **options: Any) -> AsyncGenerator[Trainer]:
+    referee = Referee(HostLaboratory(host_url), KeyRing(), RECORD, **options)
     served = app(referee, token)
     async with (
         served.router.lifespan_context(served),
@@ -94,10 +83,10 @@ def sentence(reply: httpx.Response) -> str:
     return body["error"]
 
 
-async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host: str, tmp_path: Path) -> None:
+async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host_url: str, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "run")
     folder.create(resume=False)
-    async with refereeing(host, folder=folder) as trainer:
+    async with refereeing(host_url, folder=folder) as trainer:
         opened = await trainer.open(scene=23, seed=5, budget=12)
         episode = await played_by_reference(opened, 23, 5)
         reply = (await trainer.reward(opened, {"iterations": len(episode.turns)})).json()
@@ -111,8 +100,8 @@ async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host: str, 
     assert reply["calls"] == len(exchanges_of(episode))
 
 
-async def test_a_reward_is_given_once(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_a_reward_is_given_once(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open()
         assert (await trainer.reward(opened, GIVE_UP)).json()["reward"] == 0.0
         again = await trainer.reward(opened, GIVE_UP)
@@ -122,8 +111,8 @@ async def test_a_reward_is_given_once(host: str) -> None:
     )
 
 
-async def test_an_unfinished_episode_has_no_reward_and_goes_on(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_an_unfinished_episode_has_no_reward_and_goes_on(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open()
         early = await trainer.reward(opened)
         assert (early.status_code, sentence(early).partition(":")[0]) == (409, "the episode is still running")
@@ -131,16 +120,16 @@ async def test_an_unfinished_episode_has_no_reward_and_goes_on(host: str) -> Non
         assert (await trainer.reward(opened)).json()["reward"] == 1.0
 
 
-async def test_an_episode_whose_calls_are_used_up_has_ended(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_an_episode_whose_calls_are_used_up_has_ended(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open(max_calls=1)
         await played_by_reference(opened, 7, 3)
         reply = (await trainer.reward(opened)).json()
     assert (reply["reward"], reply["outcome"]) == (0.0, "budget_exhausted")
 
 
-async def test_the_token_of_the_player_does_not_open_the_reward(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_the_token_of_the_player_does_not_open_the_reward(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open()
         for token in (opened["player_token"], "", "x"):
             refused = await trainer.reward(opened, GIVE_UP, token)
@@ -161,24 +150,26 @@ async def test_the_token_of_the_player_does_not_open_the_reward(host: str) -> No
         (f'{{"scene": 7, "prompting": "{"x" * 20_000}"}}', 413, "a request has at most 16000 bytes"),
     ],
 )
-async def test_what_cannot_be_opened_is_refused_in_one_sentence(host: str, body: str, status: int, says: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_what_cannot_be_opened_is_refused_in_one_sentence(
+    host_url: str, body: str, status: int, says: str
+) -> None:
+    async with refereeing(host_url) as trainer:
         refused = await trainer.http.post("/episodes", content=body)
         assert refused.status_code == status
         assert says in sentence(refused)
         assert trainer.referee.open_episodes == 0
 
 
-async def test_an_episode_that_never_was_is_refused_in_one_sentence(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_an_episode_that_never_was_is_refused_in_one_sentence(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         refused = await trainer.reward({"episode_id": "none", "owner_token": "none"})
     assert refused.status_code == 404
     assert "there is no such episode" in sentence(refused)
 
 
-async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host: str) -> None:
+async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host_url: str) -> None:
     key = KeyRing().key(7, 41_287).value
-    async with refereeing(host) as trainer:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open(seed=41_287)
         assert set(opened) == {"episode_id", "owner_token", "mcp_url", "player_token", "prompt", "budget", "tools"}
         assert "41287" not in json.dumps(opened)
@@ -188,8 +179,8 @@ async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host: str)
     assert str(key)[:6] not in rewarded.text
 
 
-async def test_no_more_episodes_are_open_than_allowed(host: str) -> None:
-    async with refereeing(host, max_episodes=1) as trainer:
+async def test_no_more_episodes_are_open_than_allowed(host_url: str) -> None:
+    async with refereeing(host_url, max_episodes=1) as trainer:
         opened = await trainer.open()
         full = await trainer.http.post("/episodes", json={"scene": 7})
         assert (full.status_code, sentence(full)[:15]) == (429, "1 episodes are ")
@@ -199,8 +190,8 @@ async def test_no_more_episodes_are_open_than_allowed(host: str) -> None:
         await trainer.open()
 
 
-async def test_an_episode_that_nobody_asked_about_is_closed_here_and_on_the_host(host: str) -> None:
-    async with refereeing(host) as trainer, httpx2.AsyncClient(base_url=host) as http:
+async def test_an_episode_that_nobody_asked_about_is_closed_here_and_on_the_host(host_url: str) -> None:
+    async with refereeing(host_url) as trainer, httpx2.AsyncClient(base_url=host_url) as http:
         opened = await trainer.open()
         before = (await http.get("/healthz")).json()["episodes"]
         await trainer.referee.sweep()
@@ -211,11 +202,11 @@ async def test_an_episode_that_nobody_asked_about_is_closed_here_and_on_the_host
         assert (await trainer.reward(opened, GIVE_UP)).status_code == 404
 
 
-async def test_an_episode_that_its_host_lost_is_not_the_agents_fault(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_an_episode_that_its_host_lost_is_not_the_agents_fault(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         opened = await trainer.open()
         watched = trainer.referee._open[opened["episode_id"]].watched
-        async with httpx2.AsyncClient(base_url=host) as http:
+        async with httpx2.AsyncClient(base_url=host_url) as http:
             owner = {"Authorization": f"Bearer {watched._owner_token}"}
             assert (await http.delete(watched._path, headers=owner)).status_code == 204
         lost = await trainer.reward(opened, GIVE_UP)
@@ -223,14 +214,14 @@ async def test_an_episode_that_its_host_lost_is_not_the_agents_fault(host: str) 
     assert "says nothing about the agent" in sentence(lost)
 
 
-async def test_without_a_token_web_pages_and_other_machines_are_refused(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_without_a_token_web_pages_and_other_machines_are_refused(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         for headers in ({"Origin": "http://127.0.0.1"}, {"Host": "lab.example"}):
             assert (await trainer.http.get("/healthz", headers=headers)).status_code == 403
 
 
-async def test_a_referee_with_a_token_opens_and_checks_only_with_it(host: str) -> None:
-    async with refereeing(host, token="ours") as trainer:
+async def test_a_referee_with_a_token_opens_and_checks_only_with_it(host_url: str) -> None:
+    async with refereeing(host_url, token="ours") as trainer:
         for path in ("/episodes", "/checks"):
             for headers in ({}, {"Authorization": "Bearer theirs"}):
                 refused = await trainer.http.post(path, json={"scene": 7}, headers=headers)
@@ -239,15 +230,15 @@ async def test_a_referee_with_a_token_opens_and_checks_only_with_it(host: str) -
         assert (await trainer.http.post("/episodes", json={"scene": 7}, headers=right)).status_code == 201
 
 
-async def test_a_check_lets_the_reference_play(host: str) -> None:
-    async with refereeing(host) as trainer:
+async def test_a_check_lets_the_reference_play(host_url: str) -> None:
+    async with refereeing(host_url) as trainer:
         reply = await trainer.http.post("/checks", json={"scene": 23, "seed": 9})
         assert (reply.json()["reward"], reply.json()["outcome"]) == (1.0, "answered")
         assert trainer.referee.open_episodes == 0
 
 
-async def test_what_iterations_cost_is_taken_off_and_they_must_be_told(host: str) -> None:
-    async with refereeing(host, rule=RewardRule(per_iteration=0.125, per_call=0.25)) as trainer:
+async def test_what_iterations_cost_is_taken_off_and_they_must_be_told(host_url: str) -> None:
+    async with refereeing(host_url, rule=RewardRule(per_iteration=0.125, per_call=0.25)) as trainer:
         opened = await trainer.open()
         refused = await trainer.reward(opened, GIVE_UP)
         assert (refused.status_code, "how many" in sentence(refused)) == (400, True)
@@ -267,10 +258,10 @@ def test_the_graded_reward_is_the_share_of_right_parts() -> None:
         RewardRule().reward(unscored, 0, 0)
 
 
-async def test_graded_episodes_are_a_run_that_can_be_graded_again(host: str, tmp_path: Path) -> None:
+async def test_graded_episodes_are_a_run_that_can_be_graded_again(host_url: str, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "run")
     folder.create(resume=False)
-    async with refereeing(host, folder=folder) as trainer:
+    async with refereeing(host_url, folder=folder) as trainer:
         for _ in range(2):
             opened = await trainer.open()
             await played_by_reference(opened, 7, 3)
@@ -282,10 +273,10 @@ async def test_graded_episodes_are_a_run_that_can_be_graded_again(host: str, tmp
     assert (summary.overall.n_correct, summary.overall.n_scored) == (2, 3)
 
 
-async def test_episodes_that_are_graded_together_are_all_recorded(host: str, tmp_path: Path) -> None:
+async def test_episodes_that_are_graded_together_are_all_recorded(host_url: str, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "run")
     folder.create(resume=False)
-    async with refereeing(host, folder=folder) as trainer:
+    async with refereeing(host_url, folder=folder) as trainer:
         opened = [await trainer.open() for _ in range(4)]
         async with anyio.create_task_group() as tasks:
             for one in opened:
@@ -293,8 +284,8 @@ async def test_episodes_that_are_graded_together_are_all_recorded(host: str, tmp
     assert sorted(key.epoch for key in folder.episodes()) == [1, 2, 3, 4]
 
 
-def test_the_command_serves_until_it_is_ended_and_leaves_a_sealed_run(host: str, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluator", "referee", "--server", host, "--port", "0"]
+def test_the_command_serves_until_it_is_ended_and_leaves_a_sealed_run(host_url: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "evaluator", "referee", "--server", host_url, "--port", "0"]
     with subprocess.Popen(
         [*command, "--out", str(tmp_path / "run")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -1,9 +1,6 @@
 """A long step over HTTP: its progress is reported; a step that is cancelled, or whose client left, changes nothing."""
 
 import json
-import subprocess
-import sys
-from collections.abc import Generator
 from typing import Any
 
 import anyio
@@ -12,20 +9,8 @@ import pytest
 from mcp import Client
 
 
-@pytest.fixture(scope="module")
-def base() -> Generator[str]:
-    command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield json.loads(process.stdout.readline())["listening"]
-        finally:
-            process.terminate()
-            process.communicate(timeout=300)
-
-
-async def opened(base: str) -> str:
-    async with httpx.AsyncClient(base_url=base) as http:
+async def opened(host_url: str) -> str:
+    async with httpx.AsyncClient(base_url=host_url) as http:
         return (await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]
 
 
@@ -37,14 +22,14 @@ async def clock(client: Client) -> float:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_progress_is_seen_over_http(base: str, mode: Any) -> None:
+async def test_progress_is_seen_over_http(host_url: str, mode: Any) -> None:
     seen: list[tuple[float, float | None]] = []
 
     async def note(progress: float, total: float | None, message: str | None) -> None:
         seen.append((progress, total))
 
     with anyio.fail_after(120):
-        async with Client(await opened(base), mode=mode) as client:
+        async with Client(await opened(host_url), mode=mode) as client:
             result = await client.call_tool("step", {"duration": 20}, progress_callback=note)
             assert not result.is_error
     assert seen
@@ -53,9 +38,9 @@ async def test_progress_is_seen_over_http(base: str, mode: Any) -> None:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_step_cancelled_over_http_changes_nothing(base: str, mode: Any) -> None:
+async def test_a_step_cancelled_over_http_changes_nothing(host_url: str, mode: Any) -> None:
     with anyio.fail_after(120):
-        async with Client(await opened(base), mode=mode) as client:
+        async with Client(await opened(host_url), mode=mode) as client:
             await client.call_tool("step", {"duration": 0.5})
             async with anyio.create_task_group() as tasks:
 
@@ -72,9 +57,9 @@ async def test_a_step_cancelled_over_http_changes_nothing(base: str, mode: Any) 
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-async def test_a_client_that_disconnects_during_a_step_can_reconnect(base: str, mode: Any) -> None:
+async def test_a_client_that_disconnects_during_a_step_can_reconnect(host_url: str, mode: Any) -> None:
     with anyio.fail_after(120):
-        url = await opened(base)
+        url = await opened(host_url)
         async with anyio.create_task_group() as tasks:
 
             async def leave(progress: float, total: float | None, message: str | None) -> None:
