@@ -6,7 +6,6 @@ import json
 import os
 import secrets
 import shlex
-import socket
 import ssl
 import subprocess
 import sys
@@ -27,7 +26,7 @@ from evaluator.episode.broken_connection import first_error, own_error, server_f
 from evaluator.episode.forked_processes import ForkedLaboratory
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
-from evaluator.episode.passed_sockets import AVAILABLE
+from evaluator.episode.passed_sockets import AVAILABLE, Control
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 from evaluator.seed_key import SeedOf, seed_as_recorded
@@ -205,13 +204,14 @@ class LocalHost:
     """A host process of our own, which runs as long as the context is open."""
 
     scenes_dir: Path | None = None
-    max_episodes: int = 1000
+    max_episodes: int = 100_000
+    """How many may be open. Only we open episodes on it, so the concurrency of the run is the limit."""
     token: str | None = field(default=None, repr=False)
     """Required to open episodes; None if anybody on this machine may open them."""
     observations: str = TEXT
     """`text`, or `rgb` for results with pictures."""
     _process: subprocess.Popen[str] | None = None
-    _control: socket.socket | None = None
+    _control: Control | None = None
     _errors: IO[str] | None = field(default=None)
 
     async def __aenter__(self) -> HostLaboratory:

@@ -17,7 +17,7 @@ from typing import IO, Self
 from mcp import Client
 
 from evaluator.episode.broken_connection import own_error, server_failure, without_seed
-from evaluator.episode.passed_sockets import passed
+from evaluator.episode.passed_sockets import Control, passed
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.seed_key import SeedOf, seed_as_recorded
 
@@ -35,7 +35,7 @@ class ForkedLaboratory:
     """Longest wall time of a call [s]."""
     seed_of: SeedOf = seed_as_recorded
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
-    _control: socket.socket | None = field(default=None, repr=False)
+    _control: Control | None = field(default=None, repr=False)
     _told: IO[str] | None = field(default=None, repr=False)
     """What the process that forks wrote to stderr, which is nothing unless it cannot load."""
 
@@ -71,7 +71,7 @@ class ForkedLaboratory:
                 found = own_error(error, PermanentFailure, UsageError) or failure
                 raise without_seed(found, drawn, seed) from error
 
-    def _running(self) -> socket.socket:
+    def _running(self) -> Control:
         """The control socket of the process that forks. If it has died, another one is started; its forks live on.
 
         Raises:
@@ -98,8 +98,8 @@ class ForkedLaboratory:
             except BaseException:
                 ours.close()
                 raise
-        self._control = ours
-        return ours
+        self._control = Control(ours)
+        return self._control
 
     def _let_go(self) -> None:
         if self._control is not None:

@@ -7,12 +7,12 @@ import sys
 from collections.abc import Sequence
 from typing import IO
 
-from evaluator.episode.passed_sockets import AVAILABLE
+from evaluator.episode.passed_sockets import AVAILABLE, Control
 
 
 def start_host(
     options: Sequence[str], token: str | None, errors: IO[str]
-) -> tuple[subprocess.Popen[str], socket.socket | None]:
+) -> tuple[subprocess.Popen[str], Control | None]:
     """Start a host on a free port, whose address it prints as its first line.
 
     Args:
@@ -35,7 +35,7 @@ def start_host(
         ours.setblocking(False)
         with theirs:
             command += ["--control-fd", str(theirs.fileno())]
-            return _started(command, [theirs.fileno()], token, errors), ours
+            return _started(command, [theirs.fileno()], token, errors), Control(ours)
     except BaseException:
         ours.close()
         raise

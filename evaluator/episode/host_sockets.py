@@ -7,7 +7,6 @@ to it, all lines are MCP messages. An episode is closed with its socket.
 
 import contextlib
 import json
-import socket
 from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import anyio
 from mcp import Client
 
-from evaluator.episode.passed_sockets import Messages, passed
+from evaluator.episode.passed_sockets import Control, Messages, passed
 from evaluator.errors import InfrastructureError
 
 _OPEN_S = 60.0
@@ -26,7 +25,7 @@ _OPEN_S = 60.0
 class HostSockets:
     """Opens episodes through the control socket of a host."""
 
-    control: socket.socket
+    control: Control
 
     @contextlib.asynccontextmanager
     async def episode(self, wanted: dict[str, int], timeout_s: float) -> AsyncGenerator[Client]:

@@ -4,8 +4,8 @@ import asyncio
 import contextlib
 import json
 import socket
-from collections.abc import AsyncGenerator
-from dataclasses import dataclass
+from collections.abc import AsyncGenerator, Sequence
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
@@ -21,6 +21,34 @@ _MAX_LINE = 64 * 2**20
 """Longest accepted line [bytes]: results may hold pictures."""
 _CLOSE_S = 5.0
 """Longest wall time for the other process to let go of an episode [s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Control:
+    """Our end of the socket through which sockets are passed to a process. It is closed by whoever made it."""
+
+    socket: socket.socket
+    """It does not block."""
+    _turn: anyio.Lock = field(default_factory=anyio.Lock)
+
+    async def send(self, descriptors: Sequence[int]) -> None:
+        """Pass sockets and files; waits while the process has not taken earlier ones.
+
+        Raises:
+            OSError: The process is gone, or too many files are open.
+        """
+        async with self._turn:  # only one task may wait for a socket
+            while True:
+                try:
+                    socket.send_fds(self.socket, [b"\n"], descriptors)
+                except BlockingIOError:
+                    await anyio.wait_writable(self.socket)
+                else:
+                    return
+
+    def close(self) -> None:
+        """Close it, which tells the process that no more will come."""
+        self.socket.close()
 
 
 @dataclass(slots=True, eq=False)
@@ -93,11 +121,11 @@ class Messages:
 
 
 @contextlib.asynccontextmanager
-async def passed(control: socket.socket, *more: int) -> AsyncGenerator[Messages]:
+async def passed(control: Control, *more: int) -> AsyncGenerator[Messages]:
     """A new connection to the process at the other end of a control socket, which is closed afterwards.
 
     Args:
-        control: Our end, which does not block.
+        control: Our end of the socket that reaches it.
         more: Descriptors that are sent along.
 
     Raises:
@@ -106,7 +134,7 @@ async def passed(control: socket.socket, *more: int) -> AsyncGenerator[Messages]
     ours, theirs = socket.socketpair()
     try:
         with theirs:
-            await _send(control, [theirs.fileno(), *more])
+            await control.send([theirs.fileno(), *more])
         reader, writer = await asyncio.open_connection(sock=ours, limit=_MAX_LINE)
     except BaseException:
         ours.close()
@@ -121,13 +149,3 @@ async def passed(control: socket.socket, *more: int) -> AsyncGenerator[Messages]
             while await reader.read(_MAX_LINE):
                 pass
         writer.close()
-
-
-async def _send(control: socket.socket, descriptors: list[int]) -> None:
-    while True:
-        try:
-            socket.send_fds(control, [b"\n"], descriptors)
-        except BlockingIOError:
-            await anyio.wait_writable(control)
-        else:
-            return

@@ -1,35 +1,37 @@
-"""Many concurrent conversations on one host: wall time relative to the ideal, and processor time per turn.
+"""Many conversations at a time on one machine: wall time relative to the ideal, and processor time per turn.
 
 The agent simulates a model: it waits for a fixed time, then calls two tools, and answers in its last turn. The ideal is
-the sum of the waiting times. Run with: python tests/bench/many_episodes.py [EPISODES [TURNS [LATENCY_S]]]
+the sum of the waiting times. The whole command `physment-eval run` is timed, with its start and its records:
+python -m tests.bench.many_episodes [--episodes N] [--turns N] [--thinking S] [--workers N]
 """
 
+import argparse
+import os
 import resource
+import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import anyio
 
-from evaluator.commands.process import make_room
-from evaluator.episode.connect import LocalHost
-from evaluator.episode.contender import AgentContender
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey, Outcome, ToolCall, Versions
-from evaluator.run_record import Plan
+from evaluator.records import EpisodeKey, Outcome, ToolCall
 from evaluator.store import RunFolder
-from evaluator.study.attempts import LocalPlay
-from evaluator.study.runner import Runner
+
+ROOT = Path(__file__).parents[2]
+_TURNS, _THINKING = "BENCH_TURNS", "BENCH_THINKING_S"
+"""Environment variables that tell the agent, which other processes load by its name."""
 
 
 @dataclass(frozen=True)
 class Thinker:
-    """An agent that waits for `latency_s` before each turn."""
+    """An agent that waits for `thinking_s` before each turn."""
 
-    turns: int
-    latency_s: float
+    turns: int = field(default_factory=lambda: int(os.environ[_TURNS]))
+    thinking_s: float = field(default_factory=lambda: float(os.environ[_THINKING]))
     name: str = "thinker"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_Thinking":
@@ -46,7 +48,7 @@ class _Thinking:
     async def act(self, feedback: Feedback | None) -> Reply:
         """Wait, then call."""
         del feedback
-        await anyio.sleep(self.agent.latency_s)
+        await anyio.sleep(self.agent.thinking_s)
         self.taken += 1
         if self.taken == self.agent.turns:
             return Reply("Enough.", (ToolCall(tool="answer", arguments={"answer": 7.8}),))
@@ -54,28 +56,40 @@ class _Thinking:
         return Reply("On.", (step, ToolCall(tool="get_velocity", arguments={"object_id": "object_1"})))
 
 
-async def run(episodes: int, turns: int, latency_s: float) -> None:
+def command(episodes: int, turns: int, workers: int, out: Path) -> list[str]:
+    """The run that is timed."""
+    agent = f"{__spec__.name}:Thinker" if __spec__ else "tests.bench.many_episodes:Thinker"
+    words = [sys.executable, "-m", "evaluator", "run", "--server", "host", "--agent", agent, "--scenes", "7"]
+    words += ["--seeds", f"0-{episodes - 1}", "--budget", str(turns), "--concurrency", str(episodes)]
+    return [*words, "--workers", str(workers), "--out", str(out)]
+
+
+def main() -> None:
     """Play the episodes and print the times."""
-    agent = Thinker(turns, latency_s)
-    plan = Plan(scenes=(7,), agents=(agent.name,), seeds=tuple(range(episodes)), budgets=(turns,))
-    versions = Versions(physment="0", protocol="0", pack="0")
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--episodes", type=int, default=500, help="conversations, all at the same time (default: 500)")
+    parser.add_argument("--turns", type=int, default=20, choices=(5, 10, 15, 20), help="turns of each (default: 20)")
+    parser.add_argument("--thinking", type=float, default=2.0, help="wall time before each turn [s] (default: 2)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes that play (default: processors)")
+    options = parser.parse_args()
+    environment = {**os.environ, _TURNS: str(options.turns), _THINKING: str(options.thinking)}
     with tempfile.TemporaryDirectory() as scratch:
-        folder = RunFolder(Path(scratch))
-        async with LocalHost() as laboratory:
-            clock, busy = time.perf_counter(), time.process_time()
-            play = LocalPlay(laboratory, {agent.name: AgentContender(agent)}, lambda _scene: versions)
-            await Runner(play=play, folder=folder, concurrency=episodes).run(plan.matrix())
-            wall, busy = time.perf_counter() - clock, time.process_time() - busy
-        hosted = resource.getrusage(resource.RUSAGE_CHILDREN)
-        answered = sum(episode.outcome is Outcome.ANSWERED for episode in folder.episodes().values())
-    ideal, all_turns = turns * latency_s, episodes * turns
-    print(f"{answered} of {episodes} episodes answered, {turns} turns each, {latency_s:g} s of thinking per turn")
+        out = Path(scratch) / "run"
+        words, clock = command(options.episodes, options.turns, options.workers, out), time.perf_counter()
+        done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+        wall = time.perf_counter() - clock
+        if done.returncode not in (0, 1):  # 1: wrong answers, as here
+            sys.exit(done.stderr)
+        episodes = RunFolder(out).episodes().values()
+        answered = sum(episode.outcome is Outcome.ANSWERED for episode in episodes)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    ideal, all_turns = options.turns * options.thinking, options.episodes * options.turns
+    print(
+        f"{answered} of {options.episodes} episodes answered by {options.workers} processes, {options.turns} turns each"
+    )
     print(f"wall time {wall:.1f} s, ideal {ideal:.1f} s: {wall / ideal:.3f} ×")
-    print(f"processor time per turn: evaluator {busy / all_turns * 1e3:.2f} ms,", end=" ")
-    print(f"host {(hosted.ru_utime + hosted.ru_stime) / all_turns * 1e3:.2f} ms")
+    print(f"processor time per turn, all processes: {(used.ru_utime + used.ru_stime) / all_turns * 1e3:.2f} ms")
 
 
 if __name__ == "__main__":
-    make_room()  # as `physment-eval` does
-    words = dict(enumerate(sys.argv[1:]))
-    anyio.run(run, int(words.get(0, "500")), int(words.get(1, "20")), float(words.get(2, "2")))
+    main()

@@ -11,6 +11,7 @@ import pytest
 
 from evaluator.episode.connect import HostLaboratory, LocalHost
 from evaluator.episode.host_sockets import HostSockets
+from evaluator.episode.passed_sockets import Control, passed
 from evaluator.errors import InfrastructureError, UsageError
 
 
@@ -61,6 +62,32 @@ async def test_many_episodes_that_are_opened_at_once_all_get_their_socket() -> N
         assert times == [0.1] * 40
 
 
+async def test_openings_wait_for_a_process_that_takes_sockets_slowly() -> None:
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    theirs.setblocking(False)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)  # as little as the system allows
+    control, count, closed = Control(ours), 30, 0
+
+    async def open_one() -> None:
+        nonlocal closed
+        async with passed(control):
+            pass
+        closed += 1
+
+    with ours, theirs, anyio.fail_after(60):
+        async with anyio.create_task_group() as tasks:
+            for _ in range(count):
+                tasks.start_soon(open_one)
+            await anyio.wait_all_tasks_blocked()
+            assert closed == 0
+            for _ in range(count):
+                await anyio.wait_readable(theirs)
+                _, brought, _, _ = socket.recv_fds(theirs, 1, 1)
+                os.close(brought[0])
+    assert closed == count
+
+
 async def test_too_many_open_files_are_an_infrastructure_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def none_left() -> None:
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
@@ -69,7 +96,7 @@ async def test_too_many_open_files_are_an_infrastructure_error(monkeypatch: pyte
     with ours, theirs:
         monkeypatch.setattr(socket, "socketpair", none_left)
         with pytest.raises(InfrastructureError, match="cannot be reached: Too many open files"):
-            async with HostSockets(ours).episode({"scene": 7}, 1):
+            async with HostSockets(Control(ours)).episode({"scene": 7}, 1):
                 pytest.fail("there was no file")
 
 
