@@ -187,6 +187,13 @@ class Law(_PackModel):
     present: Expression = 1
     """Condition on the knobs: the law is left out where it is false."""
 
+    @model_validator(mode="after")
+    def _forces_alone_have_a_reaction(self) -> Self:
+        if self.reaction is not None and self.torque != (0, 0, 0):
+            msg = "`reaction` belongs to a force and not to a torque: write the torque as a law of its own"
+            raise ValueError(msg)
+        return self
+
 
 class Pack(_PackModel):
     """A whole `scene{N}.json`, public and private halves."""

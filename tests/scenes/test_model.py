@@ -105,6 +105,12 @@ def test_an_unknown_field_of_a_law_is_refused(packed: Any) -> None:
         read_pack(packed(laws=[{"on": "object_1", "reactions": "far"}]))
 
 
+def test_a_law_with_a_torque_has_no_reaction(packed: Any) -> None:
+    both = {"on": "object_1", "with": {"far": "object_2"}, "torque": ["0", "0", "1"], "reaction": "far"}
+    with pytest.raises(PackError, match=r"laws\.0.*`reaction` belongs to a force and not to a torque"):
+        read_pack(packed(laws=[both]))
+
+
 def test_an_apparatus_is_changed_by_values_and_by_elements_left_out() -> None:
     changed = ET.fromstring(
         changed_mjcf(XML, {"body[object_1]/inertial.mass": 5.5, "joint[rail].axis": (0, 1, 0)}, ("joint[stop]",))
