@@ -33,6 +33,7 @@ MAX_CREATED = 64
 _PUBLIC = Permissions(
     geom_type=True, geom_density=True, body_mass=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True
 )
+_UNLIMITED = LabLimits()
 
 
 class _Beginning(NamedTuple):
@@ -132,7 +133,7 @@ class Session:
     @property
     def limits(self) -> LabLimits:
         """The limits of the scene."""
-        return self.scene.public.limits or LabLimits()
+        return self.scene.public.limits or _UNLIMITED
 
     @property
     def calls_left(self) -> int | None:

@@ -114,7 +114,7 @@ def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
     except NotPossible as refusal:
         raise NotPossible(f"{item.object_id} cannot be given a velocity: {refusal}") from refusal
     # Joints may keep a part of the old velocity.
-    obtained = plain(session.world.twist(item.body).linear) if session.may_read(item, "velocity") else None
+    obtained = plain(session.world.velocity(item.body)) if session.may_read(item, "velocity") else None
     return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=item.object_id, velocity=obtained)
 
 

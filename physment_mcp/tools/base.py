@@ -137,4 +137,4 @@ def array(values: list[float]) -> Array:
 
 def plain(values: Array) -> list[float]:
     """A list of plain floats; -0.0 becomes 0.0."""
-    return [float(value) + 0.0 for value in values]
+    return [value + 0.0 for value in values.tolist()]

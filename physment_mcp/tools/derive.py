@@ -49,7 +49,7 @@ def _compute_force(session: Session, args: MassArguments) -> Force:
 
 def _get_kinetic_energy(session: Session, args: MassArguments) -> KineticEnergy:
     item = session.readable(args.object_id, "velocity")
-    energy = kinetic_energy(args.mass, session.world.twist(item.body).linear)
+    energy = kinetic_energy(args.mass, session.world.velocity(item.body))
     return KineticEnergy(sim_time=session.world.time, kinetic_energy=energy)
 
 
@@ -82,7 +82,7 @@ def _get_angular_momentum(session: Session, args: MassArguments) -> AngularMomen
 
 def _get_momentum(session: Session, args: MassArguments) -> Momentum:
     item = session.readable(args.object_id, "velocity")
-    x, y, z = plain(momentum(args.mass, session.world.twist(item.body).linear))
+    x, y, z = plain(momentum(args.mass, session.world.velocity(item.body)))
     return Momentum(sim_time=session.world.time, momentum=Components(x=x, y=y, z=z))
 
 

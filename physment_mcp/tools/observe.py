@@ -36,7 +36,7 @@ def _get_velocity(session: Session, args: ObjectArguments) -> Velocity:
     turn = session.world.turn(item.body) if session.may_read(item, "spin") else None
     return Velocity(
         sim_time=session.world.time,
-        velocity=plain(session.world.twist(item.body).linear),
+        velocity=plain(session.world.velocity(item.body)),
         angular_velocity=None if turn is None else turn.spin,
     )
 

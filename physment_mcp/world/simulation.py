@@ -53,6 +53,7 @@ class Simulation:
     def __init__(self, mjcf: str, timestep: float | None = None) -> None:
         start = kept(mjcf, timestep)
         self._spec, self._model, self._state = start.spec, model_of(start), start.state
+        self._timestep = float(self._model.opt.timestep)  # no edit changes it
         self._data = passive.data_of(self._model)
         self._is_live = self._is_settled = False
         self._before_step: _Instant | None = None
@@ -76,7 +77,7 @@ class Simulation:
     @property
     def timestep(self) -> float:
         """Time step [s]."""
-        return float(self._model.opt.timestep)
+        return self._timestep
 
     def whole_steps(self, duration: float) -> int:
         """The nearest whole number of time steps to a duration [s], at least one."""

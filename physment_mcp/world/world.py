@@ -57,13 +57,16 @@ class World(Simulation):
 
     def twist(self, body: str) -> Twist:
         """Spin, and velocity of the centre of mass, world axes."""
-        return self._read_twist(readings.twist(self._model, self._now(), self._id(body)), body, self._step_number)
-
-    def _read_twist(self, true: Twist, body: str, step: int) -> Twist:
+        true, step = readings.twist(self._model, self._now(), self._id(body)), self._step_number
         return Twist(
             self._readout.read("spin", true.angular, body, step),
             self._readout.read("velocity", true.linear, body, step),
         )
+
+    def velocity(self, body: str) -> Array:
+        """Velocity of the centre of mass (3,) [m/s], world axes."""
+        true = readings.twist(self._model, self._now(), self._id(body)).linear
+        return self._readout.read("velocity", true, body, self._step_number)
 
     def turn(self, body: str) -> HingeMotion | None:
         """Joint angle and joint speed of a body with exactly one hinge among its own joints; None for other bodies."""
@@ -86,9 +89,10 @@ class World(Simulation):
         earlier = passive.data_of(before) if before is not self._model else self._live()
         settle(before, earlier, state)
         step = self._step_number
-        old = self._read_twist(readings.twist(before, earlier, before.body(body).id), body, step - 1).linear
-        new = self._read_twist(readings.twist(self._model, self._now(), index), body, step).linear
-        return (new - old) / float(before.opt.timestep)
+        old = readings.twist(before, earlier, before.body(body).id).linear
+        new = readings.twist(self._model, self._now(), index).linear
+        read = self._readout.read
+        return (read("velocity", new, body, step) - read("velocity", old, body, step - 1)) / self.timestep
 
     def mass(self, body: str) -> float:
         """Mass of the body alone, without its jointed children [kg]."""
