@@ -5,6 +5,7 @@ Importing this imports uvicorn, which takes half a second, and which episodes on
 
 import asyncio
 import contextlib
+import gc
 import json
 import logging
 import socket
@@ -75,6 +76,8 @@ def serve_passed(host: Host, source: socket.socket, ready: Callable[[], None]) -
 
 
 def _config(host: Host) -> uvicorn.Config:
+    gc.collect()
+    gc.freeze()  # a search for cycles in all modules takes 30 to 70 ms, for which every episode would wait
     workers = 1 if host.worker is None else host.worker.count
     most = (_CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS) // workers
     return uvicorn.Config(
