@@ -1,4 +1,4 @@
-"""Charts of how objects moved in an episode: position, velocity and energy against simulated time.
+"""Charts of how objects moved in an episode: position, angle, velocity and energy against simulated time.
 
 Only values that the agent read are plotted, at the times of its readings. Nothing is played again.
 """
@@ -13,17 +13,17 @@ from evaluator.scores.experiment_cost import is_number, lab_clock
 
 _AXES = ("x", "y", "z")
 _READINGS = {
-    "get_position": ("position", "position"),
-    "move_object": ("position", "position"),
-    "change_position": ("position", "new_position"),
-    "get_velocity": ("velocity", "velocity"),
-    "set_velocity": ("velocity", "velocity"),
-    "get_kinetic_energy": ("energy", "kinetic_energy"),
-    "get_potential_energy": ("energy", "potential_energy"),
-    "get_rotational_energy": ("energy", "rotational_energy"),
+    "get_position": (("position", "position"), ("angle", "angle")),
+    "move_object": (("position", "position"),),
+    "change_position": (("position", "new_position"),),
+    "get_velocity": (("velocity", "velocity"), ("angular velocity", "angular_velocity")),
+    "set_velocity": (("velocity", "velocity"),),
+    "get_kinetic_energy": (("energy", "kinetic_energy"),),
+    "get_potential_energy": (("energy", "potential_energy"),),
+    "get_rotational_energy": (("energy", "rotational_energy"),),
 }
-"""Tool → quantity and the field of its result."""
-_UNITS = {"position": "m", "velocity": "m/s", "energy": "J"}
+"""Tool → quantities, each with the field of its result."""
+_UNITS = {"position": "m", "angle": "rad", "velocity": "m/s", "angular velocity": "rad/s", "energy": "J"}
 _MOST = 6
 """Most charts of an episode; the objects read most often are chosen."""
 
@@ -80,17 +80,17 @@ def _readings(turns: Sequence[Turn]) -> Iterator[_Reading]:
             continue
         clock = lab_clock(exchange, clock)
         body = exchange.call.arguments.get("object_id")
-        if exchange.call.tool not in _READINGS or not isinstance(body, str | int):
+        if not isinstance(body, str | int):
             continue
-        quantity, field = _READINGS[exchange.call.tool]
         named = f"object_{body}" if str(body).isdecimal() else str(body)
-        for component, value in _components(field, content.get(field)):
-            yield _Reading(quantity, named[:40], component, clock, value)
+        for quantity, field in _READINGS.get(exchange.call.tool, ()):
+            for component, value in _components(field, content.get(field)):
+                yield _Reading(quantity, named[:40], component, clock, value)
 
 
 def _components(field: str, value: Any) -> Iterator[tuple[str, float]]:
     if is_number(value):
-        yield field.removesuffix("_energy"), float(value)
+        yield field.removesuffix("_energy").replace("_", " "), float(value)
     elif isinstance(value, list):
         parts: list[Any] = value  # pyright: ignore[reportUnknownVariableType] - JSON
         if len(parts) == len(_AXES) and all(is_number(part) for part in parts):

@@ -1,4 +1,4 @@
-"""One episode as the report shows it: a label, its reasoning in passages, its returns in lines. Knows no page."""
+"""One episode as the report shows it: a label, its reasoning in passages, its calls in rows. Knows no page."""
 
 import base64
 import json
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from evaluator.records import EpisodeKey, Exchange
-from evaluator.report.agent_results import AgentResults
+from evaluator.report.agent_results import AgentResults, Run
+from evaluator.report.call_rows import TurnCalls, calls_of
 from evaluator.report.charts import Chart
 from evaluator.report.motion import motion_charts
 from evaluator.scores.grounding import Assertion
@@ -36,15 +37,15 @@ class Entry:
     """Place in the report, from 1."""
     row: ScoredEpisode
     label: str
-    """Scene and seed, and budget and epoch if the report has several."""
+    """Scene and seed, or the number of a held-back variant, and budget and epoch if the report has several."""
     agent_index: int
     """Index of the agent's results in the report."""
     agent_label: str
     """Label of the agent's results."""
+    run: Run
+    """The run that it is from."""
     picture: str
     """The scene's start as a PNG in base64; empty if there is no picture."""
-    frames: str
-    """Address of the folder with the frames."""
     charts: Sequence[Chart]
     """Readings over time of the objects that moved."""
 
@@ -63,15 +64,38 @@ class Entry:
                 return max(1, number)
         return len(self.row.episode.turns)
 
-    def passages(self, turn: int) -> Iterator[Passage]:
-        """The reasoning of a turn, cut at the numbers that it states."""
-        text, end = self.row.episode.turns[turn].reasoning, 0
+    @property
+    def is_held_back(self) -> bool:
+        """Whether the seed of its key is the number of a variant, whose seed only a key tells."""
+        return bool(self.run.record.plan.held_back)
+
+    @property
+    def forked_turns(self) -> int:
+        """How many of its first turns are those of another episode."""
+        fork = self.row.episode.forked_from
+        return fork.turn if fork else 0
+
+    def calls(self) -> list[TurnCalls]:
+        """The calls of the shown turns."""
+        return calls_of(self.row.episode.turns[: self.shown_turns])
+
+    def thought(self, turn: int) -> Iterator[Passage]:
+        """What the provider shows of the model's own reasoning in a turn, cut at the numbers that it states."""
+        return self._passages(turn, 0, self.row.episode.turns[turn].thought_chars)
+
+    def reply(self, turn: int) -> Iterator[Passage]:
+        """What the agent said in a turn, cut at the numbers that it states."""
+        played = self.row.episode.turns[turn]
+        return self._passages(turn, played.thought_chars, len(played.reasoning))
+
+    def _passages(self, turn: int, begin: int, end: int) -> Iterator[Passage]:
+        text = self.row.episode.turns[turn].reasoning
         for assertion in self.row.grounding.assertions:
-            if assertion.turn == turn:
-                yield Passage(text[end : assertion.start])
+            if assertion.turn == turn and begin <= assertion.start < end:
+                yield Passage(text[begin : assertion.start])
                 yield Passage(text[assertion.start : assertion.end], assertion)
-                end = assertion.end
-        yield Passage(text[end:])
+                begin = assertion.end
+        yield Passage(text[begin:end])
 
 
 def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
@@ -83,11 +107,11 @@ def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
         yield Entry(
             number=number,
             row=row,
-            label=_label(row.key, varying),
+            label=_label(row.key, varying, "variant" if results[index].run.record.plan.held_back else "seed"),
             agent_index=index,
             agent_label=results[index].label,
+            run=results[index].run,
             picture=base64.b64encode(results[index].run.pictures.get(row.key.scene, b"")).decode(),
-            frames=results[index].run.frames,
             charts=motion_charts(row.episode.turns),
         )
 
@@ -96,8 +120,10 @@ def _order(key: EpisodeKey) -> tuple[int, ...]:
     return (key.scene, key.seed, key.budget, key.epoch)
 
 
-def _label(key: EpisodeKey, varying: Sequence[str]) -> str:
-    return ", ".join([f"Scene {key.scene}", f"seed {key.seed}", *(f"{name} {getattr(key, name)}" for name in varying)])
+def _label(key: EpisodeKey, varying: Sequence[str], seed: str) -> str:
+    return ", ".join(
+        [f"Scene {key.scene}", f"{seed} {key.seed}", *(f"{name} {getattr(key, name)}" for name in varying)]
+    )
 
 
 def _size(exchange: Exchange) -> int:

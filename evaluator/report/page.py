@@ -19,6 +19,7 @@ from evaluator.failures.findings import FailureMode
 from evaluator.records import Outcome
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults, Run, agent_results
+from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
@@ -247,4 +248,5 @@ _FILTERS: dict[str, Any] = {
     "laid_out": laid_out,
     "returned": returned,
     "calls_made": calls_made,
+    "is_long": is_long,
 }

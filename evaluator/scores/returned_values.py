@@ -1,48 +1,48 @@
 """The numbers that tool calls carry and return, with their units. Judges nothing."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 from evaluator.quantities.units import Unit, parse_unit
 from evaluator.records import Exchange
 
-_FIELD_UNITS = {
-    name: parse_unit(unit)
-    for name, unit in {
-        "sim_time": "s",
-        "position": "m",
-        "new_position": "m",
-        "displacement": "m",
-        "bounding_box": "m",
-        "center_of_mass": "m",
-        "contact_point": "m",
-        "velocity": "m/s",
-        "approach_speed": "m/s",
-        "force": "N",
-        "torque": "N*m",
-        "mass": "kg",
-        "density": "kg/m^3",
-        "kinetic_energy": "J",
-        "potential_energy": "J",
-        "rotational_energy": "J",
-        "momentum": "kg*m/s",
-        "angular_momentum": "kg*m^2/s",
-        "impulse": "N*s",
-        "orientation": "1",
-        "normal": "1",
-        "rotation_matrix": "1",
-        "angle": "rad",
-        "angular_velocity": "rad/s",
-        "steps": "1",
-        "lab_time_left": "s",
-        "calls_left": "1",
-    }.items()
+FIELD_UNITS: Mapping[str, str] = {
+    "sim_time": "s",
+    "position": "m",
+    "new_position": "m",
+    "displacement": "m",
+    "bounding_box": "m",
+    "center_of_mass": "m",
+    "contact_point": "m",
+    "velocity": "m/s",
+    "approach_speed": "m/s",
+    "force": "N",
+    "torque": "N·m",
+    "mass": "kg",
+    "density": "kg/m³",
+    "kinetic_energy": "J",
+    "potential_energy": "J",
+    "rotational_energy": "J",
+    "momentum": "kg·m/s",
+    "angular_momentum": "kg·m²/s",
+    "impulse": "N·s",
+    "orientation": "1",
+    "normal": "1",
+    "rotation_matrix": "1",
+    "angle": "rad",
+    "angular_velocity": "rad/s",
+    "steps": "1",
+    "lab_time_left": "s",
+    "calls_left": "1",
 }
 """Units of result fields, from the tools' contract. A field that is not listed matches a number in any unit."""
-_COMPONENT_UNITS = {"get_acceleration": parse_unit("m/s^2"), "compute_force": parse_unit("N")}
+COMPONENT_UNITS: Mapping[str, str] = {"get_acceleration": "m/s²", "compute_force": "N"}
 """Units of the tools that return bare `x`, `y` and `z`."""
+_FIELDS, _COMPONENTS = (
+    {name: parse_unit(unit) for name, unit in units.items()} for units in (FIELD_UNITS, COMPONENT_UNITS)
+)
 
 
 class ReturnedValue(NamedTuple):
@@ -65,7 +65,7 @@ def returned_values(exchange: Exchange, turn: int, position: int) -> Iterator[Re
         return
     for path, value in numbers_in(exchange.content):
         name = path.removeprefix("$.").partition(".")[0].partition("[")[0]
-        unit = _COMPONENT_UNITS.get(exchange.call.tool) if name in {"x", "y", "z"} else _FIELD_UNITS.get(name)
+        unit = _COMPONENTS.get(exchange.call.tool) if name in {"x", "y", "z"} else _FIELDS.get(name)
         yield ReturnedValue(value, unit, turn, position, path)
 
 

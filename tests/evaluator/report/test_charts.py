@@ -43,6 +43,21 @@ def test_if_returns_hold_no_time_the_durations_of_steps_are_added_up() -> None:
     assert [mark.x for mark in one.lines[0].marks] == pytest.approx([46.0, 148.5, 251.0])  # 246 px for 0.6 s
 
 
+def test_the_angle_of_a_hinge_and_its_speed_are_drawn() -> None:
+    def read(time: float, angle: float | None) -> list[Exchange]:
+        position = {"sim_time": time, "position": [0, 0, 1], "orientation": None, "angle": angle}
+        speed = {"sim_time": time, "velocity": [0, 0, 0], "angular_velocity": angle}
+        return [returned("get_position", position, object_id=1), returned("get_velocity", speed, object_id=1)]
+
+    found = charts(*read(0, 0.0), *read(1, 0.5))
+    assert [one.title.split(" against")[0] for one in found] == [
+        "object_1: angle [rad]",
+        "object_1: angular velocity [rad/s]",
+    ]
+    assert found[1].lines[0].name == "angular velocity"
+    assert charts(*read(0, None), *read(1, None)) == []
+
+
 def test_errors_and_malformed_returns_are_not_drawn() -> None:
     failed = refused("get_position", "no such", object_id=1)
     odd: list[list[Any]] = [[0, 0], ["a", "b", "c"], [0, 0, True], [1e300, 0, 0]]

@@ -45,7 +45,7 @@ class _Tags(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.seen.append((tag, dict(attrs)))
-        if tag not in {"meta", "input", "br"}:
+        if tag not in {"meta", "input", "br", "col"}:
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -150,9 +150,13 @@ def test_provenance_names_split_held_back_seeds_and_the_run_that_was_forked() ->
     assert "held back; numbers of variants 0, drawn with the key of commitment <code>c0ffee</code>" in text
     assert "episodes of &lt;b&gt;earlier&lt;/b&gt;, continued after turn 2; its seal is <code>abc</code>" in text
     assert "the first 2 turns are those of first" in text
+    assert "made by first" in text
+    assert "Scene 7, variant 0" in text
     usual = page(before)
     assert "<dt>Split</dt>" not in usual
     assert "<dt>Forked</dt>" not in usual
+    assert "made by" not in usual
+    assert "Scene 7, seed 0" in usual
 
 
 def test_an_episode_that_is_too_long_is_cut_and_says_so() -> None:
@@ -164,6 +168,23 @@ def test_an_episode_that_is_too_long_is_cut_and_says_so() -> None:
     assert "2 further iterations would make this page too long" in text
     whole = page(played(0, 20, turn("x" * 2_000_000 + " end")))
     assert " end" in whole, "the first iteration is always shown"
+
+
+def test_the_exact_text_of_every_call_can_be_unfolded_under_its_turn() -> None:
+    text = page(played(0, 5, turn("", look('{"velocity":[0.0,0.0,-7.848000000000001]}'))))
+    exact = text[text.index("<summary>exact texts</summary>") :]
+    assert "1. get_velocity {&#34;object_id&#34;: &#34;object_1&#34;}" in exact
+    assert "→ {&#34;velocity&#34;: [0.0, 0.0, -7.848000000000001]}" in exact
+    assert '<td>velocity</td><td>(0, 0, -7.848) <span class="soft">m/s</span></td>' in text
+
+
+def test_the_model_s_own_reasoning_is_folded_and_its_reply_is_not() -> None:
+    said = turn("First 1.5 m, then I look. It is 2.5 m.").model_copy(update={"thought_chars": 26})
+    text = page(played(0, 5, said))
+    assert re.search(
+        r"as the provider shows it: 26 characters</summary><p class=.said.>First .*1\.5 m.*look\. </p>", text
+    )
+    assert re.search(r"</details>\s*<p class=.said.>It is .*2\.5 m", text)
 
 
 def test_open_worlds_are_shown_apart_from_the_accuracy_of_the_suite() -> None:

@@ -1,0 +1,192 @@
+"""The calls of each turn as the rows of a table: when, which call on what, which quantity, its value with the unit.
+
+Values keep nine digits and times six. The exact texts are for the page to show beside the table.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, cast
+
+from evaluator.episode.player import ANSWER
+from evaluator.records import Exchange, Turn
+from evaluator.scores.experiment_cost import is_number, lab_clock
+from evaluator.scores.returned_values import COMPONENT_UNITS, FIELD_UNITS
+
+_LONG = 90
+"""Longest text of a cell that is not folded, in characters."""
+_ARGUMENTS: Mapping[str, tuple[str, str]] = {
+    "duration": ("", "s"),
+    "force_vector": ("", "N"),
+    "torque_vector": ("", "N·m"),
+    "velocity_vector": ("", "m/s"),
+    "pos": ("at", "m"),
+    "density": ("density", "kg/m³"),
+    "radius": ("radius", "m"),
+    "mass": ("with mass", "kg"),
+    "gravity": ("gravity", "m/s²"),
+    **{name: (name, "m") for name in ("x", "y", "z", "dx", "dy", "dz")},
+    "joint": ("by", ""),
+    "answer": ("", ""),
+    "q": ("", ""),
+}
+"""Argument → what stands before and after its value. Others stand with their names and without a unit."""
+_UNSHOWN = {"name", "rgba"}
+"""Arguments that stand among the ids, or say nothing about the physics."""
+_FOUND_UNITS = {"size": "m", "radius": "m"}
+"""Units of the fields of found objects that no result has."""
+_ASIDE = {"sim_time", "time", "status", "object_id", "name", "steps", "lab_time_left", "calls_left", "results", "rgba"}
+"""Fields that stand elsewhere, in another column or above the table, or say nothing about the physics."""
+
+
+class ShownValue(NamedTuple):
+    """One value that a call returned."""
+
+    name: str
+    value: str
+    unit: str
+    """Empty for a pure number and for text."""
+
+
+class CallRow(NamedTuple):
+    """One call with its return."""
+
+    number: int
+    """Place in its turn, from 1."""
+    exchange: Exchange
+    time: str
+    """Simulated time after the call [s]; empty if it is that of the row before."""
+    asked: str
+    """Object and arguments."""
+    quantities: Sequence[ShownValue]
+    said: str
+    """What was returned besides quantities: a status, or a sentence that says what was wrong."""
+
+
+class TurnCalls(NamedTuple):
+    """The calls of one turn."""
+
+    rows: Sequence[CallRow]
+    begin: float
+    """Simulated time before the first call [s]."""
+    end: float
+    """Simulated time after the last call [s]."""
+    left: str
+    """Which lab time and how many calls were left after its last step; empty if no call told it."""
+
+
+def is_long(text: str) -> bool:
+    """Whether a text is folded in a cell."""
+    return len(text) > _LONG
+
+
+def calls_of(turns: Sequence[Turn]) -> list[TurnCalls]:
+    """The calls of all turns of an episode, in order."""
+    found: list[TurnCalls] = []
+    clock, shown = 0.0, ""
+    for turn in turns:
+        begin, left = clock, ""
+        rows: list[CallRow] = []
+        for number, exchange in enumerate(turn.exchanges, start=1):
+            clock = lab_clock(exchange, clock) if exchange.returned else clock
+            time, left = f"{clock:.6g}", _left(exchange) or left
+            same = time == shown and bool(rows)
+            rows.append(CallRow(number, exchange, "" if same else time, _asked(exchange), *_returned(exchange)))
+            shown = time
+        found.append(TurnCalls(rows, begin, clock, left))
+    return found
+
+
+def _left(exchange: Exchange) -> str:
+    content = exchange.content or {}
+    time, calls = content.get("lab_time_left"), content.get("calls_left")
+    parts = [f"{time:.6g} s of lab time"] if is_number(time) else []
+    parts += [f"{calls} calls"] if is_number(calls) else []
+    return " and ".join(parts)
+
+
+def _asked(exchange: Exchange) -> str:
+    arguments = exchange.call.arguments
+    ids = [str(value) for name, value in arguments.items() if name.endswith("_id")]
+    named = [str(arguments["name"])] if "name" in arguments else []
+    parts: list[str] = []
+    for name, value in arguments.items():
+        if value is None or name in _UNSHOWN or name.endswith("_id"):
+            continue
+        before, unit = _ARGUMENTS.get(name, (name.replace("_", " "), ""))
+        parts.append(" ".join(filter(None, (before, _written(value, 7), unit))))
+    return ", ".join([*ids, *named, *parts])
+
+
+def _returned(exchange: Exchange) -> tuple[Sequence[ShownValue], str]:
+    """The quantities of a return, and what it said besides."""
+    if exchange.is_error or not exchange.returned or exchange.content is None:
+        return (), exchange.text
+    if exchange.call.tool == ANSWER:
+        return (), "taken down"
+    found = list(_quantities(exchange, exchange.content))
+    if found:
+        return found, ""
+    if is_number(exchange.content.get("steps")):
+        return (), f"{exchange.content['steps']} time steps"
+    status = exchange.content.get("status")
+    return (), status if isinstance(status, str) else "" if exchange.content.keys() <= _ASIDE else exchange.text
+
+
+def _quantities(exchange: Exchange, content: Mapping[str, Any]) -> Iterator[ShownValue]:
+    """The values of a result that are not, unchanged, what was asked for."""
+    if content.keys() >= {"x", "y", "z"}:
+        name = exchange.call.tool.removeprefix("get_").removeprefix("compute_")
+        vector = [content[axis] for axis in "xyz"]
+        yield ShownValue(name.replace("_", " "), _written(vector), COMPONENT_UNITS.get(exchange.call.tool, ""))
+    for name, value in content.items():
+        asked = exchange.call.arguments
+        echo = value in asked.values() if isinstance(value, list) else name in asked and value == asked[name]
+        if name not in _ASIDE and name not in {"x", "y", "z"} and value is not None and not echo:
+            yield from _read(name, value)
+
+
+def _read(name: str, value: Any) -> Iterator[ShownValue]:
+    """A field of a result; each object that a search revealed."""
+    if name == "revealed" and isinstance(value, list):
+        yield from _found(cast(list[Any], value))
+    else:
+        yield ShownValue(name.replace("_", " "), _written(value), _unit(name))
+
+
+def _found(objects: Sequence[Any]) -> Iterator[ShownValue]:
+    """The objects that a search revealed."""
+    if not objects:
+        yield ShownValue("found", "nothing", "")
+    for one in objects:
+        if not isinstance(one, dict):
+            yield ShownValue("found", _written(one), "")
+            continue
+        fields = cast(dict[str, Any], one)
+        parts = [
+            " ".join(filter(None, (name.replace("_", " "), _written(value), _unit(name))))
+            for name, value in fields.items()
+            if value is not None and name not in {"object_id", "name"}
+        ]
+        named = " ".join(str(fields[name]) for name in ("object_id", "name") if fields.get(name) is not None)
+        yield ShownValue(f"found {named}".strip(), ", ".join(parts), "")
+
+
+def _unit(name: str) -> str:
+    unit = FIELD_UNITS.get(name) or _FOUND_UNITS.get(name, "")
+    return "" if unit == "1" else unit
+
+
+def _written(value: Any, digits: int = 9) -> str:
+    """A value in short: numbers with so many digits, vectors and vectors by components in parentheses."""
+    if isinstance(value, float):
+        return f"{value:.{digits}g}"
+    if isinstance(value, dict) and value.keys() == {"x", "y", "z"}:
+        return _written(list(cast(dict[str, Any], value).values()), digits)
+    if isinstance(value, list):
+        items = cast(list[Any], value)
+        texts = [_written(item, digits) for item in items]
+        numeric = bool(items) and all(is_number(item) or isinstance(item, list) for item in items)
+        return f"({', '.join(texts)})" if numeric else ", ".join(texts) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
