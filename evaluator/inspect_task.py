@@ -1,7 +1,7 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 # pyright: reportUnknownParameterType=false, reportUnknownArgumentType=false, reportUntypedFunctionDecorator=false
-"""The suite as a task of Inspect AI: `inspect eval evaluator/inspect_task.py --model … -T scenes=7-20 -T budget=20`.
+"""The suite as a task of Inspect AI: `inspect eval evaluator/inspect_task.py --model … -T split=test -T budget=20`.
 
 Inspect provides the model, its limits and its log. The loop, the budget, the answer and the grade are those of
 `physment-eval`, so that an episode gets the same result. A turn of the model is an iteration.
@@ -34,8 +34,15 @@ from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.study.selection import SUITE, parse_numbers, parse_scenes
-from scenes import find_pack, pack_hash, read_pack
+from evaluator.study.selection import (
+    SUITE,
+    find_split,
+    parse_numbers,
+    parse_scenes,
+    scenes_in_split,
+    seeds_in_split,
+)
+from scenes import PackFiles, find_pack, pack_hash, read_pack
 
 EPISODE = "physment_episode"
 """Key of the episode record in the store of a sample."""
@@ -43,28 +50,32 @@ EPISODE = "physment_episode"
 
 @task
 def physment(
-    scenes: str | int | list[str | int] = SUITE,
-    seeds: str | int | list[str | int] = "0",
+    scenes: str | int | list[str | int] | None = None,
+    seeds: str | int | list[str | int] | None = None,
     budget: int = 20,
     prompting: str = "zero-shot",
     server: str = "stdio",
+    split: str | None = None,
 ) -> Task:
     """The suite, with native tool calls.
 
     Args:
         scenes: Ids, ranges, rungs and categories, as for `physment-eval --scenes`; by default all but open worlds.
-        seeds: Variants, as for `physment-eval --seeds`.
+        seeds: Variants, as for `physment-eval --seeds`; by default 0.
         budget: Iterations of an episode.
         prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
         server: As for `physment-eval --server`: `stdio`, the URL of a host, or a command.
+        split: Name of a split, among whose scenes and seeds `scenes` and `seeds` choose; by default all its scenes and
+            its first twenty seeds are played.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
     """
+    label, packs, numbers = _selected(split, _selection(scenes), _selection(seeds))
     keys = [
         EpisodeKey(scene=files.scene_id, seed=seed, agent="inspect", budget=budget, prompting=prompting)
-        for files in parse_scenes(_selection(scenes), None)
-        for seed in parse_numbers(_selection(seeds), "seeds", 0)
+        for files in packs
+        for seed in numbers
     ]
     return Task(
         dataset=[_sample(key) for key in keys],
@@ -72,13 +83,23 @@ def physment(
         scorer=laboratory_grade(),
         turn_limit=budget,
         version=version("physment-mcp"),
-        metadata={"budget": budget, "prompting": prompting},
+        metadata={"budget": budget, "prompting": prompting} | ({"split": label} if label else {}),
     )
 
 
-def _selection(value: str | int | list[str | int]) -> str:
+def _selection(value: str | int | list[str | int] | None) -> str | None:
     """A selection as it was typed: Inspect's command line turns parts of it into numbers and lists."""
+    if value is None:
+        return None
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _selected(name: str | None, scenes: str | None, seeds: str | None) -> tuple[str, list[PackFiles], tuple[int, ...]]:
+    """Name and version of the split, if there is one, with the packs and the seeds to be played."""
+    if name is None:
+        return "", parse_scenes(scenes or SUITE, None), parse_numbers(seeds or "0", "seeds", 0)
+    split = find_split(name)
+    return split.label, scenes_in_split(split, scenes, None), seeds_in_split(split, seeds)
 
 
 def _sample(key: EpisodeKey) -> Sample:

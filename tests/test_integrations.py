@@ -44,30 +44,43 @@ def test_the_shared_client_needs_the_standard_library_alone() -> None:
     assert {name for _, name in imported(FOLDER / "client")} <= sys.stdlib_module_names
 
 
-def test_pairs_are_every_scene_with_every_seed_or_the_lines_of_a_file(tmp_path: Path) -> None:
-    read_pairs = referee_client().read_pairs
-    assert list(read_pairs("7,9-10", "1-2")) == [(7, 1), (9, 1), (10, 1), (7, 2), (9, 2), (10, 2)]
+def test_variants_are_scenes_with_seeds_places_in_a_split_or_the_lines_of_a_file(tmp_path: Path) -> None:
+    read = referee_client().read_variants
+    pairs = [(variant["scene"], variant["seed"]) for variant in read("7,9-10", "1-2")]
+    assert pairs == [(7, 1), (9, 1), (10, 1), (7, 2), (9, 2), (10, 2)]
+    assert list(read("7")) == [{"scene": 7, "seed": 1}]
+    assert list(read(split="train", indices="3-4")) == [{"split": "train", "index": 3}, {"split": "train", "index": 4}]
+    assert list(read("7", split="train", random_seeds="5")) == [{"split": "train", "scene": 7, "random_seed": 5}]
+    assert list(read("7", "10000", split="train")) == [{"split": "train", "scene": 7, "seed": 10000}]
     file = tmp_path / "pairs.jsonl"
-    file.write_text('{"scene": 7, "seed": 3}\n{"scene": 8, "seed": 0, "split": "train"}\n', encoding="utf-8")
-    assert list(read_pairs(file=file)) == [(7, 3), (8, 0)]
+    file.write_text('{"scene": 7, "seed": 3, "note": 1}\n{"split": "test", "index": 0}\n', encoding="utf-8")
+    found = list(read(file=file))
+    assert found == [{"scene": 7, "seed": 3}, {"split": "test", "index": 0}]
+    assert list(map(referee_client().name_of, found)) == ["scene7-seed3", "test-index0"]
 
 
 @pytest.mark.parametrize(
-    ("scenes", "seeds", "content", "says"),
+    ("given", "content", "says"),
     [
-        ("", "1", None, "name scenes"),
-        ("7-", "1", None, "scenes '7-': write whole numbers"),
-        ("7", "9-1", None, "seeds '9-1': write whole numbers"),
-        ("", "", '{"scene": 7, "seed": 3}\n{"scene": 7}\n', "line 2: write"),
+        ({}, None, "name scenes"),
+        ({"split": "train"}, None, "name scenes"),
+        ({"scenes": "7-"}, None, "scenes '7-': write whole numbers"),
+        ({"scenes": "7", "seeds": "9-1"}, None, "seeds '9-1': write whole numbers"),
+        ({"indices": "0-9"}, None, "name a split with indices"),
+        ({"split": "train", "indices": "0", "random_seeds": "1"}, None, "name a split with indices"),
+        ({}, '{"scene": 7, "seed": 3}\n{"scene": 7}\n', "line 2: write"),
+        ({}, '{"split": "train"}\n', "line 1: write"),
+        ({}, '{"split": "train", "index": "0"}\n', "line 1: write"),
+        ({}, "[]\n", "line 1: write"),
     ],
 )
-def test_pairs_that_cannot_be_read_are_refused_in_one_sentence(
-    tmp_path: Path, scenes: str, seeds: str, content: str | None, says: str
+def test_variants_that_cannot_be_read_are_refused_in_one_sentence(
+    tmp_path: Path, given: dict[str, str], content: str | None, says: str
 ) -> None:
     file = tmp_path / "pairs.jsonl"
     file.write_text(content or "", encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(says)) as refused:
-        list(referee_client().read_pairs(scenes, seeds, file if content else None))
+        list(referee_client().read_variants(**given, file=file if content else None))
     assert len(str(refused.value).splitlines()) == 1
 
 

@@ -26,11 +26,14 @@ from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import LOOPBACK, app
 from evaluator.referee.rewards import RewardRule, Worth
 from evaluator.run_record import Plan
+from evaluator.seed_key import SeedKey, seed_as_recorded
 from evaluator.store import RunFolder
+from evaluator.study.held_back import read_seed_key
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.sealing import Sealing
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
+from scenes.splits import HELD_BACK
 
 _KEEP_ALIVE_S = 60
 """How long an idle connection is kept [s]."""
@@ -44,6 +47,7 @@ Open episodes for a trainer, and say after the end of each what it was worth. Th
   physment-eval referee --out runs/training          and keep every graded episode, for grade and report
 
   POST   /episodes {"scene": 7, "seed": 3}           opens one: mcp_url, player_token, prompt, tools, owner_token
+  POST   /episodes {"split": "train", "index": 12}   the same, by place in a split; or {"split": …, "random_seed": 5}
   POST   /episodes/ID/reward                         its reward, once, with the owner_token as bearer token
   POST   /episodes/ID/reward {"end": "budget_exhausted"}   the same, for an episode that ends without an answer
   DELETE /episodes/ID                                closes it without a reward
@@ -98,6 +102,13 @@ def add(commands: Commands) -> None:
         metavar="S",
         help="close an episode whose reward was not asked for within S s (3600)",
     )
+    command.add_argument(
+        "--seed-key",
+        type=Path,
+        metavar="FILE",
+        help=f"open variants of the split {HELD_BACK} alone: the key in FILE gives the seeds, a seed in a request then"
+        " numbers a variant, and neither replies nor records tell the seeds",
+    )
     command.add_argument("--out", type=Path, metavar="DIR", help="run folder for the graded episodes (default: none)")
     command.add_argument(
         "--name", default="trainer", metavar="NAME", help="who plays, in the records of --out (default %(default)s)"
@@ -107,8 +118,9 @@ def add(commands: Commands) -> None:
 def _referee(args: argparse.Namespace) -> int:
     packs = parse_scenes(None, args.scenes_dir)
     token = _token(args)
+    seed_key = read_seed_key(args.seed_key) if args.seed_key else None
     with _listening(args.host, args.port) as listener:
-        run_async(functools.partial(_serve, args, packs, token, listener))
+        run_async(functools.partial(_serve, args, packs, seed_key, token, listener))
     return 0
 
 
@@ -148,12 +160,19 @@ def _listening(address: str, number: int) -> socket.socket:
     return listener
 
 
-async def _serve(args: argparse.Namespace, packs: list[PackFiles], token: str | None, listener: socket.socket) -> None:
+async def _serve(
+    args: argparse.Namespace,
+    packs: list[PackFiles],
+    seed_key: SeedKey | None,
+    token: str | None,
+    listener: socket.socket,
+) -> None:
     """Serve until interrupted. Prints one line of JSON with the address."""
-    async with connect(args.server, args.scenes_dir) as host:
+    seed_of = seed_key.seed if seed_key else seed_as_recorded
+    async with connect(args.server, args.scenes_dir, seed_of=seed_of) as host:
         if not isinstance(host, HostLaboratory):
             raise UsageError(f"--server {args.server}: a referee needs a laboratory with an address: host, or a URL")
-        async with _refereeing(args, packs, host) as referee:
+        async with _refereeing(args, packs, seed_key, host) as referee:
             bound, chosen = listener.getsockname()[:2]
             shown = f"[{bound}]" if ":" in bound else bound
             print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)
@@ -171,7 +190,7 @@ async def _serve(args: argparse.Namespace, packs: list[PackFiles], token: str | 
 
 @contextlib.asynccontextmanager
 async def _refereeing(
-    args: argparse.Namespace, packs: list[PackFiles], host: HostLaboratory
+    args: argparse.Namespace, packs: list[PackFiles], seed_key: SeedKey | None, host: HostLaboratory
 ) -> AsyncGenerator[Referee]:
     """A referee, and at its end the record of the run and its seal.
 
@@ -179,7 +198,12 @@ async def _refereeing(
         UsageError: The host cannot be used.
         StoreError: The run folder cannot be used.
     """
-    plan = Plan(scenes=tuple(files.scene_id for files in packs), agents=(args.name,))
+    plan = Plan(
+        scenes=tuple(files.scene_id for files in packs),
+        agents=(args.name,),
+        split=HELD_BACK if seed_key else "",
+        held_back=seed_key.commitment if seed_key else "",
+    )
     try:
         async with host.open(packs[0].scene_id, 0) as client:
             server = await server_record(client, args.server)
@@ -188,7 +212,7 @@ async def _refereeing(
     rule = RewardRule(Worth(args.reward), args.cost_per_iteration, args.cost_per_call)
     referee = Referee(
         host,
-        KeyRing(args.scenes_dir),
+        KeyRing(args.scenes_dir, host.seed_of),
         run_record(plan, packs, server),
         rule,
         max_episodes=args.max_episodes,
@@ -208,7 +232,5 @@ async def _refereeing(
         finally:
             folder.write_run(referee.played_record())
             folder.write_seal(sealing.seal)
-            print(
-                f"{sealing.sentence()}\nrun folder: {folder.path}   to report: physment-eval grade {folder.path}",
-                file=sys.stderr,
-            )
+            again = f"physment-eval grade {folder.path}" + (f" --seed-key {args.seed_key}" if seed_key else "")
+            print(f"{sealing.sentence()}\nrun folder: {folder.path}   to report: {again}", file=sys.stderr)

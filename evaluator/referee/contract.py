@@ -13,12 +13,18 @@ MOST_CALLS = 10_000
 
 
 class WantedEpisode(BaseModel):
-    """Body of `POST /episodes`."""
+    """Body of `POST /episodes`: which variant, and how it is played. `variants` says what names a variant."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    scene: int = Field(ge=0)
-    seed: int = Field(default=0, ge=0)
+    scene: int | None = Field(default=None, ge=0)
+    seed: int | None = Field(default=None, ge=0)
+    split: str | None = Field(default=None, max_length=100)
+    """Name of a split, with or without its version, such as `train` or `train@1`."""
+    index: int | None = Field(default=None, ge=0)
+    """Place in the split."""
+    random_seed: int | None = None
+    """Draws a place in the split."""
     budget: int = Field(default=20, ge=1, le=1000)
     """Iterations that the opening prompt names. Whoever asks the model counts them."""
     max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
@@ -38,9 +44,23 @@ class EndedEpisode(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
+class Variant:
+    """A variant of a scene, and its place in the split that it was taken from."""
+
+    scene: int
+    seed: int
+    """As recorded: the number of the variant if its seed is held back."""
+    split: str = ""
+    """Name and version of the split, such as `train@1`; empty if none was named."""
+    index: int | None = None
+    """Its place in the split; None without one."""
+
+
+@dataclass(frozen=True, slots=True)
 class OpenedEpisode:
     """What a trainer gets."""
 
+    variant: Variant
     episode_id: str
     owner_token: str
     """Asks for the reward, and closes the episode. Never for the agent."""

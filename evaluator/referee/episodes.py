@@ -20,12 +20,14 @@ import anyio.to_thread
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
+from evaluator.episode.broken_connection import without_seed
 from evaluator.episode.connect import HostLaboratory
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome
-from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, WantedEpisode
+from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode
 from evaluator.referee.rewards import RewardRule
+from evaluator.referee.variants import variant_of
 from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record
 from evaluator.store import RunFolder
@@ -42,6 +44,7 @@ class _Watched:
     """An episode that is not graded yet."""
 
     key: EpisodeKey
+    split: str
     max_calls: int
     owner_token: str
     prompt: str
@@ -75,6 +78,8 @@ class Referee:
     """Id → owner token of episodes that have been graded, the latest ones."""
     _played: Counter[tuple[int, int, int, str]] = field(default_factory=Counter[tuple[int, int, int, str]])
     """How often each combination was recorded: equal episodes are told apart by their epoch."""
+    _splits: set[str] = field(default_factory=set[str])
+    """Splits of the recorded episodes."""
     _grading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(1))
     """One thread: a key may need a run of the engine, and a record is appended to a file."""
 
@@ -87,12 +92,13 @@ class Referee:
         """Open an episode on the host.
 
         Raises:
-            RefusedRequest: There is no such scene, it has no key for this seed, or too many episodes are open.
+            RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
             InfrastructureError: The host failed.
         """
         async with self._place():
             (agent,) = self.record.plan.agents
-            return await self._open_one(await self._key(wanted, agent), wanted.max_calls)
+            variant = self._variant(wanted)
+            return await self._open_one(variant, await self._key(variant, wanted, agent), wanted.max_calls)
 
     async def check(self, wanted: WantedEpisode) -> Reward:
         """Let the reference protocol of a scene play one episode, which is not recorded.
@@ -103,7 +109,8 @@ class Referee:
         """
         async with self._place():
             agent = ReferenceAgent(self.keys.folder)
-            key, versions = await self._key(wanted, agent.name), self.record.versions_of(wanted.scene)
+            key = await self._key(self._variant(wanted), wanted, agent.name)
+            versions = self.record.versions_of(key.scene)
             async with self.host.open(key.scene, key.seed) as client:
                 played = await play_episode(agent, client, key, versions, self.host.toolboxes)
             grade = (await self._in_thread(functools.partial(grade_record, played, self.keys))).grade
@@ -127,17 +134,19 @@ class Referee:
         finally:
             self._opening -= 1
 
-    async def _key(self, wanted: WantedEpisode, agent: str) -> EpisodeKey:
-        """Which episode is wanted. A scene without a key must be refused before it is played."""
-        try:
-            await self._in_thread(functools.partial(self.keys.key, wanted.scene, wanted.seed))
-        except UsageError as error:
-            raise RefusedRequest(404, str(error)) from error
-        return EpisodeKey(
-            scene=wanted.scene, seed=wanted.seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting
-        )
+    def _variant(self, wanted: WantedEpisode) -> Variant:
+        return variant_of(wanted, held_back=bool(self.record.plan.held_back))
 
-    async def _open_one(self, key: EpisodeKey, max_calls: int) -> OpenedEpisode:
+    async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
+        """Names the episode. A variant without a key must be refused before it is played."""
+        scene, seed = variant.scene, variant.seed
+        try:
+            await self._in_thread(functools.partial(self.keys.key, scene, seed))
+        except UsageError as error:
+            raise RefusedRequest(404, str(without_seed(error, self.host.seed_of(scene, seed), seed))) from error
+        return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
+
+    async def _open_one(self, variant: Variant, key: EpisodeKey, max_calls: int) -> OpenedEpisode:
         started_at = datetime.now(UTC).isoformat(timespec="milliseconds")
         async with AsyncExitStack() as stack:
             watched = await stack.enter_async_context(
@@ -148,6 +157,7 @@ class Referee:
         episode_id, owner_token = secrets.token_urlsafe(18), secrets.token_urlsafe(24)
         self._open[episode_id] = _Watched(
             key=key,
+            split=variant.split,
             max_calls=max_calls,
             owner_token=owner_token,
             prompt=briefing.prompt,
@@ -156,7 +166,7 @@ class Referee:
             opened_at=time.monotonic(),
             started_at=started_at,
         )
-        return OpenedEpisode(episode_id, owner_token, watched.mcp_url, watched.token, briefing)
+        return OpenedEpisode(variant, episode_id, owner_token, watched.mcp_url, watched.token, briefing)
 
     async def reward(self, episode_id: str, token: str, ended: EndedEpisode) -> Reward:
         """Grade an episode that has ended; it is answered once.
@@ -216,6 +226,7 @@ class Referee:
         if self.folder is not None:
             # Before anybody learns of it: no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
+            self._splits.add(episode.split)
         return Reward(self.rule.reward(grade, iterations, len(turns)), grade, outcome, len(turns))
 
     def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
@@ -264,7 +275,7 @@ class Referee:
 
     def played_record(self) -> RunRecord:
         """The record of the run, its plan being what was recorded."""
-        cells = sorted(self._played)
+        cells, splits = sorted(self._played), self._splits
         plan = self.record.plan.model_copy(
             update={
                 "scenes": tuple(sorted({scene for scene, *_ in cells})),
@@ -272,6 +283,8 @@ class Referee:
                 "budgets": tuple(sorted({budget for _, _, budget, _ in cells})),
                 "promptings": tuple(sorted({prompting for *_, prompting in cells})),
                 "epochs": max(self._played.values(), default=1),
+                # A run has one split or none. That of held-back seeds is in the plan from the start.
+                "split": self.record.plan.split or (next(iter(splits)) if len(splits) == 1 else ""),
             }
         )
         return self.record.model_copy(update={"plan": plan})

@@ -133,6 +133,9 @@ class _Answers:
             "owner_token": opened.owner_token,
             "mcp_url": opened.mcp_url,
             "player_token": opened.player_token,
+            "scene": opened.variant.scene,
+            "split": opened.variant.split or None,
+            "index": opened.variant.index,
             **_briefing(opened.briefing),
         }
         return JSONResponse(found, status_code=201)

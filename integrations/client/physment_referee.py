@@ -22,6 +22,11 @@ ANSWER = "answer"
 _MOST = 1_000_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
 
+_NUMBERS = ("scene", "seed", "index", "random_seed")
+"""What names a variant, besides the name of a split."""
+
+Variant = dict[str, Any]
+"""What a request says about the variant: of `scene`, `seed`, `split`, `index` and `random_seed` those that name it."""
 End = Literal["budget_exhausted", "agent_error"]
 """Why an episode ends without an answer."""
 
@@ -46,6 +51,11 @@ class OpenedEpisode:
     """Each with `name`, `description` and `input_schema`."""
     budget: int
     """Iterations that the prompt names."""
+    scene: int
+    split: str | None = None
+    """Name and version of the split that it was taken from, such as `train@1`."""
+    index: int | None = None
+    """Its place in the split: what a request may name to get the same variant again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +86,19 @@ class Referee:
         """The referee that `PHYSMENT_REFEREE_URL` and `PHYSMENT_REFEREE_TOKEN` name."""
         return cls(os.environ.get(URL_VARIABLE) or URL, os.environ.get(TOKEN_VARIABLE) or None)
 
-    def open(self, scene: int, seed: int = 0, **options: Any) -> OpenedEpisode:
+    def open(self, scene: int | None = None, seed: int | None = None, **options: Any) -> OpenedEpisode:
         """Open an episode.
 
         Args:
             scene: Id of the scene.
-            seed: Variant of the scene.
-            options: `budget`, `max_calls` and `prompting`, if other than the referee's defaults.
+            seed: Variant of the scene; 0 if neither it nor a split is named.
+            options: `split` with `index` or `random_seed` instead of a seed; `budget`, `max_calls` and `prompting`, if
+                other than the referee's defaults. None stands for the default.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
-        found = self._ask("POST", "/episodes", {"scene": scene, "seed": seed, **options}, self.token)
+        found = self._ask("POST", "/episodes", _given(scene=scene, seed=seed, **options), self.token)
         return OpenedEpisode(**found | {"tools": tuple(found["tools"])})
 
     def reward(self, episode_id: str, owner_token: str, *, iterations: int, end: End | None = None) -> Reward:
@@ -113,13 +124,18 @@ class Referee:
         """
         self._ask("DELETE", f"/episodes/{episode_id}", None, owner_token)
 
-    def check(self, scene: int, seed: int = 0) -> Reward:
+    def check(self, scene: int | None = None, seed: int | None = None, **options: Any) -> Reward:
         """What the scene's reference protocol gets, played on the same host.
+
+        Args:
+            scene: As for `open`.
+            seed: As for `open`.
+            options: As for `open`.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
-        return Reward(**self._ask("POST", "/checks", {"scene": scene, "seed": seed}, self.token))
+        return Reward(**self._ask("POST", "/checks", _given(scene=scene, seed=seed, **options), self.token))
 
     def _ask(self, method: str, path: str, body: Any, token: str | None) -> dict[str, Any]:
         if not self.url.startswith(("http://", "https://")):
@@ -146,33 +162,75 @@ def _sentence(error: urllib.error.HTTPError) -> str:
         return f"this is no PhysMent referee: it answered {error.code}"
 
 
-def read_pairs(scenes: str = "", seeds: str = "1", file: Path | None = None) -> Iterator[tuple[int, int]]:
-    """Pairs of a scene and a seed: of a file, or every scene with every seed.
+def _given(**values: Any) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def read_variants(
+    scenes: str = "",
+    seeds: str = "",
+    file: Path | None = None,
+    *,
+    split: str = "",
+    indices: str = "",
+    random_seeds: str = "",
+) -> Iterator[Variant]:
+    """Variants to ask a referee for, each as the arguments of `Referee.open`.
 
     Args:
         scenes: Ids and ranges such as `7,21-30`.
-        seeds: The same for seeds; all scenes come with the first seed before the second.
-        file: A line of JSON for each pair, such as `{"scene": 7, "seed": 3}`; then the others are not looked at.
+        seeds: The same for seeds (by default 1); all scenes come with the first seed before the second.
+        file: A line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; then nothing else is looked at.
+        split: Name of a split; its variants are named by one of the following, or by scenes and seeds.
+        indices: Places in the split, such as `0-99`.
+        random_seeds: Each draws a place in the split; with `scenes`, one of each scene.
 
     Raises:
         ValueError: Something of this cannot be read, in one sentence.
     """
-    if file is None:
-        if not scenes:
-            raise ValueError('name scenes, such as "7,21-30", or a file with a pair in each line')
-        chosen = _numbers(scenes, "scenes")
-        yield from ((scene, seed) for seed in _numbers(seeds, "seeds") for scene in chosen)
+    if file is not None:
+        yield from _in_file(file)
         return
+    chosen = [{"scene": scene} for scene in _numbers(scenes, "scenes")] if scenes else []
+    if indices or random_seeds:
+        if not split or (indices and (random_seeds or scenes)) or seeds:
+            raise ValueError('name a split with indices, or with random_seeds: split "train", indices "0-99"')
+        name, text = ("index", indices) if indices else ("random_seed", random_seeds)
+        parts = [{"split": split, **scene, name: number} for number in _numbers(text, name) for scene in chosen or [{}]]
+    elif chosen and (seeds or not split):
+        named = {"split": split} if split else {}
+        parts = [{**named, **scene, "seed": seed} for seed in _numbers(seeds or "1", "seeds") for scene in chosen]
+    else:
+        raise ValueError(
+            'name scenes, such as "7,21-30", a split with indices, such as "0-99", or a file with a line for each'
+        )
+    yield from parts
+
+
+def _in_file(file: Path) -> Iterator[Variant]:
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise ValueError(f"{file} cannot be read: {error.strerror}") from error
     for number, line in enumerate(lines, start=1):
         try:
-            pair = json.loads(line)
-            yield int(pair["scene"]), int(pair["seed"])
-        except (ValueError, LookupError, TypeError) as error:
-            raise ValueError(f'{file}, line {number}: write {{"scene": 7, "seed": 3}}, not {line[:80]!r}') from error
+            found = {name: value for name, value in json.loads(line).items() if name in _NUMBERS or name == "split"}
+        except (ValueError, AttributeError):
+            found = {}
+        numbers = {name: value for name, value in found.items() if name != "split"}
+        named = {"scene", "seed"} <= numbers.keys() or ("split" in found and numbers)
+        if not named or not all(type(value) is int for value in numbers.values()):
+            raise ValueError(
+                f'{file}, line {number}: write {{"scene": 7, "seed": 3}} or {{"split": "train", "index": 0}},'
+                f" not {line[:80]!r}"
+            )
+        yield found
+
+
+def name_of(variant: Variant) -> str:
+    """A short name of a variant that was asked for, such as `scene7-seed3` or `train-index0`."""
+    parts = [variant["split"]] if "split" in variant else []
+    return "-".join([*parts, *(f"{name}{variant[name]}" for name in _NUMBERS if name in variant)])
 
 
 def _numbers(text: str, what: str) -> list[int]:

@@ -33,5 +33,7 @@ class PhysmentState(State):
     """Where an episode is."""
 
     scene: int | None = None
+    split: str | None = None
+    index: int | None = None
     budget: int = 0
     done: bool = False

@@ -25,6 +25,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import ProcessLaboratory
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
+from evaluator.errors import UsageError
 from evaluator.inspect_task import EPISODE, physment
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from tests.builders.records import VERSIONS, call, episode_key
@@ -134,6 +135,18 @@ def test_a_sample_does_not_contain_the_key() -> None:
     (sample,) = physment(scenes="23").dataset
     assert not sample.target
     assert set(sample.metadata or {}) == {"key", "category", "problem_type"}
+
+
+def test_a_split_gives_scenes_and_seeds_and_an_unknown_one_is_refused() -> None:
+    task = physment(split="test-ideas", scenes="8,30", seeds="0-2")
+    keys = [EpisodeKey.model_validate((sample.metadata or {})["key"]) for sample in task.dataset]
+    assert [(key.scene, key.seed) for key in keys] == [(scene, seed) for scene in (8, 30) for seed in range(3)]
+    assert (task.metadata or {})["split"] == "test-ideas@1"
+    assert len(physment(split="validation", scenes=7).dataset) == 20
+    with pytest.raises(UsageError, match="there is no split 'tests'; the splits are train"):
+        physment(split="tests")
+    with pytest.raises(UsageError, match="come from a key that its publisher keeps"):
+        physment(split="held-back")
 
 
 def test_inspect_eval_plays_the_task_file(tmp_path: Path) -> None:

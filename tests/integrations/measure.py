@@ -44,7 +44,7 @@ def in_verifiers(stand: Stand, pairs: Pairs) -> list[float]:
 def in_openenv(stand: Stand, pairs: Pairs) -> list[float]:
     """The rewards in OpenEnv, in one session."""
     with serving_openenv(stand) as url:
-        named = [f"{scene}:{seed}" for scene, seed in pairs]
+        named = [json.dumps({"scene": scene, "seed": seed}) for scene, seed in pairs]
         done = stand.run("python", OPENENV, url, stand.model, BUDGET, *named)
     return [json.loads(line)["rewards"][-1] for line in done.stdout.splitlines()]
 

@@ -19,6 +19,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.records import Episode, Grade
 from evaluator.scores.scoring import grade_record
 from evaluator.store import RunFolder
+from scenes.splits import splits
 from tests.builders.paths import ROOT
 from tests.builders.records import VERSIONS, episode_key
 from tests.clients.playing import LABORATORY, Rehearsed, canonical, exchanges_of
@@ -98,6 +99,12 @@ def check_same(recorded: Episode, ours: Episode) -> None:
     assert list(map(canonical, exchanges_of(recorded))) == list(map(canonical, exchanges_of(ours)))
     assert (recorded.outcome, recorded.answer) == (ours.outcome, ours.answer)
     assert grade_of(recorded) == grade_of(ours)
+
+
+def place_of(scene: int, seed: int) -> int:
+    """The place of a variant in the split `train`."""
+    train = splits()["train"]
+    return train.scenes.index(scene) + len(train.scenes) * train.seeds.index(seed)
 
 
 def json_lines(file: Path) -> list[Mapping[str, Any]]:

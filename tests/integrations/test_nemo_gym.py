@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.builders.paths import ROOT
-from tests.integrations.playing import Stand, check_same, grade_of, rehearsed, standing
+from tests.integrations.playing import Stand, check_same, grade_of, place_of, rehearsed, standing
 
 PROGRAM = Path(__file__).parent / "programs" / "nemo_gym_agent.py"
 SERVER = ROOT / "integrations" / "nemo_gym" / "resources_servers" / "physment"
@@ -28,17 +28,23 @@ def dataset(stand: Stand, name: str, *words: object) -> Path:
     return file
 
 
-@pytest.mark.parametrize(("budget", "reward"), [(20, 1.0), (5, 0.0)])
+@pytest.mark.parametrize(
+    ("budget", "reward", "named"),
+    [
+        (20, 1.0, ["--scenes", "20,23", "--seeds", "10003"]),
+        (5, 0.0, ["--split", "train", "--indices", f"{place_of(20, 10_003)},{place_of(23, 10_003)}"]),
+    ],
+)
 def test_a_row_in_nemo_gym_has_the_same_calls_returns_outcome_and_grade_as_here(
-    stand: Stand, budget: int, reward: float
+    stand: Stand, budget: int, reward: float, named: list[str]
 ) -> None:
-    rows = dataset(stand, f"rows{budget}.jsonl", "--scenes", "20,23", "--seeds", "3", "--budget", budget)
+    rows = dataset(stand, f"rows{budget}.jsonl", *named, "--budget", budget)
     done = stand.run("python", PROGRAM, stand.model, rows)
     said = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [one["pair"]["scene"] for one in said] == [20, 23], done.stderr[-2000:]
-    for one in said:
-        ours = rehearsed(one["pair"]["scene"], 3, budget)
-        check_same(stand.episodes()[one["pair"]["scene"], 3, budget], ours)
+    assert len(said) == 2, done.stderr[-2000:]
+    for one, scene in zip(said, (20, 23), strict=True):
+        ours = rehearsed(scene, 10_003, budget)
+        check_same(stand.episodes()[scene, 10_003, budget], ours)
         assert (one["reward"], one["outcome"], one["graded"]) == (reward, ours.outcome, grade_of(ours).graded)
 
 
@@ -49,7 +55,11 @@ def test_the_fixture_tests_of_the_server_pass(stand: Stand) -> None:
 
 
 def test_a_dataset_that_cannot_be_written_is_refused_in_one_sentence(stand: Stand) -> None:
-    for words, says in ((["--scenes", "x"], "write whole numbers"), (["--scenes", "9999"], "no scene 9999")):
+    for words, says in (
+        (["--scenes", "x"], "write whole numbers"),
+        (["--scenes", "9999"], "no scene 9999"),
+        (["--split", "x", "--indices", "0"], "no split"),
+    ):
         done = stand.run("python", "-m", "physment_nemo_gym.dataset", *words)
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
         assert says in done.stderr

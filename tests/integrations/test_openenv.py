@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from tests.builders.paths import ROOT
-from tests.integrations.playing import Stand, check_same, grade_of, rehearsed, standing
+from tests.integrations.playing import Stand, check_same, grade_of, place_of, rehearsed, standing
 
 PROGRAM = Path(__file__).parent / "programs" / "openenv_agent.py"
 
@@ -26,9 +26,9 @@ class Served:
     stand: Stand
     url: str
 
-    def played(self, budget: int, *pairs: str) -> list[dict[str, Any]]:
+    def played(self, budget: int, *variants: dict[str, Any]) -> list[dict[str, Any]]:
         """What the program says of each episode."""
-        done = self.stand.run("python", PROGRAM, self.url, self.stand.model, budget, *pairs)
+        done = self.stand.run("python", PROGRAM, self.url, self.stand.model, budget, *map(json.dumps, variants))
         assert done.returncode == 0, done.stderr[-2000:]
         return [json.loads(line) for line in done.stdout.splitlines()]
 
@@ -61,7 +61,10 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Generator[Served]:
 
 
 def test_an_episode_in_openenv_has_the_same_calls_returns_outcome_and_grade_as_here(served: Served) -> None:
-    for said, scene, seed in zip(served.played(20, "20:3", "23:4"), (20, 23), (3, 4), strict=True):
+    place = place_of(23, 10_004)
+    told = served.played(20, {"scene": 20, "seed": 3}, {"split": "train", "index": place})
+    assert [(said["state"]["split"], said["state"]["index"]) for said in told] == [(None, None), ("train@1", place)]
+    for said, scene, seed in zip(told, (20, 23), (3, 10_004), strict=True):
         ours = rehearsed(scene, seed)
         check_same(served.stand.episodes()[scene, seed, 20], ours)
         grade = grade_of(ours)
@@ -74,7 +77,7 @@ def test_an_episode_in_openenv_has_the_same_calls_returns_outcome_and_grade_as_h
 
 
 def test_the_last_action_of_the_budget_ends_the_episode(served: Served) -> None:
-    (said,) = served.played(4, "23:5")
+    (said,) = served.played(4, {"scene": 23, "seed": 5})
     check_same(served.stand.episodes()[23, 5, 4], rehearsed(23, 5, budget=4))
     assert (said["rewards"], said["outcome"]) == ([None] * 4 + [0.0], "budget_exhausted")
 

@@ -12,7 +12,7 @@ from starlette.routing import Route
 
 from evaluator.records import Verdict
 from tests.clients.scripted_model import serving, streamed
-from tests.integrations.playing import Stand, check_same, grade_of, json_lines, rehearsed, standing
+from tests.integrations.playing import Stand, check_same, grade_of, json_lines, place_of, rehearsed, standing
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +34,17 @@ def evaluated(stand: Stand, name: str, *options: object, model: str | None = Non
 
 def test_an_episode_in_verifiers_has_the_same_calls_returns_outcome_and_grade_as_here(stand: Stand) -> None:
     pairs = stand.scratch / "pairs.jsonl"
-    pairs.write_text('{"scene": 20, "seed": 3}\n{"scene": 23, "seed": 4}\n', encoding="utf-8")
+    place = place_of(23, 10_004)
+    pairs.write_text(f'{{"scene": 20, "seed": 3}}\n{{"split": "train", "index": {place}}}\n', encoding="utf-8")
     traces = evaluated(stand, "solved", "--env.taskset.pairs", pairs)
-    assert {trace["task"]["key"] for trace in traces} == {"scene20-seed3", "scene23-seed4"}
+    keys = {trace["task"]["key"]: trace for trace in traces}
+    assert set(keys) == {"scene20-seed3", f"train-index{place}"}
+    assert keys[f"train-index{place}"]["info"]["physment"]["split"] == "train@1"
     for trace in traces:
-        data = trace["task"]["data"]
-        ours = rehearsed(data["scene"], data["seed"])
-        check_same(stand.episodes()[data["scene"], data["seed"], 20], ours)
+        scene = trace["info"]["physment"]["scene"]
+        seed = {20: 3, 23: 10_004}[scene]
+        ours = rehearsed(scene, seed)
+        check_same(stand.episodes()[scene, seed, 20], ours)
         assert trace["stop_condition"] == "answered"
         assert trace["rewards"]["laboratory"]["score"] == float(grade_of(ours).strict is Verdict.CORRECT) == 1.0
         assert trace["metrics"]["graded"] == grade_of(ours).graded

@@ -11,7 +11,7 @@ from openenv.core.env_server.interfaces import Environment
 from openenv.core.env_server.types import EnvironmentMetadata
 
 _FIRST_SCENE = 7
-"""The scene that is opened if none is named."""
+"""The scene that is opened if neither a scene nor a split is named."""
 
 
 class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, PhysmentState]):
@@ -31,29 +31,43 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         self,
         seed: int | None = None,
         episode_id: str | None = None,
-        scene: int = _FIRST_SCENE,
+        scene: int | None = None,
         budget: int = 20,
         prompting: str = "zero-shot",
+        split: str | None = None,
+        index: int | None = None,
+        random_seed: int | None = None,
         **_options: Any,
     ) -> PhysmentObservation:
         """Open an episode, and close the one before it.
 
         Args:
-            seed: Variant of the scene; None and 0 for the scene as written.
+            seed: Variant of the scene; without a split, None and 0 mean the scene as written.
             episode_id: A name for it; by default that of the referee.
             scene: Id of the scene.
             budget: Actions that the episode has.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
+            split: Name of a split, such as `train`, to take the variant from.
+            index: Place in the split.
+            random_seed: Draws a place in the split.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
         self.close()
-        opened = self._referee.open(scene, seed or 0, budget=budget, prompting=prompting)
+        place = {"split": split, "index": index, "random_seed": random_seed}
+        if scene is None and split is None:
+            scene = _FIRST_SCENE
+        opened = self._referee.open(scene, seed, budget=budget, prompting=prompting, **place)
         self._opened = opened
         self._laboratory = Laboratory(opened.mcp_url, opened.player_token)
         self._state = PhysmentState(
-            episode_id=episode_id or opened.episode_id, step_count=0, scene=scene, budget=opened.budget
+            episode_id=episode_id or opened.episode_id,
+            step_count=0,
+            scene=opened.scene,
+            split=opened.split,
+            index=opened.index,
+            budget=opened.budget,
         )
         return PhysmentObservation(
             prompt=opened.prompt, text=opened.prompt, tools=list(opened.tools), iterations_left=opened.budget

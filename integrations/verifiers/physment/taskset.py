@@ -4,10 +4,18 @@ import asyncio
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import verifiers.v1 as vf
-from physment_referee import TOKEN_VARIABLE, URL, URL_VARIABLE, OpenedEpisode, Referee, read_pairs
+from physment_referee import (
+    TOKEN_VARIABLE,
+    URL,
+    URL_VARIABLE,
+    OpenedEpisode,
+    Referee,
+    name_of,
+    read_variants,
+)
 from pydantic import Field
 from verifiers.v1.harnesses.null.harness import NullHarnessConfig
 
@@ -15,10 +23,18 @@ from physment.toolset import LaboratoryState, LaboratoryToolset
 
 
 class PhysmentData(vf.TaskData):
-    """Which episode."""
+    """Which episode: what the referee is asked for."""
 
-    scene: int
-    seed: int
+    scene: int | None = None
+    seed: int | None = None
+    split: str | None = None
+    index: int | None = None
+    random_seed: int | None = None
+
+    @property
+    def variant(self) -> dict[str, Any]:
+        """The variant, as the arguments of `Referee.open`."""
+        return self.model_dump(include={"scene", "seed", "split", "index", "random_seed"}, exclude_none=True)
 
 
 class PhysmentTaskConfig(vf.TaskConfig):
@@ -39,20 +55,21 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 
     @property
     def key(self) -> str:
-        """Names the pair: the same in every run."""
-        return f"scene{self.data.scene}-seed{self.data.seed}"
+        """Names the variant: the same in every run."""
+        return name_of(self.data.variant)
 
     async def setup(self, trace: vf.Trace) -> None:
         """Open the episode."""
         config = self.config
         opened = await asyncio.to_thread(
-            self._referee().open, self.data.scene, self.data.seed, budget=config.budget, prompting=config.prompting
+            self._referee().open, **self.data.variant, budget=config.budget, prompting=config.prompting
         )
         self._checked = opened
         state = trace.state
         state.episode_id, state.owner_token = opened.episode_id, opened.owner_token
         state.mcp_url, state.player_token = opened.mcp_url, opened.player_token
         state.prompt = opened.prompt
+        trace.info["physment"] = {"scene": opened.scene, "split": opened.split, "index": opened.index}
 
     @vf.stop
     async def answered(self, trace: vf.Trace) -> bool:
@@ -75,7 +92,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
             iterations=trace.num_turns,
             end="budget_exhausted",
         )
-        trace.info["physment"] = {"outcome": found.outcome, "strict": found.strict, "normalised": found.normalised}
+        trace.info["physment"] |= {"outcome": found.outcome, "strict": found.strict, "normalised": found.normalised}
         trace.record_metric("strict", float(found.strict == "correct"))
         trace.record_metric("graded", found.graded)
         trace.record_metric("calls", float(found.calls))
@@ -86,7 +103,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
         del runtime
         if self._checked is not None:
             await asyncio.to_thread(self._referee().close, self._checked.episode_id, self._checked.owner_token)
-        found = await asyncio.to_thread(self._referee().check, self.data.scene, self.data.seed)
+        found = await asyncio.to_thread(self._referee().check, **self.data.variant)
         return found.strict == "correct"
 
     def _referee(self) -> Referee:
@@ -96,18 +113,25 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 class PhysmentConfig(vf.TasksetConfig):
     """Which episodes: `--env.taskset.*`."""
 
-    scenes: str = "7"
-    """Ids and ranges such as `7,21-30`."""
-    seeds: str = "1"
-    """Ids and ranges of seeds; every scene comes with each."""
+    scenes: str = ""
+    """Ids and ranges such as `7,21-30`; 7 if nothing names a variant."""
+    seeds: str = ""
+    """Ids and ranges of seeds (1); every scene comes with each."""
+    split: str = ""
+    """A split, such as `train`, whose variants the following name."""
+    indices: str = ""
+    """Places in the split, such as `0-99`."""
+    random_seeds: str = ""
+    """Numbers such as `1-100`, each of which draws a place in the split."""
     pairs: Path | None = None
-    """A file with a line such as {"scene": 7, "seed": 3} for each episode, instead of both."""
+    """A file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each episode, instead of
+    all these."""
     tools: vf.SharedToolsetConfig = vf.SharedToolsetConfig()
     task: PhysmentTaskConfig = PhysmentTaskConfig()
 
 
 class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
-    """Pairs of a scene and a seed."""
+    """Variants: pairs of a scene and a seed, or places in a split."""
 
     @classmethod
     def toolsets(cls, config: PhysmentConfig) -> list[vf.Toolset]:
@@ -116,9 +140,17 @@ class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
 
     def load(self) -> Iterator[PhysmentTask]:
         """The tasks. The laboratory writes their prompts when they are set up."""
-        for scene, seed in read_pairs(self.config.scenes, self.config.seeds, self.config.pairs):
-            data = PhysmentData(name=f"scene{scene}-seed{seed}", prompt=None, scene=scene, seed=seed)
-            yield PhysmentTask(data, self.config.task)
+        config = self.config
+        named = read_variants(
+            config.scenes or ("" if config.split else "7"),
+            config.seeds,
+            config.pairs,
+            split=config.split,
+            indices=config.indices,
+            random_seeds=config.random_seeds,
+        )
+        for variant in named:
+            yield PhysmentTask(PhysmentData(name=name_of(variant), prompt=None, **variant), config.task)
 
 
 class PhysmentEnvConfig(vf.EnvConfig):

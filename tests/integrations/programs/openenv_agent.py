@@ -1,6 +1,6 @@
 """Plays episodes on an OpenEnv server with a model over the wire, in the environment of OpenEnv.
 
-openenv_agent.py SERVER MODEL BUDGET SCENE:SEED...    prints a line of JSON for each episode
+openenv_agent.py SERVER MODEL BUDGET VARIANT...    prints a line of JSON for each episode; a variant is one, too
 """
 
 import json
@@ -26,9 +26,9 @@ def next_call(model: str, messages: list[dict[str, Any]], tools: list[dict[str, 
         return json.loads(reply.read())["choices"][0]["message"]
 
 
-def play(env: Any, model: str, budget: int, scene: int, seed: int) -> dict[str, Any]:
+def play(env: Any, model: str, budget: int, variant: dict[str, Any]) -> dict[str, Any]:
     """Play one episode to its end."""
-    seen = env.reset(seed=seed, scene=scene, budget=budget)
+    seen = env.reset(**variant, budget=budget)
     tools, rewards = seen.observation.tools, [seen.reward]
     messages: list[dict[str, Any]] = [{"role": "user", "content": seen.observation.prompt}]
     while not seen.done:
@@ -40,15 +40,14 @@ def play(env: Any, model: str, budget: int, scene: int, seed: int) -> dict[str, 
         messages += [message, {"role": "tool", "tool_call_id": call["id"], "content": seen.observation.text}]
     last = seen.observation
     facts = {"outcome": last.outcome, "verdict": last.verdict, "rewards": rewards, "tools": len(tools)}
-    return {"scene": scene, "seed": seed, "state": env.state().model_dump(), **facts}
+    return {"state": env.state().model_dump(), **facts}
 
 
-def main(server: str, model: str, budget: str, *pairs: str) -> None:
-    """Play all pairs in one session."""
+def main(server: str, model: str, budget: str, *variants: str) -> None:
+    """Play all variants in one session."""
     with PhysmentEnv(base_url=server).sync() as env:
-        for pair in pairs:
-            scene, seed = map(int, pair.split(":"))
-            print(json.dumps(play(env, model, int(budget), scene, seed)), flush=True)
+        for variant in variants:
+            print(json.dumps(play(env, model, int(budget), json.loads(variant))), flush=True)
 
 
 main(*sys.argv[1:])

@@ -1,6 +1,7 @@
 """The resources server: `seed_session` opens an episode, a tool is an endpoint, `verify` asks for the reward.
 
-A row of a dataset names its episode in `verifier_metadata`: `{"scene": 7, "seed": 3}`. `dataset.py` writes such rows.
+A row of a dataset names its episode in `verifier_metadata`: `{"scene": 7, "seed": 3}`, or
+`{"split": "train", "index": 0}` for a place in a split. `dataset.py` writes such rows.
 """
 
 import asyncio
@@ -34,11 +35,14 @@ _SESSIONS = 1000
 """Most open sessions; a referee opens no more episodes by default."""
 
 
-class PhysmentPair(BaseModel):
+class PhysmentVariant(BaseModel):
     """Which episode a row is about."""
 
-    scene: int
-    seed: int = 0
+    scene: int | None = None
+    seed: int | None = None
+    split: str | None = None
+    index: int | None = None
+    random_seed: int | None = None
     budget: int = Field(20, ge=1, le=1000)
     """Iterations that the prompt of the row names; `max_steps` of the agent must be the same."""
 
@@ -48,7 +52,7 @@ class PhysmentSeedSessionRequest(BaseSeedSessionRequest):
 
     model_config = ConfigDict(extra="allow")
 
-    verifier_metadata: PhysmentPair
+    verifier_metadata: PhysmentVariant
 
 
 class PhysmentVerifyRequest(BaseVerifyRequest):
@@ -56,7 +60,7 @@ class PhysmentVerifyRequest(BaseVerifyRequest):
 
     model_config = ConfigDict(extra="allow")
 
-    verifier_metadata: PhysmentPair
+    verifier_metadata: PhysmentVariant
 
 
 class PhysmentVerifyResponse(BaseVerifyResponse):
@@ -96,9 +100,8 @@ class PhysmentResourcesServer(SimpleResourcesServer):
 
     async def seed_session(self, request: Request, body: PhysmentSeedSessionRequest) -> BaseSeedSessionResponse:
         """Open the episode of a row."""
-        pair = body.verifier_metadata
         try:
-            opened = await asyncio.to_thread(self._referee.open, pair.scene, pair.seed, budget=pair.budget)
+            opened = await asyncio.to_thread(self._referee.open, **body.verifier_metadata.model_dump())
         except RefereeError as error:
             raise HTTPException(502, str(error)) from error
         self._leave(request.session[SESSION_ID_KEY])

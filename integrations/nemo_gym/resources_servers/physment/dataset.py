@@ -1,6 +1,7 @@
-"""Writes a dataset: a row with prompt and tools for each pair of a scene and a seed.
+"""Writes a dataset: a row with prompt and tools for each variant.
 
 python -m physment_nemo_gym.dataset --scenes 7,21-30 --seeds 1-20 > train.jsonl
+python -m physment_nemo_gym.dataset --split train --random-seeds 1-1000 > train.jsonl
 """
 
 import argparse
@@ -9,16 +10,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from physment_referee import OpenedEpisode, Referee, RefereeError, read_pairs
+from physment_referee import OpenedEpisode, Referee, RefereeError, read_variants
 
 
-def row(opened: OpenedEpisode, scene: int, seed: int) -> dict[str, Any]:
+def row(opened: OpenedEpisode, variant: dict[str, Any]) -> dict[str, Any]:
     """A row of a dataset of NeMo Gym.
 
     Args:
-        opened: An episode of this scene and seed.
-        scene: Its scene.
-        seed: Its seed.
+        opened: An episode of this variant.
+        variant: What was asked for. A place that was drawn is written as such, so that the row always means the same.
     """
     tools = [
         {
@@ -31,24 +31,32 @@ def row(opened: OpenedEpisode, scene: int, seed: int) -> dict[str, Any]:
         for tool in opened.tools
     ]
     asked = {"input": [{"role": "user", "content": opened.prompt}], "tools": tools, "parallel_tool_calls": False}
-    pair = {"scene": scene, "seed": seed, "budget": opened.budget}
-    return {"responses_create_params": asked, "verifier_metadata": pair}
+    named = {"split": opened.split, "index": opened.index} if opened.split else variant
+    return {"responses_create_params": asked, "verifier_metadata": {**named, "budget": opened.budget}}
 
 
 def main() -> int:
     """Write the rows to stdout."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", default="", help="ids and ranges such as 7,21-30")
-    parser.add_argument("--seeds", default="1", help="ids and ranges (default %(default)s)")
-    parser.add_argument("--pairs", type=Path, help='a file with a line such as {"scene": 7, "seed": 3} for each row')
+    parser.add_argument("--seeds", default="", help="ids and ranges (default 1)")
+    parser.add_argument("--split", default="", help="a split, such as train, whose variants the following name")
+    parser.add_argument("--indices", default="", help="places in the split, such as 0-99")
+    parser.add_argument("--random-seeds", default="", help="numbers such as 1-100; each draws a place in the split")
+    parser.add_argument(
+        "--pairs",
+        type=Path,
+        help='a file with a line such as {"scene": 7, "seed": 3} or {"split": "train", "index": 0} for each row',
+    )
     parser.add_argument("--budget", type=int, default=20, help="iterations (default %(default)s)")
     args = parser.parse_args()
     referee = Referee.from_environment()
     try:
-        for scene, seed in read_pairs(args.scenes, args.seeds, args.pairs):
-            opened = referee.open(scene, seed, budget=args.budget)
+        places = {"split": args.split, "indices": args.indices, "random_seeds": args.random_seeds}
+        for variant in read_variants(args.scenes, args.seeds, args.pairs, **places):
+            opened = referee.open(**variant, budget=args.budget)
             referee.close(opened.episode_id, opened.owner_token)
-            print(json.dumps(row(opened, scene, seed)))
+            print(json.dumps(row(opened, variant)))
     except (RefereeError, ValueError) as error:
         print(f"dataset: {error}", file=sys.stderr)
         return 2

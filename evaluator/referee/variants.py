@@ -1,0 +1,104 @@
+"""Which variant a trainer means: a scene with a seed, or a place in a split. Pure functions; knows no answer keys."""
+
+import hashlib
+from dataclasses import replace
+
+from evaluator.errors import RefusedRequest, UsageError
+from evaluator.referee.contract import Variant, WantedEpisode
+from evaluator.run_record import SEED_SHIFT
+from evaluator.study.selection import find_split
+from scenes.splits import HELD_BACK, Split, splits
+
+_EXAMPLES = '{"scene": 7, "seed": 3}, {"split": "train", "index": 0} or {"split": "train", "random_seed": 5}'
+
+
+def variant_of(wanted: WantedEpisode, *, held_back: bool) -> Variant:
+    """The variant that a request means.
+
+    At place `index` of a split with N scenes is its scene number `index % N`, in ascending order, with its seed number
+    `index // N`: the first N places are all scenes at the first seed. A `random_seed` draws uniformly among all places,
+    or among those of one scene if that is named too.
+
+    Args:
+        wanted: The request.
+        held_back: Whether the referee has a key, so that all its seeds are held back.
+
+    Raises:
+        RefusedRequest: It names no variant, more than one, or one that the split does not have.
+    """
+    if wanted.split is None:
+        if wanted.index is not None or wanted.random_seed is not None:
+            raise RefusedRequest(
+                400, f"index and random_seed are places in a split, which is missing: send {_EXAMPLES}"
+            )
+        if wanted.scene is None:
+            raise RefusedRequest(400, f"the request names no variant: send {_EXAMPLES}")
+        return Variant(wanted.scene, wanted.seed or 0)
+    split = _split(wanted.split, held_back=held_back)
+    if wanted.scene is not None and wanted.scene not in split.scenes:
+        raise RefusedRequest(404, f"scene {wanted.scene} is not in the split {split.label}")
+    if [wanted.index, wanted.random_seed, wanted.seed].count(None) != 2 or (
+        wanted.seed is not None and wanted.scene is None
+    ):
+        raise RefusedRequest(
+            400, 'in a split, name one of index, random_seed, and seed with its scene: send {"split": …, "index": 0}'
+        )
+    return _placed(split, _index(split, wanted), wanted.scene)
+
+
+def _split(name: str, *, held_back: bool) -> Split:
+    """The split that is named, with or without its version."""
+    plain = name.partition("@")[0]
+    if held_back:
+        if plain != HELD_BACK:
+            raise RefusedRequest(
+                409,
+                f"this referee was started with --seed-key, so all its variants are those of {HELD_BACK}, and not of"
+                f" {name}: ask for that, or start another referee",
+            )
+        split = replace(splits()["test"], name=HELD_BACK, seeds=range(SEED_SHIFT))
+    elif plain == HELD_BACK:
+        raise RefusedRequest(
+            404, f"the seeds of {HELD_BACK} come from a key that its publisher keeps: start the referee with --seed-key"
+        )
+    else:
+        try:
+            split = find_split(plain)
+        except UsageError as error:
+            raise RefusedRequest(404, str(error)) from error
+    if name not in {plain, split.label}:
+        raise RefusedRequest(404, f"there is no split {name!r} here; this suite has {split.label}")
+    return split
+
+
+def _index(split: Split, wanted: WantedEpisode) -> int:
+    """The place in the split that is wanted."""
+    if wanted.index is not None:
+        return wanted.index
+    count = len(split.scenes)
+    if wanted.seed is not None:
+        assert wanted.scene is not None
+        if wanted.seed not in split.seeds:
+            raise RefusedRequest(
+                404, f"seed {wanted.seed} is not in the split {split.label}; it has {split.seeds[0]}-{split.seeds[-1]}"
+            )
+        return split.scenes.index(wanted.scene) + count * split.seeds.index(wanted.seed)
+    # A hash and no generator, so that trainers in every language can draw the same variants.
+    digest = hashlib.sha256(f"{split.label} {wanted.random_seed}".encode()).digest()
+    drawn = int.from_bytes(digest, "big")
+    if wanted.scene is None:
+        return drawn % (count * len(split.seeds))
+    return split.scenes.index(wanted.scene) + count * (drawn % len(split.seeds))
+
+
+def _placed(split: Split, index: int, scene: int | None) -> Variant:
+    """The variant at a place of a split; `scene` is the one that it must have, if any."""
+    count = len(split.scenes)
+    if index >= count * len(split.seeds):
+        raise RefusedRequest(
+            404, f"the split {split.label} has {count * len(split.seeds)} variants, so index {index} is not among them"
+        )
+    found = Variant(split.scenes[index % count], split.seeds[index // count], split.label, index)
+    if scene not in {None, found.scene}:
+        raise RefusedRequest(400, f"variant {index} of {split.label} is one of scene {found.scene}, not of {scene}")
+    return found
