@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
-  clients conformance inspect-test engines integrations mcpb lock \
+  docs clients conformance inspect-test engines integrations mcpb lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -80,7 +80,7 @@ faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks an
 	@$(BIN)/python -m tests.load.faults
 
 clean: ## remove the environments, built files and caches
-	@rm -rf $(VENV) .inspect .integrations .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
+	@rm -rf $(VENV) .docs .inspect .integrations .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
 
 ##@ Scenes
 
@@ -96,6 +96,21 @@ pages-check: pages ## the same, and fail if the text of a page changed: somebody
 
 pictures: $(STAMP) ## play an episode and a study, and draw the README's pictures (chromium, libosmesa6; 5 processor minutes)
 	@$(BIN)/python -m tests.front_page.make
+
+##@ Documentation
+
+# An environment of its own, which needs none of the packages of the laboratory.
+DOCS := .docs/.installed
+$(DOCS): requirements-docs.lock
+	@python=$$(for found in $(PYTHONS); do \
+	  $$found -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$found && break; done); \
+	if [ -z "$$python" ]; then echo "the website needs Python 3.11 or newer; none of $(PYTHONS) is one." >&2; exit 1; fi; \
+	rm -rf .docs; $$python -m venv .docs
+	@.docs/bin/python -m pip install --quiet --require-hashes -r requirements-docs.lock
+	@touch $@
+
+docs: $(DOCS) ## build the website into build/site (Sphinx, 120 MB, into .docs); a warning or a broken link is an error
+	@.docs/bin/python -m website
 
 ##@ Other programs (each installs what it tests)
 
@@ -141,12 +156,17 @@ mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; npx, if instal
 
 # The options keep the addresses of registries out of the lock. uv keeps each present version that still fits, so the
 # difference shows only what had to change.
-lock: ## resolve the dependencies of pyproject.toml into requirements.lock
+lock: ## resolve the dependencies of pyproject.toml into requirements.lock and requirements-docs.lock
 	@uv pip compile --universal --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
 	  --python-version 3.11 --group dev pyproject.toml --quiet -o requirements.lock
 	@{ echo '# Every dependency, runtime and development, with hashes. Regenerate with: make lock'; \
 	  cat requirements.lock; } > requirements.lock.new
 	@mv requirements.lock.new requirements.lock
+	@uv pip compile --universal --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+	  --python-version 3.11 --group docs --quiet -o requirements-docs.lock
+	@{ echo '# Every dependency of the website, with hashes. Regenerate with: make lock'; \
+	  cat requirements-docs.lock; } > requirements.lock.new
+	@mv requirements.lock.new requirements-docs.lock
 
 # Only wheels: an old sdist may need a compiler, or a build tool that is gone.
 test-lowest: ## test with the oldest versions that pyproject.toml allows (into .lowest; TESTS=tests/scenes for a part)

@@ -37,29 +37,42 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         UsageError: The study file that the command line names cannot be used.
         SystemExit: The command line is wrong, or asks for help.
     """
-    from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
+    from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
 
-    parser = argparse.ArgumentParser(
-        "physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     words = list(argv)
     # `run` is the default command: insert it if the first word is not a command.
     if not words or (words[0] not in COMMANDS and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")
-    if words[0] not in COMMANDS:
-        for name, (_, what) in COMMANDS.items():
-            if what:
-                commands.add_parser(name, help=what)
-        return parser.parse_args(words)
-    import_module(f"evaluator.commands.{COMMANDS[words[0]][0]}").add(commands)
+    program, commands = parser(words[0])
     if words[0] == "run":
         from evaluator.commands.run_options import long_options  # noqa: PLC0415
         from evaluator.study.config import with_config  # noqa: PLC0415
 
-        words = ["run", *with_config(words[1:], long_options(commands.choices["run"]))]
-    return parser.parse_args(words)
+        words = ["run", *with_config(words[1:], long_options(commands["run"]))]
+    return program.parse_args(words)
+
+
+def parser(command: str) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The command line as far as a command needs it, and the parsers of its commands by name.
+
+    Args:
+        command: Name of a command, of which alone the module is loaded. With any other word the commands have no
+            options, which is enough to list them.
+    """
+    from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
+
+    program = argparse.ArgumentParser(
+        "physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
+    commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    if command in COMMANDS:
+        import_module(f"evaluator.commands.{COMMANDS[command][0]}").add(commands)
+    else:
+        for name, (_, what) in COMMANDS.items():
+            if what:
+                commands.add_parser(name, help=what)
+    return program, commands.choices
 
 
 def _fail(sentence: str, code: int) -> int:

@@ -64,20 +64,23 @@ def test_the_wheel_plays_a_scene_outside_the_checkout(installed: Path, tmp_path:
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
 
 
-def test_every_requirement_in_the_lock_has_a_hash_and_none_names_a_host() -> None:
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["requirements.lock", "requirements-docs.lock"])
+def test_every_requirement_in_a_lock_has_a_hash_and_none_names_a_host(name: str) -> None:
+    lock = (ROOT / name).read_text(encoding="utf-8")
     assert not re.search(r"https?:|--(extra-)?index-url|--find-links|file:", lock)
     requirements = re.split(r"\n(?=[A-Za-z0-9])", lock.split("\n", 1)[1])
     assert len(requirements) > 30
     assert [text.split()[0] for text in requirements if "--hash=sha256:" not in text] == []
 
 
-def test_the_lock_satisfies_every_requirement_of_the_project() -> None:
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("name", "group"), [("requirements.lock", "dev"), ("requirements-docs.lock", "docs")])
+def test_a_lock_satisfies_every_requirement_of_the_project(name: str, group: str) -> None:
+    lock = (ROOT / name).read_text(encoding="utf-8")
     locked: dict[str, list[str]] = {}
-    for name, pinned in re.findall(r"^([a-z0-9-]+)==([^ ;]+)", lock, flags=re.MULTILINE):
-        locked.setdefault(name, []).append(pinned)
+    for package, pinned in re.findall(r"^([a-z0-9-]+)==([^ ;]+)", lock, flags=re.MULTILINE):
+        locked.setdefault(package, []).append(pinned)
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    for text in [*pyproject["project"]["dependencies"], *pyproject["dependency-groups"]["dev"]]:
+    own = pyproject["project"]["dependencies"] if group == "dev" else []
+    for text in [*own, *pyproject["dependency-groups"][group]]:
         required = Requirement(text)
         assert all(pinned in required.specifier for pinned in locked[required.name]), text
