@@ -1,9 +1,6 @@
 """Frames for results: pictures of what may be seen now in an episode, drawn by a separate process.
 
-A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
-type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
-orientation at the start, and only if its position says where all of it is. The separate process receives only these
-parts. When it fails, results come without a frame.
+`sight` says what may be seen, and the separate process receives only that. When it fails, results come without a frame.
 """
 
 import base64
@@ -18,11 +15,10 @@ from threading import Lock, Timer
 
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_variants
-from physment_mcp.session import LabObject, Session
+from physment_mcp.serving.sight import sight_of
+from physment_mcp.session import Session
 from physment_mcp.world.pictures.framing import View
-from physment_mcp.world.pictures.looks import same_parts
 from physment_mcp.world.pictures.showing import view_of_shown
-from physment_mcp.world.readings import Array
 
 logger = logging.getLogger(__name__)
 
@@ -89,11 +85,7 @@ class Frames:
             painter: The process that draws.
         """
         self._session, self._painter = session, painter
-        listed = session.state.objects.values()
-        hidden = {item.body for item in listed if item.permissions.hidden}
-        self._parts = same_parts((*variants, session.scene.mjcf), hidden)
-        self._fixtures = session.world.fixtures({item.body for item in listed})
-        self._turns = _start_turns(session)
+        self._sight = sight_of(session.scene, variants)
         self._seen: frozenset[str] = frozenset()
         self._view: View | None = None
 
@@ -102,28 +94,13 @@ class Frames:
 
         The camera stays where it is as long as the same things are seen.
         """
-        world = self._session.world
-        objects = [item for item in self._session.known() if self._may_show(item)]
-        seen = frozenset(item.body for item in objects) | self._fixtures
-        made = {(item.body, 0) for item in objects if item.created}
-        mjcf = world.shown_model(seen, self._parts | made, self._turns)
+        seen = self._sight.seen(self._session)
+        mjcf = self._session.world.shown_model(seen.bodies, seen.parts, seen.turns)
         if not mjcf:
             return None
-        if self._view is None or seen != self._seen:
-            self._view, self._seen = view_of_shown(mjcf), seen
+        if self._view is None or seen.bodies != self._seen:
+            self._view, self._seen = view_of_shown(mjcf), seen.bodies
         return self._painter.draw(mjcf, self._view)
-
-    def _may_show(self, item: LabObject) -> bool:
-        may = self._session.may_read
-        placed = may(item, "orientation") or item.body in self._turns or not self._session.world.is_movable(item.body)
-        return placed and may(item, "type") and may(item, "size") and may(item, "position")
-
-
-def _start_turns(session: Session) -> dict[str, Array]:
-    """Orientation at the start of the bodies that are drawn with it because their orientation is withheld."""
-    withheld = (item.body for item in session.state.objects.values() if not session.may_read(item, "orientation"))
-    turns = {body: session.world.turn_at_centre(body) for body in withheld if session.world.is_movable(body)}
-    return {body: turn for body, turn in turns.items() if turn is not None}
 
 
 def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:

@@ -31,6 +31,7 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import NotOpened
+from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
 from physment_mcp.serving.forwarding import Forwarding, HostWorker
@@ -39,6 +40,7 @@ from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.messages import fault_of
 from physment_mcp.serving.places import Places
 from physment_mcp.serving.server import build_server
+from physment_mcp.serving.sight import Sight, looking
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.socket_episodes import SocketEpisodes
 from physment_mcp.serving.turns import Traffic
@@ -105,13 +107,16 @@ class Host:
     """Answers in place of an episode that is gone, and says how to open another."""
     _nowhere_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
     _traffic: Traffic = field(default_factory=Traffic)
+    _look: Callable[[Scene], Sight] = field(init=False)
+    """Finds out what may be seen in a scene."""
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
         # A request with the token comes from the operator, who may read the details.
         places = self.places or Places(self.max_episodes)
         self._admission = Admission(self.scenes_dir, places, self.timestep, bool(self.token))
-        self._sockets = SocketEpisodes(self._admission, self.watch, self._traffic)
+        self._look = looking(self.scenes_dir)
+        self._sockets = SocketEpisodes(self._admission, self.watch, self._look, self._traffic)
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -171,7 +176,7 @@ class Host:
         """
         wanted, session = await self._admission.open(body)
         try:
-            slot = EpisodeSlot(session, watch=self.watch, traffic=self._traffic)
+            slot = EpisodeSlot(session, watch=self.watch, look=self._look, traffic=self._traffic)
             server = build_server(slot)
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)

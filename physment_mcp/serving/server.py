@@ -3,14 +3,12 @@
 Knows MCP. Knows no physics and no files.
 """
 
-import base64
 import functools
 import logging
 import time
+from contextlib import nullcontext
 from typing import Any, NoReturn
 
-import anyio
-import anyio.to_thread
 import mcp_types as types
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
@@ -18,12 +16,15 @@ from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
 from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError, quoted
+from physment_mcp.serving import lab_app
+from physment_mcp.serving.attachments import frame_with, view_with
 from physment_mcp.serving.call_log import FULL
-from physment_mcp.serving.frames import SHOWING_TOOLS, Frames
+from physment_mcp.serving.frames import SHOWING_TOOLS
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
 from physment_mcp.serving.resources import FRESH_MS, MAX_URI, listed_resources, listed_templates, read
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import recorded
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.bounds import MAX_NAME
@@ -109,9 +110,15 @@ class _Service:
     def __init__(self, slot: EpisodeSlot) -> None:
         self._slot = slot
 
+    def _shows_app(self, ctx: ServerRequestContext[Any]) -> bool:
+        return self._slot.offers_app and lab_app.shows_apps(ctx.session.client_capabilities)
+
     async def list_tools(
-        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+        self, ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
+        if self._shows_app(ctx):
+            tools = lab_app.with_app(published_tools())
+            return types.ListToolsResult(tools=tools, ttl_ms=FRESH_MS, cache_scope="private")
         return types.ListToolsResult(tools=list(published_tools()))
 
     async def call_tool(
@@ -144,7 +151,9 @@ class _Service:
             session = self._slot.open_session()
             if self._slot.log.full and params.name != ANSWER.name:
                 _refuse(session, FULL)
-            result = await call_async(session, params.name, params.arguments or {}, report)
+            viewed, arguments = self._shows_app(ctx) and params.name in lab_app.SHOWING, params.arguments or {}
+            with recorded(session, params.name, arguments) if viewed else nullcontext(()) as states:
+                result = await call_async(session, params.name, arguments, report)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
@@ -158,10 +167,12 @@ class _Service:
             )
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
-            content += await _frame(self._slot.frames)
+            content += await frame_with(self._slot.frames)
+        view = await view_with(session, self._slot.sight, states) if viewed else None
         return types.CallToolResult(
             content=content,
             structured_content=result.model_dump(mode="json"),
+            _meta=None if view is None else {lab_app.VIEW: view},
         )
 
     async def list_prompts(
@@ -233,8 +244,11 @@ class _Service:
         return session
 
     async def list_resources(
-        self, _ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
+        self, ctx: ServerRequestContext[Any], _params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
+        if self._shows_app(ctx):
+            resources = [*listed_resources(), *lab_app.app_resources()]
+            return types.ListResourcesResult(resources=resources, ttl_ms=FRESH_MS, cache_scope="private")
         return types.ListResourcesResult(resources=listed_resources())
 
     async def list_resource_templates(
@@ -243,13 +257,19 @@ class _Service:
         return types.ListResourceTemplatesResult(resource_templates=listed_templates())
 
     async def read_resource(
-        self, _ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
+        self, ctx: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
+        uri, shows_app = str(params.uri), self._shows_app(ctx)
+        if shows_app and uri == lab_app.APP_URI:
+            return lab_app.app_page()
         async with self._slot.lock:
+            if shows_app and uri == lab_app.VIEW_URI:
+                session = self._slot.session
+                return lab_app.view_page(None if session is None else await view_with(session, self._slot.sight))
             try:
-                return read(self._slot, str(params.uri))
+                return read(self._slot, uri)
             except LookupError as error:
-                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": str(params.uri)[:MAX_URI]}) from None
+                raise MCPError(types.INVALID_PARAMS, str(error), {"uri": uri[:MAX_URI]}) from None
 
     async def complete(
         self, _ctx: ServerRequestContext[Any], params: types.CompleteRequestParams
@@ -290,19 +310,6 @@ def _prompt_options(arguments: dict[str, str]) -> PromptOptions:
 def _is_count(text: str) -> bool:
     # int() refuses text of more than 4300 digits.
     return text.isdecimal() and len(text) < 10
-
-
-async def _frame(frames: Frames) -> list[types.ImageContent]:
-    """The picture for a finished call; a failure or a cancellation here must not undo or hide the result."""
-    png: bytes | None = None
-    try:
-        with anyio.CancelScope(shield=True):
-            png = await anyio.to_thread.run_sync(frames.draw)
-    except Exception as crash:  # noqa: BLE001 - an error in our code must not end the episode
-        logger.error("no frame: %s", type(crash).__name__)  # noqa: TRY400 - as for the call
-    if png is None:
-        return []
-    return [types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")]
 
 
 def _error(sentence: str, meta: dict[str, Any] | None = None) -> types.CallToolResult:

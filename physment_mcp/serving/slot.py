@@ -9,8 +9,10 @@ from functools import cached_property
 import anyio
 
 from physment_mcp.errors import EpisodeGone, EpisodeOver
+from physment_mcp.scene import Scene
 from physment_mcp.serving.call_log import CallLog
 from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.sight import Sight
 from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
 from scenes import PublicPack
@@ -32,6 +34,7 @@ class EpisodeSlot:
         gone: str | None = None,
         watch: Callable[[Session], Frames] | None = None,
         traffic: Traffic | None = None,
+        look: Callable[[Scene], Sight] | None = None,
     ) -> None:
         """Set up.
 
@@ -42,6 +45,7 @@ class EpisodeSlot:
             list_scenes: Lists the scenes that can be opened; by default the open one.
             watch: Makes the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None if one is or can be open.
+            look: Finds out what may be seen in a scene, for clients that show the app; None if it is not offered.
             traffic: The other episodes of its host; None for an episode alone.
         """
         self.session = session
@@ -53,9 +57,24 @@ class EpisodeSlot:
         self.log = CallLog()
         self.frames: Frames | None = None
         self._watch = watch
+        self._look = look
         self._list_scenes = list_scenes
         if session is not None:
             self.enter(session)
+
+    @property
+    def offers_app(self) -> bool:
+        """Whether a client that shows apps gets the one that draws. Not with a limit of calls: looking is no call."""
+        return self._look is not None and (self.session is None or self.session.max_calls is None)
+
+    def sight(self, session: Session) -> Sight:
+        """What may be seen in the scene of a session, where the app is offered. Blocks.
+
+        Raises:
+            SceneError: As for `load_sight`.
+        """
+        assert self._look is not None
+        return self._look(session.scene)
 
     @property
     def fixed(self) -> bool:

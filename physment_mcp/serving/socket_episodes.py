@@ -26,9 +26,11 @@ from mcp.shared.message import SessionMessage
 from mcp.shared.transport_context import TransportContext
 
 from physment_mcp.errors import NotOpened
+from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.server import build_server
+from physment_mcp.serving.sight import Sight
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
@@ -117,16 +119,24 @@ class _Lines:
 class SocketEpisodes:
     """The open episodes on sockets."""
 
-    def __init__(self, admission: Admission, watch: Callable[[Session], Frames] | None, traffic: Traffic) -> None:
+    def __init__(
+        self,
+        admission: Admission,
+        watch: Callable[[Session], Frames] | None,
+        look: Callable[[Scene], Sight],
+        traffic: Traffic,
+    ) -> None:
         """Set up.
 
         Args:
             admission: Opens their sessions.
             watch: Makes the frames for results; None for results without frames.
+            look: Finds out what may be seen in a scene, for clients that show the app.
             traffic: Shared by all episodes of the host.
         """
         self._admission = admission
         self._watch = watch
+        self._look = look
         self._traffic = traffic
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
@@ -186,7 +196,7 @@ class SocketEpisodes:
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""
-        slot = EpisodeSlot(session, watch=self._watch, traffic=self._traffic)
+        slot = EpisodeSlot(session, watch=self._watch, look=self._look, traffic=self._traffic)
         server = build_server(slot)
         lines.write({"opened": True})
         try:

@@ -8,6 +8,8 @@ the state, whatever was read before.
 """
 
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import mujoco
@@ -35,6 +37,14 @@ class _Motion(NamedTuple):
     velocities: Array
 
 
+class _Recording(NamedTuple):
+    """States that are noted while the world is stepped."""
+
+    every: int
+    """[time steps]."""
+    states: list[Array]
+
+
 class Snapshot(NamedTuple):
     """Everything of a world that a roll-back restores. Opaque to callers."""
 
@@ -60,19 +70,26 @@ class Simulation:
         self._disturbed: frozenset[str] = frozenset()
         self._revealed: frozenset[str] = frozenset()
         self._pace_s: float | None = None
+        self._recording: _Recording | None = None
 
     # The clock
 
     @property
     def time(self) -> float:
         """Simulation clock [s]: a whole number of time steps, without the rounding errors of their addition."""
-        timestep = self.timestep
-        return round(round(self._state.item(0) / timestep) * timestep, 12)
+        return self.time_of(self._state)
+
+    def time_of(self, state: Array) -> float:
+        """The clock of a state that `recorded` noted [s]."""
+        return round(self._number_of(state) * self.timestep, 12)
 
     @property
     def _step_number(self) -> int:
+        return self._number_of(self._state)
+
+    def _number_of(self, state: Array) -> int:
         # The time is the first number of a state.
-        return round(self._state.item(0) / self.timestep)
+        return round(state.item(0) / self.timestep)
 
     @property
     def timestep(self) -> float:
@@ -96,6 +113,41 @@ class Simulation:
 
         Source: MuJoCo `mj_step(nstep)`.
         """
+        recording = self._recording
+        if recording is None:
+            self._advance(steps)
+            return
+        saved = self.save()
+        try:
+            while steps:
+                part = min(steps, recording.every - self._step_number % recording.every)
+                self._advance(part)
+                steps -= part
+                if self._step_number % recording.every == 0:
+                    recording.states.append(self._state)
+        except Unstable:
+            self.restore(saved)
+            raise
+
+    @contextmanager
+    def recorded(self, every: int) -> Generator[list[Array]]:
+        """Note states while the block steps the world, which changes nothing but how long that takes.
+
+        Args:
+            every: The states at multiples of so many time steps are noted, besides the first and the last one.
+
+        Yields:
+            The states, for `World.poses_at`; they are complete after the block.
+        """
+        recording = self._recording = _Recording(every, [self._state])
+        try:
+            yield recording.states
+        finally:
+            self._recording = None
+        if recording.states[-1] is not self._state:
+            recording.states.append(self._state)
+
+    def _advance(self, steps: int) -> None:
         model, data = self._model, self._live()
         # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
         data.warning.number[:] = 0

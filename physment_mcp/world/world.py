@@ -3,7 +3,7 @@
 Readings come from a settled copy of the live state, through the instruments of the world.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from physment_mcp.errors import NoDifference, NotPossible
 from physment_mcp.world import editing, motion, passive, readings
 from physment_mcp.world.editing import JointKind
+from physment_mcp.world.loading import STATE
 from physment_mcp.world.pictures import showing
 from physment_mcp.world.pictures.looks import Part
+from physment_mcp.world.pictures.showing import Frame, ShownPart
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
 from physment_mcp.world.readout import EXACT, Readout
 from physment_mcp.world.simulation import Simulation, settle
@@ -44,7 +46,21 @@ class World(Simulation):
 
     def pose(self, body: str) -> Pose:
         """Pose of the body frame, world coordinates."""
-        true, step = readings.pose(self._model, self._now(), self._id(body)), self._step_number
+        return self._read_pose(self._now(), body, self._step_number)
+
+    def poses_at(self, states: Sequence[Array], bodies: Sequence[str]) -> dict[str, list[Pose]]:
+        """What `pose` read at states of this model, which `recorded` noted, for each body."""
+        data = passive.data_of(self._model)
+        found: dict[str, list[Pose]] = {body: [] for body in bodies}
+        for state in states:
+            mujoco.mj_setState(self._model, data, state, STATE)
+            mujoco.mj_kinematics(self._model, data)
+            for body, poses in found.items():
+                poses.append(self._read_pose(data, body, self._number_of(state)))
+        return found
+
+    def _read_pose(self, data: mujoco.MjData, body: str, step: int) -> Pose:
+        true = readings.pose(self._model, data, self._id(body))
         return Pose(
             self._readout.read("position", true.position, body, step),
             self._readout.read_quaternion(true.quaternion, body, step),
@@ -136,6 +152,12 @@ class World(Simulation):
     def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
         """A model that contains only what may be seen now; see `showing.shown_model`."""
         return showing.shown_model(self._model, self._now(), bodies, parts, turns, self._revealed)
+
+    def shown_parts(
+        self, frames: Mapping[str, Frame], parts: Collection[Part], turns: Mapping[str, Array]
+    ) -> dict[str, list[ShownPart]]:
+        """The geoms that may be seen now, by body; see `showing.shown_parts`."""
+        return showing.shown_parts(self._model, self._now(), frames, parts, turns, self._revealed)
 
     def fixtures(self, objects: Collection[str]) -> frozenset[str]:
         """Fixed bodies that are neither objects nor parts of objects; see `showing.fixtures`."""

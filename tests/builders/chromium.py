@@ -25,6 +25,8 @@ FLAGS = (
     "--disable-extensions",
     "--remote-debugging-port=0",
 )
+SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Flags with which WebGL draws without a graphics card."""
 KEYS = {"Tab": 9, "Enter": 13, "End": 35, "Home": 36, "ArrowUp": 38, "ArrowDown": 40}
 
 
@@ -37,6 +39,8 @@ class Page:
         self._loaded = False
         self.complaints: list[str] = []
         """What the console was told as an error, exceptions, and what the page's policy refused."""
+        self.requests: list[str] = []
+        """Addresses that the page asked for, if the domain Network is enabled; without its own data."""
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
         number = next(self._ids)
@@ -50,6 +54,8 @@ class Page:
 
     def _note(self, message: dict[str, Any]) -> None:
         said = message.get("params", {})
+        if message.get("method") == "Network.requestWillBeSent" and not said["request"]["url"].startswith("data:"):
+            self.requests.append(said["request"]["url"])
         self._loaded |= message.get("method") == "Page.loadEventFired"
         if message.get("method") == "Runtime.exceptionThrown":
             self.complaints.append(json.dumps(said["exceptionDetails"]))
@@ -60,7 +66,11 @@ class Page:
 
     def open(self, file: Path, anchor: str = "") -> None:
         """Open a file from disk, and wait until it is all there."""
-        for url in ("about:blank", file.resolve().as_uri() + anchor):
+        self.visit(file.resolve().as_uri() + anchor)
+
+    def visit(self, address: str) -> None:
+        """Open an address, and wait until it is all there."""
+        for url in ("about:blank", address):
             self._loaded = False
             self.send("Page.navigate", url=url)
             while not self._loaded:
@@ -106,9 +116,9 @@ def installed() -> str | None:
 
 
 @contextmanager
-def chromium(program: str, profile: Path) -> Generator[Page]:
+def chromium(program: str, profile: Path, *flags: str) -> Generator[Page]:
     """A tab of a browser of its own, ended with the block."""
-    command = [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    command = [program, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None

@@ -37,7 +37,7 @@ def look(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
 
 
 def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozenset[Part]:
-    """Geoms that look the same in every variant of a scene.
+    """Geoms that look the same in every variant of a scene, on bodies that are at the same place.
 
     Args:
         variants: MJCF of the scene with the values of different seeds.
@@ -65,12 +65,18 @@ def _looks(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, byt
             local = (model.geom_pos[geom], data.geom_xmat[geom], model.geom_size[geom], colour(model, geom)[:3])
             seen = np.round(np.concatenate(local), 9)
         elif colour(model, geom)[3] > 0:
-            seen = look(model, data, geom)
+            # A viewer gets the parts in the frame of their body, so this must not depend on the seed either.
+            seen = np.concatenate([look(model, data, geom), _frame(data, int(model.geom_bodyid[geom]))])
         else:
             continue
         # Adding 0.0 turns -0.0 into 0.0: the two are equal, but their bytes differ.
         found.add((part, bytes([int(model.geom_type[geom])]) + (seen + 0.0).tobytes()))
     return frozenset(found)
+
+
+def _frame(data: mujoco.MjData, body: int) -> Array:
+    """Place and orientation of a body (12,), to nanometres."""
+    return np.round(np.concatenate([data.xpos[body], data.xmat[body]], dtype=np.float64), 9)
 
 
 def part_of(model: mujoco.MjModel, geom: int) -> Part:

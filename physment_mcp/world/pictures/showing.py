@@ -1,10 +1,12 @@
-"""A model that contains only what may be seen: shapes, places and colours of chosen geoms.
+"""What may be seen of a model, for who draws it: shapes, places and colours of chosen geoms, and nothing else.
 
-The process that draws receives only this model, so it cannot draw anything else.
+The process that draws pictures receives them as a model of their own, a viewer as parts of bodies. Neither can draw
+anything else.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Generator, Iterable, Mapping
+from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,6 +15,57 @@ from physment_mcp.world.pictures.drawing import Visible, view_on
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.pictures.looks import Part, colour, part_of
 from physment_mcp.world.readings import Array
+
+
+class ShownPart(NamedTuple):
+    """A geom of a body."""
+
+    shape: str
+    """`sphere`, `box`, `capsule`, `cylinder`, `ellipsoid` or `plane`."""
+    size: list[float]
+    """As MuJoCo has it (3,): radius and half lengths [m]; 0 for the endless directions of a plane."""
+    position: list[float]
+    """Of its centre (3,) [m]."""
+    quaternion: list[float]
+    """Its orientation (4,) [w, x, y, z]."""
+    rgba: list[float]
+    """Red, green, blue and opacity (4,), 0 to 1."""
+
+
+Frame = Literal["body", "origin", "world"]
+"""The frame in which the parts of a body are given: its own, world axes about its origin, or that of the world."""
+
+
+def shown_parts(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    frames: Mapping[str, Frame],
+    parts: Collection[Part],
+    turns: Mapping[str, Array],
+    revealed: Collection[str] = (),
+) -> dict[str, list[ShownPart]]:
+    """The geoms that may be seen, by body, rounded to nanometres.
+
+    Args:
+        model: The scene.
+        data: Its settled state.
+        frames: Bodies whose geoms are shown, as far as these are among the parts, with the frame to give them in.
+        parts: As for `shown_model`.
+        turns: As for `shown_model`.
+        revealed: As for `shown_model`.
+    """
+    found: dict[str, list[ShownPart]] = {}
+    for geom, part, rgba in _seen(model, frames, parts, revealed):
+        frame, turn = frames[part[0]], turns.get(part[0])
+        if frame == "body":
+            place, turn = model.geom_pos[geom], model.geom_quat[geom]
+        else:
+            origin = data.xpos[int(model.geom_bodyid[geom])] if frame == "origin" else np.zeros(3)
+            place, turn = data.geom_xpos[geom] - origin, _turn(data, geom) if turn is None else turn
+        shape = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        numbers = (_rounded(values) for values in (model.geom_size[geom], place, turn, rgba))
+        found.setdefault(part[0], []).append(ShownPart(shape, *numbers))
+    return found
 
 
 def shown_model(
@@ -37,11 +90,7 @@ def shown_model(
     world = ET.SubElement(root, "worldbody")
     owners: dict[str, ET.Element] = {"world": world}
     shown = 0
-    for geom in range(model.ngeom):
-        part = part_of(model, geom)
-        rgba = [*colour(model, geom)[:3], 1.0] if part[0] in revealed else colour(model, geom)
-        if part[0] not in bodies or part not in parts or rgba[3] <= 0:
-            continue
+    for geom, part, rgba in _seen(model, bodies, parts, revealed):
         if part[0] not in owners:
             owners[part[0]] = ET.SubElement(world, "body", name=part[0])
             if model.body_weldid[model.geom_bodyid[geom]] != 0:
@@ -63,6 +112,18 @@ def shown_model(
         )
         shown += 1
     return ET.tostring(root, encoding="unicode") if shown else ""
+
+
+def _seen(
+    model: mujoco.MjModel, bodies: Collection[str], parts: Collection[Part], revealed: Collection[str]
+) -> Generator[tuple[int, Part, Array]]:
+    """Index, name and colour of each geom that may be seen and is not transparent."""
+    for geom in range(model.ngeom):
+        part, rgba = part_of(model, geom), colour(model, geom)
+        if part[0] in revealed:
+            rgba = np.append(rgba[:3], 1.0)
+        if part[0] in bodies and part in parts and rgba[3] > 0:
+            yield geom, part, rgba
 
 
 def view_of_shown(mjcf: str) -> View:
@@ -101,5 +162,9 @@ def _turn(data: mujoco.MjData, geom: int) -> Array:
 
 
 def _text(values: Iterable[float]) -> str:
-    # To nanometres: smaller differences are rounding errors, which differ between seeds.
-    return " ".join(f"{round(float(value), 9) + 0.0:.9f}" for value in values)
+    return " ".join(f"{value:.9f}" for value in _rounded(values))
+
+
+def _rounded(values: Iterable[float]) -> list[float]:
+    # To nanometres: smaller differences are rounding errors, which differ between seeds. 0.0 turns -0.0 into 0.0.
+    return [round(float(value), 9) + 0.0 for value in values]

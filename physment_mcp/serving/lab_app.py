@@ -1,0 +1,96 @@
+"""The laboratory in the chat: an app that draws what may be seen, for clients that show apps (MCP Apps, 2026-01-26).
+
+A client declares the extension `io.modelcontextprotocol/ui` for HTML. It then finds the address of the app at the tools
+that change what may be seen, reads it as a resource, and passes it the results of these tools. What the app draws is in
+their `_meta`, which no model reads. Other clients see nothing of this. Neither does a program that plays an episode for
+a score: it would measure without calls.
+"""
+
+import functools
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mcp_types as types
+
+from physment_mcp.serving.icon import ICON
+from physment_mcp.serving.resources import FRESH_MS
+from physment_mcp.tools.act import CHANGE_POSITION, MOVE_OBJECT
+from physment_mcp.tools.edit import CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS
+from physment_mcp.tools.episode import STEP
+
+EXTENSION = "io.modelcontextprotocol/ui"
+MIME_TYPE = "text/html;profile=mcp-app"
+APP_URI = "ui://physment/lab"
+VIEW_URI = "physment://view"
+VIEW = "physment/view"
+"""Key of the view in `_meta` of a result."""
+SHOWING = frozenset(
+    tool.name for tool in (STEP, MOVE_OBJECT, CHANGE_POSITION, CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS)
+)
+"""Tools that change what may be seen."""
+_FILE = Path(__file__).parent / "lab.html"
+"""Built from `viewer/` by `make viewer`."""
+_NOWHERE: list[str] = []
+_APP_META = {
+    "ui": {
+        "csp": dict.fromkeys(("connectDomains", "resourceDomains", "frameDomains", "baseUriDomains"), _NOWHERE),
+        "prefersBorder": True,
+    }
+}
+"""The app needs no other page, file or permission."""
+
+
+def shows_apps(capabilities: types.ClientCapabilities | None) -> bool:
+    """Whether a client declares that it shows apps in HTML."""
+    declared = None if capabilities is None else capabilities.extensions
+    kinds = (declared or {}).get(EXTENSION, {}).get("mimeTypes")
+    return isinstance(kinds, list) and MIME_TYPE in kinds
+
+
+def with_app(tools: tuple[types.Tool, ...]) -> list[types.Tool]:
+    """The tools for a client that shows apps: some carry the address of the app, also under the older, flat key."""
+    meta = {"ui": {"resourceUri": APP_URI}, "ui/resourceUri": APP_URI}
+    return [tool.model_copy(update={"meta": meta}) if tool.name in SHOWING else tool for tool in tools]
+
+
+def app_resources() -> list[types.Resource]:
+    """The resources that only these clients are told of."""
+    return [
+        types.Resource(
+            uri=APP_URI,
+            name="lab",
+            title="The laboratory",
+            description="Draws what may be seen, and plays the motion of the last step.",
+            mime_type=MIME_TYPE,
+            icons=[ICON],
+            _meta=_APP_META,
+        ),
+        types.Resource(
+            uri=VIEW_URI,
+            name="view",
+            title="What may be seen now",
+            description="Shapes and poses of what may be seen, for the app that draws them. Reading it is no call.",
+            mime_type="application/json",
+            icons=[ICON],
+        ),
+    ]
+
+
+def app_page() -> types.ReadResourceResult:
+    """The app, as a client reads it."""
+    content = types.TextResourceContents(uri=APP_URI, mime_type=MIME_TYPE, text=_page(), _meta=_APP_META)
+    return types.ReadResourceResult(contents=[content], ttl_ms=FRESH_MS, cache_scope="public")
+
+
+def view_page(view: Mapping[str, Any] | None) -> types.ReadResourceResult:
+    """A view, as a client reads it; an empty one if nothing can be seen."""
+    text = json.dumps(view or {"time": 0.0, "drawing": {"bodies": []}, "poses": {}})
+    content = types.TextResourceContents(uri=VIEW_URI, mime_type="application/json", text=text)
+    return types.ReadResourceResult(contents=[content], ttl_ms=0, cache_scope="private")
+
+
+@functools.cache
+def _page() -> str:
+    return _FILE.read_text(encoding="utf-8")

@@ -1,0 +1,50 @@
+// Builds the pages of the viewer, each one file without any address, and puts them where the packages have them.
+// `node build.mjs` writes them; `node build.mjs DIR` writes them into a folder, to be compared.
+import { createHash } from "node:crypto";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+import { build } from "esbuild";
+
+const HERE = dirname(fileURLToPath(import.meta.url));
+const PAGES = [{ source: "app", target: "physment_mcp/serving/lab.html" }];
+
+/** The bundled text of a script or a style sheet. */
+async function bundle(entry) {
+  const done = await build({
+    entryPoints: [join(HERE, "src", entry)],
+    bundle: true,
+    minify: true,
+    format: "iife",
+    target: "es2022",
+    charset: "utf8",
+    legalComments: "none",
+    write: false,
+    logLevel: "warning",
+  });
+  // A script ends at the first closing tag, also inside a text of it.
+  return done.outputFiles[0].text.trim().replaceAll("</script", "<\\/script");
+}
+
+function hash(text) {
+  return `'sha256-${createHash("sha256").update(text).digest("base64")}'`;
+}
+
+/** A page in one file: only its own script and its own style run in it, and nothing is loaded. */
+async function page(source) {
+  const [script, style] = await Promise.all([bundle(`${source}.ts`), bundle(`${source}.css`)]);
+  const policy = `default-src 'none'; script-src ${hash(script)}; style-src ${hash(style)}; img-src data:; base-uri 'none'`;
+  const parts = { policy, style: `<style>${style}</style>`, script: `<script>${script}</script>` };
+  const template = readFileSync(join(HERE, "src", `${source}.html`), "utf8");
+  return template.replace(/{{(\w+)}}/g, (_, name) => parts[name]);
+}
+
+const [folder] = process.argv.slice(2);
+for (const { source, target } of PAGES) {
+  const file = folder === undefined ? join(HERE, "..", target) : join(folder, target);
+  mkdirSync(dirname(file), { recursive: true });
+  const text = await page(source);
+  writeFileSync(file, text);
+  console.log(`${target} ${Math.round(Buffer.byteLength(text) / 1000)} kB`);
+}

@@ -1,0 +1,77 @@
+/**
+ * The data that a view is drawn from, as the laboratory sends it: SI units, z up, quaternions with w first.
+ * `physment_mcp/serving/views.py` writes it.
+ */
+
+export type Triple = [number, number, number];
+export type Quaternion = [number, number, number, number];
+
+export type Shape = "sphere" | "box" | "capsule" | "cylinder" | "ellipsoid" | "plane";
+
+/** A shape in the frame of its body. */
+export interface Part {
+  shape: Shape;
+  /** As MuJoCo has it: radius and half lengths [m]; 0 for the endless directions of a plane. */
+  size: Triple;
+  pos: Triple;
+  quat: Quaternion;
+  rgba: [number, number, number, number];
+}
+
+export interface Body {
+  id: string;
+  /** Whether tools know it by this id. */
+  object: boolean;
+  /** Whether any joint lets it move. */
+  movable?: boolean;
+  parts: Part[];
+}
+
+export interface Drawing {
+  bodies: Body[];
+  /** Lines through points in the world frame, such as strings. */
+  lines?: Triple[][];
+}
+
+/** Position [m] and orientation: x, y, z, qw, qx, qy, qz. */
+export type Pose = [number, number, number, number, number, number, number];
+
+/** Body → pose. A body without one has its parts in the world frame. */
+export type Poses = Record<string, Pose>;
+
+export interface Motion {
+  /** Instants [s], ascending. */
+  times: number[];
+  /** Body → its pose at each instant. */
+  poses: Record<string, Pose[]>;
+}
+
+/** What may be seen at one moment, and how it moved until then. */
+export interface View {
+  /** Simulation clock [s]. */
+  time: number;
+  drawing: Drawing;
+  poses: Poses;
+  motion?: Motion;
+}
+
+/** Key of the view in `_meta` of a result. */
+export const VIEW = "physment/view";
+
+/** The view in `_meta` of a result; null if there is none. */
+export function viewIn(meta: unknown): View | null {
+  if (typeof meta !== "object" || meta === null || !(VIEW in meta)) return null;
+  return asView(meta[VIEW]);
+}
+
+/** A view, if a value has the form of one; null otherwise. */
+export function asView(value: unknown): View | null {
+  const found = value as Partial<View> | null;
+  const whole =
+    typeof found === "object" &&
+    found !== null &&
+    typeof found.time === "number" &&
+    Array.isArray(found.drawing?.bodies) &&
+    typeof found.poses === "object";
+  return whole ? (found as View) : null;
+}

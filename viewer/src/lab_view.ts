@@ -1,0 +1,271 @@
+/** The laboratory as a three-dimensional picture: bodies at their poses, seen by a camera that a person can move. */
+
+import { Group, PCFShadowMap, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer } from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+import type { Drawing, Poses } from "./drawing.js";
+import { type Camera, cameraFor, FIELD, FORWARD, topOf } from "./framing.js";
+import { Overlay } from "./overlay.js";
+import { linesOf } from "./lines.js";
+import { bodyGroup, dispose } from "./shapes.js";
+import { Stage } from "./stage.js";
+
+/** Half edge of an endless plane, in extents of what is seen. */
+const ENDLESS = 12;
+/** Objects that get labels; with more of them, only the one that is pointed at. */
+const MOST_LABELS = 30;
+const TURN = Math.PI / 24;
+
+export interface LabViewOptions {
+  /** Light lines on dark ground, and the other way round by default. */
+  dark?: boolean;
+  /** Whether the camera moves at once, without gliding. */
+  reducedMotion?: boolean;
+}
+
+/** Is told the id of the object that is pointed at, and where the pointer is in the container [px]; null for none. */
+export type OnHover = (id: string | null, x: number, y: number) => void;
+
+/** Whether this browser can draw a `LabView`. */
+export function canDraw(): boolean {
+  try {
+    const context = document.createElement("canvas").getContext("webgl2");
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return context !== null;
+  } catch {
+    return false;
+  }
+}
+
+/** A picture in a container, as large as the container; throws if `canDraw` is false. */
+export class LabView {
+  /** How long drawing the first picture took [ms]; null before it. */
+  firstPictureMs: number | null = null;
+  private readonly renderer: WebGLRenderer;
+  private readonly scene = new Scene();
+  private readonly camera = new PerspectiveCamera(FIELD, 1, 0.01, 100);
+  private readonly controls: OrbitControls;
+  private readonly stage: Stage;
+  private readonly overlay = new Overlay();
+  private readonly world = new Group();
+  private readonly watched: ResizeObserver;
+  private readonly ends = new AbortController();
+  private drawing: Drawing = { bodies: [] };
+  private poses: Poses = {};
+  private framed: Camera | null = null;
+  private moments: Poses[] = [];
+  private hover: OnHover | null = null;
+  private pointed: string | null = null;
+  private waiting = 0;
+  private dark: boolean;
+
+  constructor(
+    private readonly container: HTMLElement,
+    { dark = false, reducedMotion = false }: LabViewOptions = {},
+  ) {
+    this.dark = dark;
+    this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.camera.up.set(0, 0, 1);
+    this.stage = new Stage(this.scene);
+    this.scene.add(this.world);
+    container.classList.add("lab-view");
+    if (container.tabIndex < 0) container.tabIndex = 0;
+    container.append(this.renderer.domElement, this.overlay.element);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.enableDamping = !reducedMotion;
+    this.controls.addEventListener("change", () => this.draw());
+    this.listen();
+    this.watched = new ResizeObserver(() => this.resize());
+    this.watched.observe(container);
+  }
+
+  /** Replace what is drawn; the next `show` places it, and the camera if other things are seen than before. */
+  setDrawing(drawing: Drawing): void {
+    const same = namesOf(drawing) === namesOf(this.drawing);
+    this.drawing = drawing;
+    if (!same) this.framed = null;
+    this.rebuild();
+    this.overlay.name(this.labelled());
+  }
+
+  /** Put the bodies where they are. */
+  show(poses: Poses): void {
+    this.poses = poses;
+    this.place();
+    if (!this.framed) this.frame([poses]);
+    this.draw();
+  }
+
+  /** Place the camera so that the things are seen at all these moments. */
+  frame(moments: Poses[]): void {
+    this.moments = moments;
+    const { clientWidth, clientHeight } = this.container;
+    const found = cameraFor(this.drawing, moments, (clientWidth || 4) / (clientHeight || 3));
+    this.framed = found;
+    const centre = new Vector3(...found.centre);
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(new Vector3(...FORWARD), -found.distance);
+    this.camera.near = found.distance / 200;
+    this.camera.far = found.distance + found.extent * ENDLESS * 2;
+    this.controls.minDistance = found.distance / 20;
+    this.controls.maxDistance = found.distance * 8;
+    this.stage.fit(this.drawing, found, this.dark);
+    this.rebuild();
+    this.controls.update();
+    this.draw();
+  }
+
+  /** Fit the picture to the container; also called when the container changes its size. */
+  resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.container;
+    if (width === 0 || height === 0) return;
+    this.renderer.setPixelRatio(Math.min(globalThis.devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  /** Choose colours for a dark or a light surrounding. */
+  setDark(dark: boolean): void {
+    this.dark = dark;
+    if (this.framed) this.stage.fit(this.drawing, this.framed, dark);
+    this.draw();
+  }
+
+  /** Tell what the pointer is over. */
+  onHover(callback: OnHover): void {
+    this.hover = callback;
+  }
+
+  /** Emphasise an object, as when it is pointed at; null for none. */
+  mark(id: string | null): void {
+    this.pointed = id;
+    if (this.objects().length > MOST_LABELS) this.overlay.name(this.labelled());
+    this.overlay.mark(id);
+    this.draw();
+  }
+
+  /** Let go of the container and of what the graphics card holds. */
+  dispose(): void {
+    cancelAnimationFrame(this.waiting);
+    this.ends.abort();
+    this.watched.disconnect();
+    this.controls.dispose();
+    this.stage.dispose();
+    for (const group of this.world.children) dispose(group as Group);
+    this.renderer.dispose();
+    this.renderer.domElement.remove();
+    this.overlay.element.remove();
+    this.container.classList.remove("lab-view");
+  }
+
+  private objects(): string[] {
+    return this.drawing.bodies.filter((body) => body.object).map((body) => body.id);
+  }
+
+  private labelled(): string[] {
+    const objects = this.objects();
+    return objects.length <= MOST_LABELS ? objects : objects.filter((id) => id === this.pointed);
+  }
+
+  private rebuild(): void {
+    for (const group of [...this.world.children]) {
+      this.world.remove(group);
+      dispose(group as Group);
+    }
+    const reach = (this.framed?.extent ?? 1) * ENDLESS;
+    for (const body of this.drawing.bodies) this.world.add(bodyGroup(body, reach));
+    if (this.drawing.lines) this.world.add(linesOf(this.drawing.lines, this.dark));
+    this.place();
+  }
+
+  private place(): void {
+    for (const group of this.world.children) {
+      const pose = this.poses[group.name];
+      if (!pose) continue;
+      const [x, y, z, qw, qx, qy, qz] = pose;
+      group.position.set(x, y, z);
+      group.quaternion.set(qx, qy, qz, qw);
+    }
+  }
+
+  private draw(): void {
+    if (this.waiting) return;
+    this.waiting = requestAnimationFrame(() => {
+      this.waiting = 0;
+      const started = performance.now();
+      // Gliding asks for the next picture by the event `change`.
+      this.controls.update();
+      this.renderer.render(this.scene, this.camera);
+      this.firstPictureMs ??= performance.now() - started;
+      this.placeOverlay();
+    });
+  }
+
+  private placeOverlay(): void {
+    const { clientWidth: width, clientHeight: height } = this.container;
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    const perPixel = (2 * distance * Math.tan((FIELD * Math.PI) / 360)) / Math.max(height, 1);
+    const named = new Set(this.labelled());
+    const labels = this.drawing.bodies
+      .filter((body) => named.has(body.id))
+      .map((body) => ({ id: body.id, at: new Vector3(...topOf(body, this.poses[body.id])) }));
+    this.overlay.place(this.camera, labels, width, height, perPixel);
+  }
+
+  private listen(): void {
+    const { signal } = this.ends;
+    const canvas = this.renderer.domElement;
+    canvas.addEventListener("pointermove", (event) => this.point(event.offsetX, event.offsetY), { signal });
+    canvas.addEventListener("pointerleave", () => this.pointAt(null, 0, 0), { signal });
+    this.container.addEventListener("keydown", (event) => this.press(event), { signal });
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault(), { signal });
+    canvas.addEventListener("webglcontextrestored", () => this.draw(), { signal });
+  }
+
+  private point(x: number, y: number): void {
+    const { clientWidth: width, clientHeight: height } = this.container;
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2((x / width) * 2 - 1, 1 - (y / height) * 2), this.camera);
+    const objects = new Set(this.objects());
+    const hit = ray.intersectObjects(this.world.children, true)[0]?.object.parent?.name ?? "";
+    this.pointAt(objects.has(hit) ? hit : null, x, y);
+  }
+
+  private pointAt(id: string | null, x: number, y: number): void {
+    if (id !== this.pointed) this.mark(id);
+    this.hover?.(id, x, y);
+  }
+
+  private press(event: KeyboardEvent): void {
+    if (event.target !== this.container || event.ctrlKey || event.altKey || event.metaKey) return;
+    const turn = { ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] }[event.key];
+    const zoom = { "+": 0.85, "=": 0.85, "-": 1 / 0.85 }[event.key];
+    if (turn) this.orbit(turn[0] ?? 0, turn[1] ?? 0, 1);
+    else if (zoom) this.orbit(0, 0, zoom);
+    else if (event.key === "0" && this.moments.length > 0) this.frame(this.moments);
+    else return;
+    event.preventDefault();
+  }
+
+  /** Move the camera round its target: about z, towards the pole, and by a factor of its distance. */
+  private orbit(round: number, down: number, factor: number): void {
+    const { target, minDistance, maxDistance } = this.controls;
+    const from = this.camera.position.clone().sub(target);
+    const distance = Math.min(Math.max(from.length() * factor, minDistance), maxDistance);
+    const polar = Math.min(Math.max(Math.acos(from.z / from.length()) + down, 0.02), Math.PI - 0.02);
+    const azimuth = Math.atan2(from.y, from.x) + round;
+    from.set(Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar));
+    this.camera.position.copy(target).addScaledVector(from, distance);
+    this.controls.update();
+    this.draw();
+  }
+}
+
+/** What decides whether the camera may stay: which bodies are drawn. */
+function namesOf(drawing: Drawing): string {
+  return drawing.bodies.map((body) => body.id).join(" ");
+}

@@ -1,0 +1,110 @@
+/** What lies over the picture as text and lines: labels of objects, axes x y z, a scale bar. */
+
+import { type Camera, type Quaternion, Vector3 } from "three";
+
+import { metres, roundLength } from "./ruler.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const AXES = [
+  { name: "x", along: new Vector3(1, 0, 0) },
+  { name: "y", along: new Vector3(0, 1, 0) },
+  { name: "z", along: new Vector3(0, 0, 1) },
+];
+const AXIS_PX = 26;
+const LABEL_PX = 15;
+/** The scale bar is at most this share of the width. */
+const BAR = 0.22;
+
+export interface Label {
+  id: string;
+  /** Where its object is [m]. */
+  at: Vector3;
+}
+
+/** The layer over a picture; decoration, since the text alternative says the same. */
+export class Overlay {
+  readonly element = document.createElement("div");
+  private readonly axes = document.createElementNS(SVG, "svg");
+  private readonly bar = document.createElement("div");
+  private readonly tags = new Map<string, HTMLElement>();
+  private marked: string | null = null;
+
+  constructor() {
+    this.element.className = "lab-overlay";
+    this.element.setAttribute("aria-hidden", "true");
+    this.axes.setAttribute("class", "lab-axes");
+    this.axes.setAttribute("viewBox", "-40 -40 80 80");
+    this.bar.className = "lab-scale";
+    this.element.append(this.axes, this.bar);
+  }
+
+  /** Set which objects have labels. */
+  name(ids: string[]): void {
+    for (const tag of this.tags.values()) tag.remove();
+    this.tags.clear();
+    for (const id of ids) {
+      const tag = document.createElement("span");
+      tag.className = "lab-label";
+      tag.textContent = id;
+      this.tags.set(id, tag);
+      this.element.append(tag);
+    }
+    this.mark(this.marked);
+  }
+
+  /** Emphasise one label; null for none. */
+  mark(id: string | null): void {
+    this.marked = id;
+    for (const [name, tag] of this.tags) tag.classList.toggle("lab-marked", name === id);
+  }
+
+  /** Put everything where the camera sees it; sizes in CSS pixels. */
+  place(camera: Camera, labels: Label[], width: number, height: number, perPixel: number): void {
+    this.placeLabels(camera, labels, width, height);
+    this.drawAxes(camera.quaternion);
+    const length = roundLength(perPixel * width * BAR);
+    this.bar.style.width = `${length / perPixel}px`;
+    this.bar.textContent = metres(length);
+  }
+
+  private placeLabels(camera: Camera, labels: Label[], width: number, height: number): void {
+    const placed: { x: number; y: number; width: number }[] = [];
+    const seen = labels
+      .map(({ id, at }) => ({ tag: this.tags.get(id), at: at.clone().project(camera) }))
+      .sort((one, other) => other.at.y - one.at.y);
+    for (const { tag, at } of seen) {
+      if (!tag) continue;
+      tag.hidden = at.z > 1 || Math.abs(at.x) > 1 || Math.abs(at.y) > 1;
+      if (tag.hidden) continue;
+      const room = tag.offsetWidth + 4;
+      const x = Math.min(Math.max(((at.x + 1) / 2) * width, room / 2), width - room / 2);
+      let y = Math.max(((1 - at.y) / 2) * height, LABEL_PX);
+      // Labels come from top to bottom; one that would cover another goes below it.
+      for (const other of placed) {
+        if (Math.abs(other.x - x) < (other.width + room) / 2 && Math.abs(other.y - y) < LABEL_PX) y = other.y + LABEL_PX;
+      }
+      placed.push({ x, y, width: room });
+      tag.style.transform = `translate(${x}px, ${y}px) translate(-50%, -100%)`;
+    }
+  }
+
+  private drawAxes(camera: Quaternion): void {
+    const turn = camera.clone().invert();
+    const shown = AXES.map(({ name, along }) => ({ name, at: along.clone().applyQuaternion(turn) }));
+    shown.sort((one, other) => one.at.z - other.at.z);
+    this.axes.replaceChildren(...shown.flatMap(({ name, at }) => axisOf(name, at)));
+  }
+}
+
+function axisOf(name: string, at: Vector3): SVGElement[] {
+  const line = document.createElementNS(SVG, "line");
+  line.setAttribute("x2", `${at.x * AXIS_PX}`);
+  line.setAttribute("y2", `${-at.y * AXIS_PX}`);
+  line.setAttribute("class", `lab-axis-${name}`);
+  const text = document.createElementNS(SVG, "text");
+  text.setAttribute("x", `${at.x * (AXIS_PX + 8)}`);
+  text.setAttribute("y", `${-at.y * (AXIS_PX + 8)}`);
+  text.setAttribute("class", `lab-axis-${name}`);
+  text.textContent = name;
+  return [line, text];
+}
