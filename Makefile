@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
-  docs clients conformance inspect-test engines integrations mcpb lock \
+  docs clients conformance inspect-test engines integrations mcpb viewer lock \
   test-lowest dist test-wheel release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -151,6 +151,12 @@ mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; npx, if instal
 	@if command -v npx >/dev/null; then \
 	  rm -rf build/mcpb && mkdir -p build && $(MCPB) unpack dist/physment.mcpb build/mcpb && $(MCPB) validate build/mcpb; \
 	else echo "npx is not installed: the bundle was not checked by its own tool"; fi
+
+##@ Viewer (needs node 20 or newer, with npm)
+
+# Scripts of packages are not run: none is needed. The files that it writes are committed.
+viewer: ## install node's packages as locked, check types, and build the viewer into the files that the packages hold
+	@cd viewer && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent check && npm run --silent build
 
 ##@ Dependencies (both need uv: pip install uv)
 

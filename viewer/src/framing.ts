@@ -145,17 +145,50 @@ function halfEdges(part: Part): Triple {
 function cornersOf(part: Part, pose: Pose | undefined): Points {
   const half = halfEdges(part);
   const signs = [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => [x, y, z] as Triple)));
-  return signs.map((sign) => {
-    const local = sign.map((value, axis) => value * half[axis]!) as Triple;
-    const inBody = plus(part.pos, turned(part.quat, local));
-    return pose ? plus(pose.slice(0, 3) as Triple, turned(pose.slice(3) as Quaternion, inBody)) : inBody;
-  });
+  return signs.map((sign) => placed(part, pose, sign.map((value, axis) => value * half[axis]!) as Triple));
+}
+
+/** A point of a part, in the world. */
+function placed(part: Part, pose: Pose | undefined, point: Triple): Triple {
+  const inBody = plus(part.pos, turned(part.quat, point));
+  return pose ? plus(pose.slice(0, 3) as Triple, turned(pose.slice(3) as Quaternion, inBody)) : inBody;
 }
 
 /** A vector turned by a unit quaternion. */
 export function turned([w, x, y, z]: Quaternion, [a, b, c]: Triple): Triple {
   const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
   return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
+}
+
+/** Points whose convex hull is the outline of a part, in the world. */
+export function outlineOf(part: Part, pose: Pose | undefined): Points {
+  const [a, b] = part.size;
+  if (part.shape === "box" || part.shape === "plane") return cornersOf(part, pose);
+  const half = halfEdges(part);
+  const rings = part.shape === "cylinder" ? [-b, b].map((z) => ({ z, share: 1 })) : ROUND_RINGS;
+  const points = rings.flatMap(({ z, share }) =>
+    ANGLES.map((angle): Triple => {
+      const [x, y] = [Math.cos(angle) * share, Math.sin(angle) * share];
+      if (part.shape === "cylinder") return [x * a, y * a, z];
+      if (part.shape === "capsule") return [x * a, y * a, z * a + Math.sign(z) * b];
+      return [x * half[0], y * half[1], z * half[2]];
+    }),
+  );
+  return points.map((point) => placed(part, pose, point));
+}
+
+const ANGLES = Array.from({ length: 24 }, (_, index) => (index * Math.PI) / 12);
+const ROUND_RINGS = Array.from({ length: 12 }, (_, index) => {
+  const height = ((index + 0.5) / 12) * Math.PI;
+  return { z: -Math.cos(height), share: Math.sin(height) };
+});
+
+/** Where a camera sees a point: to the right and up, in heights of the picture from its middle, and how far away [m]. */
+export function seenFrom({ centre, distance }: Camera, point: Triple): Triple {
+  const at = minus(point, centre);
+  const depth = dot(at, FORWARD) + distance;
+  const scale = 2 * Math.tan((FIELD * Math.PI) / 360) * depth;
+  return [dot(at, RIGHT) / scale, dot(at, UP) / scale, depth];
 }
 
 function clipped(point: Triple, low: Triple, high: Triple, reach: number): Triple {

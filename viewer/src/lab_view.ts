@@ -39,8 +39,9 @@ export function canDraw(): boolean {
 
 /** A picture in a container, as large as the container; throws if `canDraw` is false. */
 export class LabView {
-  /** How long drawing the first picture took [ms]; null before it. */
+  /** How long it took from the start of the constructor to the first picture [ms]; null before it. */
   firstPictureMs: number | null = null;
+  private readonly started = performance.now();
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FIELD, 1, 0.01, 100);
@@ -196,11 +197,10 @@ export class LabView {
     if (this.waiting) return;
     this.waiting = requestAnimationFrame(() => {
       this.waiting = 0;
-      const started = performance.now();
       // Gliding asks for the next picture by the event `change`.
       this.controls.update();
       this.renderer.render(this.scene, this.camera);
-      this.firstPictureMs ??= performance.now() - started;
+      this.firstPictureMs ??= performance.now() - this.started;
       this.placeOverlay();
     });
   }

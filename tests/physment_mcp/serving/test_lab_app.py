@@ -1,0 +1,136 @@
+"""The laboratory in the chat: offered to clients that declare apps, and to nobody else."""
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from mcp import Client
+from mcp.client.extension import advertise
+from mcp.shared.exceptions import MCPError
+
+from physment_mcp.scene import load_scene
+from physment_mcp.serving import lab_app
+from physment_mcp.serving.server import build_server, published_tools
+from physment_mcp.serving.sight import looking, sight_of
+from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.session import Session
+from tests.builders.app_client import EXTENSION, MIME_TYPE, app_client
+from tests.builders.laboratory import OpenHost, WritePack
+
+pytestmark = pytest.mark.anyio
+
+OpenSlot = Callable[..., EpisodeSlot]
+CALLS: list[tuple[str, dict[str, Any]]] = [
+    ("step", {"duration": 0.1}),
+    ("find_objects", {}),
+    ("get_position", {"object_id": 1}),
+    ("step", {"duration": -1}),
+    ("move_object", {"object_id": 1, "x": 0, "y": 0, "z": 2}),
+    ("step", {"duration": 0.2}),
+]
+
+
+@pytest.fixture
+def slot(pack: dict[str, Any], xml: str, write_pack: WritePack) -> OpenSlot:
+    folder = write_pack(pack, xml)
+
+    def opened(**options: Any) -> EpisodeSlot:
+        return EpisodeSlot(
+            Session(load_scene(7, 0, folder), **options), look=lambda scene: sight_of(scene, [scene.mjcf])
+        )
+
+    return opened
+
+
+async def said(client: Client) -> list[str]:
+    """All that a client gets from a server, as it comes."""
+    lists = [await client.list_tools(), await client.list_resources(), await client.list_prompts()]
+    results = [await client.call_tool(tool, arguments) for tool, arguments in CALLS]
+    return [part.model_dump_json(by_alias=True) for part in (*lists, *results)]
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+async def test_a_client_that_shows_apps_gets_the_app_and_what_it_draws(slot: OpenSlot, mode: str) -> None:
+    async with app_client(build_server(slot()), mode) as client:
+        tools = (await client.list_tools()).tools
+        assert [tool.model_copy(update={"meta": None}) for tool in tools] == list(published_tools())
+        carrying = {tool.name: tool.meta for tool in tools if tool.meta}
+        assert set(carrying) == lab_app.SHOWING
+        assert carrying["step"] == {"ui": {"resourceUri": lab_app.APP_URI}, "ui/resourceUri": lab_app.APP_URI}
+        listed = {resource.uri: resource for resource in (await client.list_resources()).resources}
+        assert listed[lab_app.APP_URI].mime_type == MIME_TYPE
+        (page,) = (await client.read_resource(lab_app.APP_URI)).contents
+        assert (page.mime_type, page.text[:15]) == (MIME_TYPE, "<!doctype html>")
+        results = {tool: await client.call_tool(tool, arguments) for tool, arguments in CALLS}
+        view = (results["step"].meta or {})[lab_app.VIEW]
+        assert view["motion"]["times"][0] == 0.1
+        assert view["poses"]["object_1"][2] == view["motion"]["poses"]["object_1"][-1][2]
+        assert lab_app.VIEW in (results["find_objects"].meta or {})
+        assert lab_app.VIEW not in (results["get_position"].meta or {})
+        (now,) = (await client.read_resource(lab_app.VIEW_URI)).contents
+        assert json.loads(now.text) == {name: part for name, part in view.items() if name != "motion"}
+
+
+@pytest.mark.parametrize("settings", [None, {}, {"mimeTypes": ["text/plain"]}])
+async def test_other_clients_get_the_same_bytes_as_from_a_server_without_the_app(
+    slot: OpenSlot, settings: dict[str, Any] | None
+) -> None:
+    without = slot()
+    without._look = None
+    extensions = None if settings is None else [advertise(EXTENSION, settings)]
+    async with Client(build_server(without)) as plain, Client(build_server(slot()), extensions=extensions) as other:
+        assert await said(other) == await said(plain)
+        for uri in (lab_app.APP_URI, lab_app.VIEW_URI):
+            with pytest.raises(MCPError, match="there is no resource"):
+                await other.read_resource(uri)
+
+
+async def test_an_episode_that_is_played_for_a_score_does_not_offer_it(slot: OpenSlot) -> None:
+    async with Client(build_server(slot(max_calls=50))) as plain, app_client(build_server(slot(max_calls=50))) as other:
+        assert await said(other) == await said(plain)
+        with pytest.raises(MCPError, match="there is no resource"):
+            await other.read_resource(lab_app.VIEW_URI)
+
+
+async def test_looking_is_no_call_and_is_not_logged(slot: OpenSlot) -> None:
+    looked_at, alone = slot(), slot()
+    async with app_client(build_server(looked_at)) as client, Client(build_server(alone)) as other:
+        for tool, arguments in CALLS:
+            await client.read_resource(lab_app.VIEW_URI)
+            seen, told = await client.call_tool(tool, arguments), await other.call_tool(tool, arguments)
+            assert (seen.content, seen.structured_content) == (told.content, told.structured_content)
+    notes = [[logged.as_note(number) for number, logged in enumerate(one.log.calls)] for one in (looked_at, alone)]
+    assert notes[0] == notes[1]
+    assert looked_at.session
+    assert looked_at.session.calls == len(CALLS)
+
+
+async def test_a_view_that_cannot_be_made_hides_no_result(slot: OpenSlot, tmp_path: Any) -> None:
+    blind = slot()
+    blind._look = looking(tmp_path)  # where no variants are
+    async with app_client(build_server(blind)) as client:
+        result = await client.call_tool("step", {"duration": 0.1})
+        assert not result.is_error
+        assert lab_app.VIEW not in (result.meta or {})
+        (now,) = (await client.read_resource(lab_app.VIEW_URI)).contents
+        assert json.loads(now.text)["drawing"] == {"bodies": []}
+
+
+async def test_a_host_offers_it_with_its_folder_of_scenes(inside: OpenHost) -> None:
+    async with inside() as (host, _):
+        session = Session(load_scene(7, 0, host.scenes_dir))
+        assert "object_2" in str(host._look(session.scene).parts)
+
+
+def test_the_app_is_one_file_that_runs_only_its_own_script_and_connects_to_nothing() -> None:
+    page = lab_app.app_page().contents[0]
+    text: str = page.text  # type: ignore[union-attr]
+    assert len(text.encode()) < 1_500_000
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text)
+    assert re.sub(r"'sha256-[\w+/=]+'", "HASH", policy).split("; ") == [
+        *("default-src 'none'", "script-src HASH", "style-src HASH", "img-src data:", "base-uri 'none'")
+    ]
+    assert text.count("<script") == text.count("</script>") == 1
+    assert re.findall(r'<(?:link|img|script)[^>]*(?:src|href)="', text.split("<script", maxsplit=1)[0]) == []

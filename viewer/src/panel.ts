@@ -1,0 +1,194 @@
+/** A view with all that a person needs around it: play and stop, a scrubber, readings, and the same in words. */
+
+import type { Body, Poses, View } from "./drawing.js";
+import { canDraw, LabView } from "./lab_view.js";
+import { element } from "./markup.js";
+import { posesAt } from "./motion.js";
+import { Playback, SPEEDS } from "./playback.js";
+import { Schematic } from "./schematic.js";
+import { bodyInWords, NOTHING, placeInWords, STILL, turnInWords, viewInWords } from "./words.js";
+
+/** Instants of a motion that the camera keeps in view. */
+const FRAMED = 8;
+
+export interface PanelOptions {
+  dark: boolean;
+  reducedMotion: boolean;
+  /** What to tell of an object, in lines; by default its shape and its pose at the instant shown. */
+  readings?: (id: string) => string[];
+}
+
+export class LabPanel {
+  /** Whether a browser without WebGL made it draw outlines. */
+  readonly flat = !canDraw();
+  readonly picture: LabView | Schematic;
+  playback: Playback | null = null;
+  private view: View | null = null;
+  private shown: Poses = {};
+  private pointed: string | null = null;
+  private readonly box = element("div", { class: "lab-box", role: "img", tabindex: "0" });
+  private readonly tip = element("div", { class: "lab-tip", hidden: "" });
+  private readonly note = element("p", { class: "lab-note", hidden: "" });
+  private readonly play = element("button", { type: "button", class: "lab-play" });
+  private readonly scrub = element("input", { type: "range", step: "any", "aria-label": "instant" });
+  private readonly clock = element("output", { class: "lab-clock" });
+  private readonly speed = element("select", { "aria-label": "speed" });
+  private readonly controls = element("div", { class: "lab-controls", hidden: "" });
+  private readonly objects = element("tbody");
+  private readonly words = element("p");
+
+  constructor(
+    container: HTMLElement,
+    private readonly options: PanelOptions,
+  ) {
+    this.controls.append(this.play, this.scrub, this.clock, this.speed);
+    const heads = ["object", "shape", "place", "orientation"].map((text) => element("th", { scope: "col" }, text));
+    const head = element("thead", {}, element("tr", {}, ...heads));
+    const table = element("div", { class: "lab-wide" }, element("table", {}, head, this.objects));
+    const inWords = element("details", { class: "lab-words" }, element("summary", {}, "In words"), this.words, table);
+    const help = "Drag or use the arrow keys to turn, + and − to zoom, 0 to look from the front, space to play.";
+    this.box.append(this.tip);
+    container.append(this.box, this.note, this.controls, inWords);
+    if (!this.flat) container.append(element("p", { class: "lab-help" }, help));
+    this.picture = this.flat ? new Schematic(this.box) : new LabView(this.box, options);
+    this.picture.onHover((id, x, y) => this.point(id, x, y));
+    this.listen();
+  }
+
+  /**
+   * Show a view.
+   *
+   * @param view - What is seen.
+   * @param play - Whether its motion starts by itself; never does for who asks for less motion.
+   */
+  show(view: View, play = true): void {
+    this.playback?.pause();
+    this.view = view;
+    const { motion } = view;
+    const moved = Object.keys(motion?.poses ?? {}).length > 0;
+    this.playback = motion && moved ? new Playback(motion, view.poses, (poses) => this.place(poses)) : null;
+    this.picture.setDrawing(view.drawing);
+    this.picture.frame(this.moments(view));
+    this.say(view.drawing.bodies.length === 0 ? NOTHING : motion && !moved ? `${STILL} ${this.warning()}` : this.warning());
+    this.listObjects(view);
+    this.setControls();
+    this.place(view.poses);
+    if (play && !this.options.reducedMotion) this.playback?.play();
+  }
+
+  /** Show a sentence below the picture; none hides it. */
+  say(sentence: string): void {
+    this.note.textContent = sentence;
+    this.note.hidden = sentence === "";
+  }
+
+  setDark(dark: boolean): void {
+    this.picture.setDark(dark);
+  }
+
+  private warning(): string {
+    return this.flat ? "This browser draws no three-dimensional pictures (WebGL), so this is an outline." : "";
+  }
+
+  private moments({ motion, poses }: View): Poses[] {
+    if (!motion) return [poses];
+    const last = motion.times.length - 1;
+    const picked = Array.from({ length: FRAMED }, (_, index) => motion.times[Math.round((index * last) / (FRAMED - 1))]!);
+    return picked.map((time) => posesAt(motion, poses, time));
+  }
+
+  private place(poses: Poses): void {
+    this.shown = poses;
+    this.picture.show(poses);
+    const { playback, view } = this;
+    if (!view) return;
+    if (playback) {
+      this.scrub.value = `${playback.time}`;
+      this.clock.textContent = `${playback.time.toFixed(3)} s`;
+      this.play.textContent = playback.playing ? "❚❚" : "▶";
+      this.play.setAttribute("aria-label", playback.playing ? "stop" : "play the last step");
+    }
+    for (const row of this.objects.rows) this.fillRow(row);
+    this.tell();
+  }
+
+  private setControls(): void {
+    const { playback } = this;
+    this.controls.hidden = playback === null;
+    if (!playback) return;
+    this.scrub.min = `${playback.start}`;
+    this.scrub.max = `${playback.end}`;
+    this.speed.value = `${playback.speed}`;
+  }
+
+  private listObjects(view: View): void {
+    this.words.textContent = viewInWords(view);
+    this.box.setAttribute("aria-label", viewInWords(view));
+    const rows = view.drawing.bodies.filter((body) => body.object).map((body) => this.rowOf(body));
+    this.objects.replaceChildren(...rows);
+  }
+
+  private rowOf(body: Body): HTMLTableRowElement {
+    const name = element("button", { type: "button" }, body.id);
+    for (const event of ["focus", "pointerenter"]) name.addEventListener(event, () => this.mark(body.id));
+    for (const event of ["blur", "pointerleave"]) name.addEventListener(event, () => this.mark(null));
+    const row = element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, bodyInWords(body)));
+    row.append(element("td"), element("td"));
+    row.dataset["id"] = body.id;
+    return row;
+  }
+
+  private fillRow(row: HTMLTableRowElement): void {
+    const pose = this.shown[row.dataset["id"] ?? ""];
+    const [, , place, turn] = row.cells;
+    if (!pose || !place || !turn) return;
+    place.textContent = placeInWords(pose);
+    turn.textContent = turnInWords(pose);
+  }
+
+  private mark(id: string | null): void {
+    this.pointed = id;
+    this.picture.mark(id);
+  }
+
+  private point(id: string | null, x: number, y: number): void {
+    this.pointed = id;
+    this.tip.hidden = id === null;
+    this.tell();
+    const left = Math.min(x + 14, Math.max(0, this.box.clientWidth - this.tip.offsetWidth - 4));
+    this.tip.style.transform = `translate(${left}px, ${Math.max(0, y - this.tip.offsetHeight - 6)}px)`;
+  }
+
+  private tell(): void {
+    const id = this.pointed;
+    if (this.tip.hidden || id === null) return;
+    const lines = this.options.readings?.(id) ?? this.usualReadings(id);
+    this.tip.replaceChildren(element("b", {}, id), ...lines.map((line) => element("div", {}, line)));
+  }
+
+  private usualReadings(id: string): string[] {
+    const body = this.view?.drawing.bodies.find((one) => one.id === id);
+    const pose = this.shown[id];
+    return [...(body ? [bodyInWords(body)] : []), ...(pose ? [placeInWords(pose), turnInWords(pose)] : [])];
+  }
+
+  private listen(): void {
+    for (const speed of SPEEDS) {
+      const text = speed === 1 ? "real time" : speed < 1 ? `${1 / speed}× slower` : `${speed}× faster`;
+      this.speed.append(element("option", { value: `${speed}` }, text));
+    }
+    this.play.addEventListener("click", () => this.playback?.toggle());
+    this.scrub.addEventListener("input", () => {
+      this.playback?.pause();
+      this.playback?.seek(Number(this.scrub.value));
+    });
+    this.speed.addEventListener("change", () => {
+      if (this.playback) this.playback.speed = Number(this.speed.value);
+    });
+    this.box.addEventListener("keydown", (event) => {
+      if (event.key !== " " || event.target !== this.box) return;
+      this.playback?.toggle();
+      event.preventDefault();
+    });
+  }
+}

@@ -1,0 +1,126 @@
+/** A drawing as outlines in SVG, from the same camera: for browsers that cannot draw in three dimensions. */
+
+import type { Body, Drawing, Part, Pose, Poses, Triple } from "./drawing.js";
+import { type Camera, cameraFor, outlineOf, seenFrom } from "./framing.js";
+import type { OnHover } from "./lab_view.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const [WIDTH, HEIGHT] = [640, 420];
+
+/** Draws what `LabView` draws, without light and from one side; its methods are those of `LabView`. */
+export class Schematic {
+  readonly firstPictureMs = 0;
+  private readonly picture = document.createElementNS(SVG, "svg");
+  private drawing: Drawing = { bodies: [] };
+  private poses: Poses = {};
+  private camera: Camera | null = null;
+  private hover: OnHover | null = null;
+  private marked: string | null = null;
+
+  constructor(container: HTMLElement) {
+    this.picture.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
+    this.picture.setAttribute("class", "lab-schematic");
+    container.append(this.picture);
+    this.picture.addEventListener("pointermove", (event) => {
+      const id = (event.target as Element).getAttribute("data-id");
+      this.hover?.(id, event.offsetX, event.offsetY);
+    });
+  }
+
+  setDrawing(drawing: Drawing): void {
+    this.drawing = drawing;
+    this.camera = null;
+  }
+
+  show(poses: Poses): void {
+    this.poses = poses;
+    if (this.camera) this.draw(this.camera);
+    else this.frame([poses]);
+  }
+
+  frame(moments: Poses[]): void {
+    this.camera = cameraFor(this.drawing, moments, WIDTH / HEIGHT);
+    this.draw(this.camera);
+  }
+
+  resize(): void {
+    // The picture scales by itself.
+  }
+
+  setDark(_dark: boolean): void {
+    // The outlines have the colour of the text.
+  }
+
+  onHover(callback: OnHover): void {
+    this.hover = callback;
+  }
+
+  mark(id: string | null): void {
+    this.marked = id;
+    if (this.camera) this.draw(this.camera);
+  }
+
+  dispose(): void {
+    this.picture.remove();
+  }
+
+  private draw(camera: Camera): void {
+    const shapes = this.drawing.bodies
+      .flatMap((body) => body.parts.map((part) => this.shapeOf(camera, body, part)))
+      .filter((shape) => shape !== null)
+      .sort((one, other) => other.depth - one.depth);
+    this.picture.replaceChildren(...shapes.map((shape) => shape.element), ...this.names(camera));
+  }
+
+  private shapeOf(camera: Camera, body: Body, part: Part): { element: SVGElement; depth: number } | null {
+    const points = outlineOf(part, this.poses[body.id]).map((point) => seenFrom(camera, point));
+    if (points.some(([, , depth]) => depth <= 0)) return null;
+    const element = document.createElementNS(SVG, "polygon");
+    const hull = hullOf(points.map(([x, y]) => [WIDTH / 2 + x * HEIGHT, HEIGHT / 2 - y * HEIGHT]));
+    element.setAttribute("points", hull.map((point) => point.join(",")).join(" "));
+    const [red, green, blue, opacity] = part.rgba;
+    element.setAttribute("fill", `rgb(${[red, green, blue].map((share) => Math.round(share * 255)).join(" ")})`);
+    element.setAttribute("fill-opacity", `${0.75 * opacity}`);
+    if (body.object) element.setAttribute("data-id", body.id);
+    if (body.id === this.marked) element.setAttribute("class", "lab-marked-shape");
+    return { element, depth: points.reduce((sum, [, , depth]) => sum + depth, 0) / points.length };
+  }
+
+  private names(camera: Camera): SVGElement[] {
+    return this.drawing.bodies
+      .filter((body) => body.object && body.parts.length > 0)
+      .map((body) => {
+        const [x, y] = seenFrom(camera, originOf(body, this.poses[body.id]));
+        const text = document.createElementNS(SVG, "text");
+        text.setAttribute("x", `${WIDTH / 2 + x * HEIGHT}`);
+        text.setAttribute("y", `${HEIGHT / 2 - y * HEIGHT}`);
+        text.textContent = body.id;
+        return text;
+      });
+  }
+}
+
+function originOf(body: Body, pose: Pose | undefined): Triple {
+  return (pose?.slice(0, 3) ?? body.parts[0]?.pos ?? [0, 0, 0]) as Triple;
+}
+
+type Flat = [number, number];
+
+/** The convex hull of points, in order round it. */
+function hullOf(points: Flat[]): Flat[] {
+  const sorted = [...points].sort((one, other) => one[0] - other[0] || one[1] - other[1]);
+  const half = (from: Flat[]): Flat[] => {
+    const chain: Flat[] = [];
+    for (const point of from) {
+      while (chain.length > 1 && turn(chain.at(-2)!, chain.at(-1)!, point) <= 0) chain.pop();
+      chain.push(point);
+    }
+    return chain.slice(0, -1);
+  };
+  return [...half(sorted), ...half(sorted.reverse())];
+}
+
+/** Positive if three points turn to the left. */
+function turn([ax, ay]: Flat, [bx, by]: Flat, [cx, cy]: Flat): number {
+  return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+}

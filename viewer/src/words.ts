@@ -1,0 +1,63 @@
+/** What is seen, in words: for people who cannot see the picture, and for the text at the pointer. */
+
+import type { Body, Part, Pose, View } from "./drawing.js";
+import { coordinate, metres } from "./ruler.js";
+
+/** A part in words, with its full edges. */
+export function partInWords({ shape, size: [a, b, c] }: Part): string {
+  switch (shape) {
+    case "sphere":
+      return `sphere, radius ${metres(a)}`;
+    case "box":
+      return `box, ${[a, b, c].map((half) => Number((2 * half).toPrecision(3))).join(" × ")} m`;
+    case "ellipsoid":
+      return `ellipsoid, ${[a, b, c].map((half) => Number((2 * half).toPrecision(3))).join(" × ")} m`;
+    case "capsule":
+    case "cylinder":
+      return `${shape}, radius ${metres(a)}, length ${metres(2 * b)}`;
+    case "plane":
+      return "plane";
+  }
+}
+
+/** A body in words. */
+export function bodyInWords(body: Body): string {
+  const [part, ...others] = body.parts;
+  if (!part) return "nothing";
+  return others.length > 0 ? `${body.parts.length} shapes, the first a ${partInWords(part)}` : partInWords(part);
+}
+
+/** A position in words. */
+export function placeInWords(pose: Pose): string {
+  return `(${pose.slice(0, 3).map(coordinate).join(", ")}) m`;
+}
+
+/** By how much a pose is turned from the world axes, in words. */
+export function turnInWords(pose: Pose): string {
+  const [w, x, y, z] = pose.slice(3) as [number, number, number, number];
+  const sine = Math.hypot(x, y, z);
+  const degrees = (2 * Math.atan2(sine, Math.abs(w)) * 180) / Math.PI;
+  if (degrees < 0.05) return "not turned";
+  const sign = w < 0 ? -1 : 1;
+  const axis = [x, y, z].map((value) => coordinate(Number(((sign * value) / sine).toFixed(2))));
+  return `turned ${degrees.toFixed(1)}° about (${axis.join(", ")})`;
+}
+
+/** A view in one sentence or two. */
+export function viewInWords(view: View): string {
+  const objects = view.drawing.bodies.filter((body) => body.object);
+  if (view.drawing.bodies.length === 0) return NOTHING;
+  const listed = objects.map((body) => {
+    const pose = view.poses[body.id];
+    return `${body.id} (${bodyInWords(body)})${pose ? ` at ${placeInWords(pose)}` : ""}`;
+  });
+  const moved = Object.keys(view.motion?.poses ?? {});
+  const motion = moved.length > 0 ? ` In the last step moved: ${moved.join(", ")}.` : "";
+  return `At ${coordinate(view.time)} s are seen: ${listed.join("; ") || "fixtures only"}.${motion}`;
+}
+
+export const STILL = "Nothing that is seen moved in this step.";
+
+export const NOTHING =
+  "Nothing of this scene may be seen: its objects are hidden, or what would show them is withheld or differs from" +
+  " case to case. Measure with the tools.";
