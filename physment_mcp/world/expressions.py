@@ -11,6 +11,8 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
+from physment_mcp.parsing import PARSING
+
 Function = Callable[..., tuple[float, ...]]
 """Takes the state by position, returns one number for each result."""
 
@@ -91,13 +93,17 @@ class Formulas:
         trees = (*self._let.values(), *self._results.values())
         self.used = {node.id for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Name)} & set(names)
         """Those of `names` that the expressions contain."""
+        self._functions: dict[tuple[str, ...], Function] = {}
 
     def function(self, arguments: Sequence[str]) -> Function:
         """One function that computes all results from the values of `arguments`, which contain all names in use.
 
         It raises ArithmeticError or ValueError where a result does not exist, such as 1/0 or the root of -1.
         """
-        return _compiled(arguments, self._let, tuple(self._results.values()))
+        wanted = tuple(arguments)
+        if wanted not in self._functions:
+            self._functions[wanted] = _compiled(wanted, self._let, tuple(self._results.values()))
+        return self._functions[wanted]
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
         """The first field that has no finite value at `values`, and why; None if all have one."""
@@ -138,7 +144,9 @@ def _parse(field: str, text: str, known: Mapping[str, ast.expr]) -> ast.expr:
     if len(text) > LENGTH_LIMIT:
         raise ExpressionError(f"{field}: it has {len(text)} characters; at most {LENGTH_LIMIT} are allowed")
     try:
-        return _Checker(known).visit(ast.parse(text, mode="eval").body)
+        with PARSING:
+            parsed = ast.parse(text, mode="eval")
+        return _Checker(known).visit(parsed.body)
     except ExpressionError as error:
         raise ExpressionError(f"{field}: {error}") from error
     except (SyntaxError, ValueError) as error:
@@ -148,7 +156,8 @@ def _parse(field: str, text: str, known: Mapping[str, ast.expr]) -> ast.expr:
 
 
 def _compiled(arguments: Sequence[str], let: Mapping[str, ast.expr], results: Sequence[ast.expr]) -> Function:
-    source = ast.parse(f"def law({', '.join(arguments)}): pass")
+    with PARSING:
+        source = ast.parse(f"def law({', '.join(arguments)}): pass")
     function = source.body[0]
     assert isinstance(function, ast.FunctionDef)
     function.body = [

@@ -15,6 +15,7 @@ A law has no memory: the engine evaluates it in every stage of its integrator, a
 """
 
 import copy
+import functools
 import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -33,6 +34,8 @@ TEXT = "laws"
 LAW_LIMIT = 64
 """Most laws of a model."""
 
+_KEPT = 256
+"""Most laws whose compiled formulas are kept."""
 _PLACE = ("x", "y", "z")
 _MOTION = ("wx", "wy", "wz", "vx", "vy", "vz")
 """In the order of `mj_objectVelocity`."""
@@ -83,7 +86,8 @@ class BoundLaw:
         names = ["t"]
         for prefix, hinge in hinges.items():
             names += [prefix + name for name in (*_PLACE, *_MOTION, *(_HINGE if hinge else ()))]
-        self._formulas = Formulas(names, written.constants, written.let, written.results)
+        parts = (written.constants, written.let, written.results)
+        self._formulas = _formulas(tuple(names), *(tuple(part.items()) for part in parts))
         self._arguments = ["t"]
         self._sources: list[_Source] = []
         for prefix, body in bodies.items():
@@ -129,6 +133,17 @@ class BoundLaw:
             if source.hinge is not None:
                 values += (data.qpos.item(source.hinge[0]), data.qvel.item(source.hinge[1]))
         return values
+
+
+@functools.lru_cache(_KEPT)
+def _formulas(
+    names: tuple[str, ...],
+    constants: tuple[tuple[str, float], ...],
+    let: tuple[tuple[str, str], ...],
+    results: tuple[tuple[str, str], ...],
+) -> Formulas:
+    """The formulas of a law. Kept, because every edit of a model binds its laws anew."""
+    return Formulas(names, dict(constants), dict(let), dict(results))
 
 
 def read_laws(spec: mujoco.MjSpec) -> tuple[WrittenLaw, ...]:

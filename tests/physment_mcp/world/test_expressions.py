@@ -1,7 +1,10 @@
 """Expressions of laws: their values, and everything that they may not contain."""
 
 import contextlib
+import gc
 import math
+import threading
+import time
 
 import pytest
 from hypothesis import given
@@ -148,3 +151,37 @@ def test_no_expression_builds_a_huge_integer(text: str) -> None:
 def test_a_root_of_a_negative_number_is_no_complex_number() -> None:
     with pytest.raises(ValueError, match="domain"):
         value("x**0.5", x=-1.0)
+
+
+class _Leaves:
+    """Lets another thread go on when it is freed, which may happen in the middle of parsing."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+    def __del__(self) -> None:
+        time.sleep(0)
+
+
+def test_threads_may_check_expressions_at_the_same_time() -> None:
+    failed: list[BaseException] = []
+
+    def check(text: str) -> None:
+        try:
+            for number in range(40):
+                _Leaves()
+                Formulas(["x"], {}, {}, {"f": text * 20 + str(number)}).function(["x"])
+        except BaseException as error:  # noqa: BLE001 - a thread would only print it
+            failed.append(error)
+
+    before = gc.get_threshold()
+    gc.set_threshold(10, 1, 1)
+    try:
+        threads = [threading.Thread(target=check, args=(text,)) for text in ("(x+1)*", "x-", "x*x*x+")]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        gc.set_threshold(*before)
+    assert not failed
