@@ -10,7 +10,7 @@ KNOBS = [f"object_{number}" for number in range(1, 6)]
 STRONG, PUSH_S, REST_S = 50.0, 100.0, 100.0
 FORCE, LATCH = 8.0, 0.25
 RESOLUTION = 3e-4
-FIRST_FORCE, ROOM = 0.5, 0.17
+FIRST_FORCE, ROOM, BACK, LESS = 0.5, 0.17, 1.3, 0.7
 SPANS_S = (2.0, 2.0, 2.0, 2.0, 4.0, 8.0, 16.0)
 
 
@@ -133,14 +133,21 @@ def _look(spans):
 def solve(task):
     """Raise the forces knob by knob, hold, let go, pull with less."""
     log = []
-    forces = np.full(5, FIRST_FORCE)
+    forces, before, ways = np.full(5, FIRST_FORCE), np.zeros(5), np.zeros(5)
     for number, span in enumerate(SPANS_S):
         calls = [*([call("find_objects")] if number == 0 else []), *_push(forces), *_look([span])]
         log += zip(calls, (yield calls), strict=True)
-        ways = np.array([abs(reading["position"][0]) for _, reading in log[-5:]])
-        # In proportion to the room that is left in front of the latch, at most twice as much.
-        forces = np.minimum(forces * np.minimum(ROOM / np.maximum(ways, ROOM / 2), 2.0), FORCE)
-    calls = [*_push(np.zeros(5)), *_look([2.0, 5.0, 15.0]), *_push(-0.6 * forces), *_look([3.0, 10.0, 27.0])]
+        earlier, ways = ways, np.array([abs(reading["position"][0]) for _, reading in log[-5:]])
+        # In proportion to the room that is left in front of the latch, at most twice as much, and no more than the last
+        # rise allows: a knob that has broken away goes faster than in proportion.
+        onward = forces * np.minimum(ROOM / np.maximum(ways, ROOM / 2), 2.0)
+        rise = np.maximum(ways - earlier, 1e-6) / np.maximum(forces - before, 1e-6)
+        rise[earlier < 2 * RESOLUTION] *= 3.0
+        onward = np.where(forces > before, np.minimum(onward, forces + np.maximum(ROOM - ways, 0.0) / rise), onward)
+        before, forces = forces, np.minimum(onward, FORCE)
+    # Back with another force than before, so that a flow shows from which force it begins.
+    back = -np.where(BACK * forces < FORCE, BACK, LESS) * forces
+    calls = [*_push(np.zeros(5)), *_look([2.0, 5.0, 15.0]), *_push(back), *_look([3.0, 10.0, 27.0])]
     calls += [*_push(np.zeros(5)), *_look([5.0, 15.0])]
     log += zip(calls, (yield calls), strict=True)
     yield [answer(_guess(log))]

@@ -15,6 +15,7 @@ HEAVY_KG, MIDDLE_KG, SMALL_KG = 4.0, 1.5, 0.5
 SPACING = 1.7
 """Way between two readings of a descent, m."""
 DESCENT_S = 190.0
+LONGEST_S = 60.0
 EDGE = 0.7
 POWERS, KINDS = (1.0, 1.5, 2.0), ("two layers", "three layers")
 PARTS = {"two layers": 2, "three layers": 4}
@@ -183,7 +184,7 @@ def solve(task):
     spent = 0.4
     for _ in range(9):
         depth, speed = state()
-        wait = min(SPACING / speed, (DESCENT_S - spent) / 3)
+        wait = min(SPACING / speed, (DESCENT_S - spent) / 3, LONGEST_S)
         looks = min(3, int((BOTTOM - depth) / SPACING + 0.3))
         if looks < 1 or wait < 0.2:
             break
@@ -200,7 +201,7 @@ def solve(task):
         exchanges += zip(calls, (yield calls), strict=True)
     calls = [call("delete_objects", object_id="small"), *_look(2.0), *_look(0.5)]
     for _ in range(2):
-        calls += _look(0.5 + max(0.0, (DESCENT_S - spent) / 3))
+        calls += _look(min(0.5 + max(0.0, (DESCENT_S - spent) / 3), LONGEST_S))
     exchanges += zip(calls, (yield calls), strict=True)
     yield [answer(_speed(*_best(_rows_of(exchanges))))]
 

@@ -11,6 +11,8 @@ from scenes.protocol import answer, call
 SHOT_M_S, WEIGHT_M_S2 = 30.0, 9.81
 GREATEST_N, GREATEST_M_S2 = 20.0, 18.0
 LOW_M, HIGH_M, ROOM_M = -0.6, 11.4, 11.0
+HIGHEST_M = 10.0
+"""Height that has to be seen once: a layer may end just below."""
 LEVELS = (1.0, 1.0, 0.0, 1.0, 0.4, 0.0, 1.0, 1.0, 0.2)
 LEGS, CALLS = 13, 150
 EDGE_M = 0.4
@@ -110,9 +112,9 @@ def _safe(z, v, acceleration, duration, greatest):
     return min(end, stop) > LOW_M and max(end, stop) < HIGH_M
 
 
-def _chosen(z, v, level, sense, greatest, duration):
-    """Acceleration of a leg, and the sense of the motion from now on."""
-    for turn in (sense, -sense):
+def _chosen(z, v, levels, sense, greatest, duration):
+    """Acceleration of a leg, and the sense of the motion from now on: rather gently onwards than back."""
+    for turn, level in product((sense, -sense), levels):
         if _safe(z, v, turn * level * greatest, duration, greatest):
             return turn * level * greatest, turn
     return -np.sign(v) * greatest, -sense
@@ -130,17 +132,19 @@ def solve(task):
             break
         strength = min(4 * strength, GREATEST_N)
     mass, sense = strength * 0.1 / (v - before), 1.0
-    z = readings[-2]["position"][2]
+    z = highest = readings[-2]["position"][2]
     for leg in range(LEGS):
         greatest = min(0.95 * GREATEST_N / mass, GREATEST_M_S2)
         duration = round(0.5 * np.sqrt(ROOM_M / greatest), 2)
-        acceleration, sense = _chosen(z, v, LEVELS[leg % len(LEVELS)], sense, greatest, duration)
+        levels = (LEVELS[leg % len(LEVELS)], *((0.4, 0.0) if highest < HIGHEST_M and sense > 0 else ()))
+        acceleration, sense = _chosen(z, v, levels, sense, greatest, duration)
         calls = _push(acceleration * mass, duration, looks=3)
         if len(seen) + len(calls) > CALLS:
             break
         readings = yield calls
         seen += zip(calls, readings, strict=True)
         z, v = readings[-2]["position"][2], readings[-1]["velocity"][2]
+        highest = max(highest, z)
         mass = LAWS.fitted(_course(seen), "square, uniform")[1]["m"] if leg < 3 else mass
     yield [answer(_shot(*LAWS.best(_course(seen))))]
 

@@ -14,6 +14,8 @@ LAWS = ("stiff", "air", "soft")
 READ_M, READ_V = 1.5e-4, 9e-4
 """Errors of a reading."""
 FIRST_KG, LADDER_S = 0.004, 0.3
+TURNS = 19
+"""Iterations before the answer."""
 SEEN, HIGH, SLOW = 0.003, 0.19, 0.115
 """Way that tells the scale; deepest place and greatest speed that are aimed at."""
 
@@ -172,14 +174,16 @@ def fit(readings, structure):
 
 def solve(task):
     """Find the scale; then add loads that keep the pan slow, down to the deepest place that is safe."""
-    log, spent, total, kg = [], 0, 0.0, FIRST_KG
+    log, spent, total, kg, turns = [], 0, 0.0, FIRST_KG, 1
     while not log or _rows(log)[-1][5] < SEEN:
+        turns += 1
         calls = [*_load(spent, kg), *_look(LADDER_S)]
         spent, total, kg = spent + 1, total + kg, kg * 3.0
         log += zip(calls, (yield calls), strict=True)
     calls = _look(0.6)
     log += zip(calls, (yield calls), strict=True)
-    while len(log) < 135:
+    while len(log) < 135 and turns < TURNS:
+        turns += 1
         rows = _rows(log)
         model = _fitted(rows, "any")[1]
         depth, speed = rows[-1][5:]
