@@ -8,7 +8,11 @@ import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
 const HERE = dirname(fileURLToPath(import.meta.url));
-const PAGES = [{ source: "app", target: "physment_mcp/serving/lab.html" }];
+const PAGES = [
+  { source: "app", target: "physment_mcp/serving/lab.html" },
+  // Talks to the command that serves it.
+  { source: "play", target: "evaluator/agents/browser/play.html", connects: "connect-src 'self'; " },
+];
 
 /** Leaves out the translations of zod's messages, a fifth of the page, which nobody reads. */
 const english = {
@@ -43,19 +47,19 @@ function hash(text) {
 }
 
 /** A page in one file: only its own script and its own style run in it, and nothing is loaded. */
-async function page(source) {
+async function page(source, connects = "") {
   const [script, style] = await Promise.all([bundle(`${source}.ts`), bundle(`${source}.css`)]);
-  const policy = `default-src 'none'; script-src ${hash(script)}; style-src ${hash(style)}; img-src data:; base-uri 'none'`;
+  const policy = `default-src 'none'; ${connects}script-src ${hash(script)}; style-src ${hash(style)}; img-src data:; base-uri 'none'`;
   const parts = { policy, style: `<style>${style}</style>`, script: `<script type="module">${script}</script>` };
   const template = readFileSync(join(HERE, "src", `${source}.html`), "utf8");
   return template.replace(/{{(\w+)}}/g, (_, name) => parts[name]);
 }
 
 const [folder] = process.argv.slice(2);
-for (const { source, target } of PAGES) {
+for (const { source, target, connects } of PAGES) {
   const file = folder === undefined ? join(HERE, "..", target) : join(folder, target);
   mkdirSync(dirname(file), { recursive: true });
-  const text = await page(source);
+  const text = await page(source, connects);
   writeFileSync(file, text);
   console.log(`${target} ${Math.round(Buffer.byteLength(text) / 1000)} kB`);
 }

@@ -5,7 +5,7 @@ import contextlib
 import functools
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,14 +14,20 @@ from types import ModuleType
 from rich.console import Console
 from rich.markdown import Markdown
 
+from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, scene_id, seed
+from evaluator.commands.argument_types import count_of, port, scene_id, seed
 from evaluator.commands.base import Commands, run_async
+from evaluator.commands.listening import listening, open_page, page_token
+from evaluator.commands.play_page import play_on_page
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Agent
+from evaluator.episode.toolbox import Toolboxes
+from evaluator.episode.views import shows_views, view_now
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.run_record import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -37,6 +43,7 @@ Solve a scene yourself, with the tools and the budget of any agent: a human base
 
   physment-eval play 7
   physment-eval play 21 --seed 3 --budget 10
+  physment-eval play 7 --web                  in the browser: the scene in three dimensions, tools as forms
 
 Type help at the prompt. The episode is saved as a run of the agent `human` and graded. Leaving after the first
 iteration is recorded as an episode without an answer; leaving before it leaves nothing behind.
@@ -57,6 +64,11 @@ def add(commands: Commands) -> None:
     play.add_argument("--server", default="stdio", metavar="S", help="as in run (default stdio)")
     play.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
     play.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-human)")
+    play.add_argument(
+        "--web", action="store_true", help="play in the browser, on a page for this machine and one person alone"
+    )
+    play.add_argument("--port", type=port, default=0, help="port of the page (default: any free one)")
+    play.add_argument("--no-open", action="store_true", help="print the address of the page, and open no browser")
 
 
 def _play(args: argparse.Namespace) -> int:
@@ -68,33 +80,76 @@ def _play(args: argparse.Namespace) -> int:
     folder.create(resume=False)
     console = Console()
     try:
-        episode = run_async(functools.partial(_episode, args, files, folder, console))
+        if args.web:
+            _play_on_page(args, files, folder, functools.partial(_finish, folder, keys, console))
+        else:
+            agent = HumanAgent(_Terminal(console))
+            _finish(folder, keys, console, run_async(functools.partial(_episode, args, files, folder, agent)))
     except BaseException:
         _remove_if_empty(folder)
         raise
+    return 0
+
+
+def _finish(folder: RunFolder, keys: KeyRing, console: Console, episode: Episode) -> str:
+    """Record and grade an episode, and say how it ended. One that was left before the first turn leaves nothing."""
     if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:
         _remove_if_empty(folder)
         console.print("\nNothing was done, and nothing is saved.")
-        return 0
+        return "nothing was done, and nothing is saved"
     folder.append_episode(episode)
     graded = grade_run(folder, keys)
     report_on(folder, graded.rows, keys, seal_note(folder))
     (row,) = graded.rows
-    console.print(_verdict(row), markup=False, highlight=False)
+    console.print(f"\n{_verdict(row)}", markup=False, highlight=False)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
-    return 0
+    return _verdict(row)
 
 
-async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder, console: Console) -> Episode:
-    """Let the person play. `run.json` is written only if the person took a turn."""
+def _play_on_page(
+    args: argparse.Namespace, files: PackFiles, folder: RunFolder, verdict: Callable[[Episode], str]
+) -> None:
+    """Let the person play in the browser.
+
+    Raises:
+        UsageError: The port is taken.
+    """
+    token = page_token()
+    with listening("127.0.0.1", args.port) as listener:
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}/{token}/"
+        print(f"play at {address} (Ctrl-C leaves)", flush=True)
+        if not args.no_open:
+            open_page(address)
+
+        async def play(page: PageState) -> Episode:
+            return await _episode(args, files, folder, BrowserAgent(page), page)
+
+        run_async(lambda: play_on_page(listener, token, play, verdict))
+
+
+async def _episode(
+    args: argparse.Namespace, files: PackFiles, folder: RunFolder, agent: Agent, page: PageState | None = None
+) -> Episode:
+    """Let the person play. `run.json` is written only if the person took a turn.
+
+    Args:
+        args: The command line.
+        files: The pack.
+        folder: Where the run is recorded.
+        agent: The person.
+        page: Receives what may be seen, if the person sees it; none of it is recorded.
+    """
     key = EpisodeKey(scene=args.scene, seed=args.seed, agent="human", budget=args.budget)
     plan = Plan(scenes=(args.scene,), agents=("human",), budgets=(args.budget,), seeds=(args.seed,))
     async with (
-        connect(args.server, args.scenes_dir) as laboratory,
+        connect(args.server, args.scenes_dir, declared=() if page is None else (shows_views(),)) as laboratory,
         laboratory.open(args.scene, args.seed) as client,
     ):
         record = run_record(plan, [files], await server_record(client, args.server))
-        episode = await play_episode(HumanAgent(_Terminal(console)), client, key, record.versions_of(args.scene))
+        toolboxes = None if page is None else Toolboxes(look=page.look)
+        if page is not None:
+            page.view = await view_now(client)
+        episode = await play_episode(agent, client, key, record.versions_of(args.scene), toolboxes)
     if episode.turns:
         folder.write_run(record)
     return episode
@@ -103,9 +158,9 @@ async def _episode(args: argparse.Namespace, files: PackFiles, folder: RunFolder
 def _verdict(row: ScoredEpisode) -> str:
     spent = f"{len(row.episode.turns)} of {row.key.budget} iteration{'s' * (row.key.budget != 1)}"
     if row.is_correct:
-        return f"\nCorrect, in {spent}."
+        return f"Correct, in {spent}."
     forgiven = " (correct in another form)" if row.grade.normalised is Verdict.CORRECT else ""
-    return f"\nNot correct{forgiven}, in {spent}: {row.grade.reason}"
+    return f"Not correct{forgiven}, in {spent}: {row.grade.reason}"
 
 
 def _remove_if_empty(folder: RunFolder) -> None:

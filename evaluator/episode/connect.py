@@ -10,7 +10,7 @@ import ssl
 import subprocess
 import sys
 import tempfile
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +19,8 @@ from typing import IO, Any, Protocol, cast
 import anyio
 import httpx2
 from mcp import Client, StdioServerParameters
+from mcp.client._transport import Transport
+from mcp.client.extension import ClientExtension
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
@@ -67,6 +69,8 @@ class ProcessLaboratory:
 
     command: tuple[str, ...]
     seed_of: SeedOf = seed_as_recorded
+    declared: Sequence[ClientExtension] = ()
+    """Extensions of MCP that clients declare."""
 
     @property
     def toolboxes(self) -> None:
@@ -82,7 +86,7 @@ class ProcessLaboratory:
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             transport = stdio_client(StdioServerParameters(command=line[0], args=line[1:]), errlog=errors)
             try:
-                async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
+                async with _client(transport, self.declared) as client:
                     yield client
             except Exception as error:
                 # If a call did not return, the last line that the server wrote says more than the client knows.
@@ -102,6 +106,8 @@ class HostLaboratory:
     sockets: HostSockets | None = field(default=None, repr=False, compare=False)
     """Opens episodes without HTTP, on a host that we started; None for other hosts."""
     seed_of: SeedOf = seed_as_recorded
+    declared: Sequence[ClientExtension] = ()
+    """Extensions of MCP that clients declare."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
@@ -110,7 +116,7 @@ class HostLaboratory:
         place = (
             self._over_http(wanted)
             if self.sockets is None
-            else self.sockets.episode(wanted | {"seed": drawn}, _CALL_TIMEOUT_S)
+            else self.sockets.episode(wanted | {"seed": drawn}, _CALL_TIMEOUT_S, self.declared)
         )
         try:
             async with place as client:
@@ -125,7 +131,7 @@ class HostLaboratory:
             opened = await self.request_episode(http, wanted)
             try:
                 http.headers.update(self._authorization(opened["mcp_url"]))
-                async with mcp_client(opened["mcp_url"], http) as client:
+                async with mcp_client(opened["mcp_url"], http, self.declared) as client:
                     yield client
             finally:
                 with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
@@ -186,11 +192,17 @@ def http_client(base_url: str) -> httpx2.AsyncClient:
 
 
 @contextlib.asynccontextmanager
-async def mcp_client(url: str, http: httpx2.AsyncClient) -> AsyncGenerator[Client]:
-    """A client connected to the MCP endpoint of an episode, without a cache, since nothing is asked twice."""
-    transport = streamable_http_client(url, http_client=http)
-    async with Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None) as client:
+async def mcp_client(
+    url: str, http: httpx2.AsyncClient, declared: Sequence[ClientExtension] = ()
+) -> AsyncGenerator[Client]:
+    """A client connected to the MCP endpoint of an episode."""
+    async with _client(streamable_http_client(url, http_client=http), declared) as client:
         yield client
+
+
+def _client(transport: Transport, declared: Sequence[ClientExtension]) -> Client:
+    """A client without a cache, since nothing is asked twice."""
+    return Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None, extensions=declared)
 
 
 @functools.cache
@@ -273,7 +285,11 @@ class LocalHost:
 
 @contextlib.asynccontextmanager
 async def connect(
-    server: str, scenes_dir: Path | None, observations: str = TEXT, seed_of: SeedOf = seed_as_recorded
+    server: str,
+    scenes_dir: Path | None,
+    observations: str = TEXT,
+    seed_of: SeedOf = seed_as_recorded,
+    declared: Sequence[ClientExtension] = (),
 ) -> AsyncGenerator[Laboratory]:
     """The laboratory that `--server` names.
 
@@ -282,6 +298,7 @@ async def connect(
         scenes_dir: Folder of packs for servers that we start.
         observations: `text`, or `rgb` for results with pictures, from servers that we start.
         seed_of: Turns the seeds of episodes into those that variants are drawn from.
+        declared: Extensions of MCP that clients of episodes declare, such as `views.shows_views`.
 
     Raises:
         UsageError: `server` is none of these, or is not started by us and pictures are asked for.
@@ -295,14 +312,14 @@ async def connect(
         words = ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
         words += ["--observations", observations] if observations != TEXT else []
         if AVAILABLE:
-            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S, seed_of) as laboratory:
+            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S, seed_of, declared) as laboratory:
                 yield laboratory
         else:
-            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words), seed_of)
+            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words), seed_of, declared)
     elif server == "host":
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
-            yield replace(laboratory, seed_of=seed_of)
+            yield replace(laboratory, seed_of=seed_of, declared=declared)
     elif server.startswith(("http://", "https://")):
         try:
             url = httpx2.URL(server.rstrip("/"))
@@ -310,7 +327,7 @@ async def connect(
             raise UsageError(f"--server {server}: not a URL: {error}") from error
         if not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
-        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of)
+        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of, declared=declared)
     else:
         try:
             parts = shlex.split(server)
@@ -318,4 +335,4 @@ async def connect(
             raise UsageError(f"--server {server!r} is not a command: {error}") from error
         if not parts:
             raise UsageError("--server is empty; use stdio, host, a URL or a command")
-        yield ProcessLaboratory(tuple(parts), seed_of)
+        yield ProcessLaboratory(tuple(parts), seed_of, declared)

@@ -10,11 +10,12 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Self
 
 from mcp import Client
+from mcp.client.extension import ClientExtension
 
 from evaluator.episode.broken_connection import own_error, server_failure, without_seed
 from evaluator.episode.passed_sockets import Control, passed
@@ -34,6 +35,8 @@ class ForkedLaboratory:
     timeout_s: float
     """Longest wall time of a call [s]."""
     seed_of: SeedOf = seed_as_recorded
+    declared: Sequence[ClientExtension] = ()
+    """Extensions of MCP that clients declare."""
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
     _control: Control | None = field(default=None, repr=False)
     _told: IO[str] | None = field(default=None, repr=False)
@@ -61,7 +64,7 @@ class ForkedLaboratory:
             try:
                 async with passed(self._running(), errors.fileno()) as messages:
                     messages.write([*self.words, "--scene", str(scene), "--seed", str(drawn)])
-                    async with messages.client(self.timeout_s) as client:
+                    async with messages.client(self.timeout_s, self.declared) as client:
                         yield client
             except Exception as error:
                 # The last line that the server wrote says more than the client knows, or that of the process that

@@ -7,12 +7,13 @@ to it, all lines are MCP messages. An episode is closed with its socket.
 
 import contextlib
 import json
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import anyio
 from mcp import Client
+from mcp.client.extension import ClientExtension
 
 from evaluator.episode.passed_sockets import Control, Messages, passed
 from evaluator.errors import InfrastructureError
@@ -28,12 +29,15 @@ class HostSockets:
     control: Control
 
     @contextlib.asynccontextmanager
-    async def episode(self, wanted: dict[str, int], timeout_s: float) -> AsyncGenerator[Client]:
+    async def episode(
+        self, wanted: dict[str, int], timeout_s: float, declared: Sequence[ClientExtension] = ()
+    ) -> AsyncGenerator[Client]:
         """A connected client of a new episode, which is closed afterwards.
 
         Args:
             wanted: What `POST /episodes` takes.
             timeout_s: Longest wall time of a call [s].
+            declared: Extensions of MCP that the client declares.
 
         Raises:
             InfrastructureError: The host is gone, or opens no episode.
@@ -44,7 +48,7 @@ class HostSockets:
             except OSError as error:
                 raise InfrastructureError(f"the local host cannot be reached: {error.strerror or error}") from error
             await _request(messages, wanted)
-            yield await stack.enter_async_context(messages.client(timeout_s))
+            yield await stack.enter_async_context(messages.client(timeout_s, declared))
 
 
 async def _request(messages: Messages, wanted: dict[str, int]) -> None:

@@ -13,6 +13,7 @@ import anyio
 import mcp_types as types
 from mcp import Client
 from mcp.client._transport import TransportStreams
+from mcp.client.extension import ClientExtension
 from mcp.shared.message import SessionMessage
 
 AVAILABLE = hasattr(socket, "send_fds")
@@ -109,14 +110,16 @@ class Messages:
         self.writer.write(json.dumps(line).encode() + b"\n")
 
     @contextlib.asynccontextmanager
-    async def client(self, timeout_s: float) -> AsyncGenerator[Client]:
+    async def client(self, timeout_s: float, declared: Sequence[ClientExtension] = ()) -> AsyncGenerator[Client]:
         """An MCP client that is connected over this socket.
 
         Args:
             timeout_s: Longest wall time of a call [s].
+            declared: Extensions of MCP that it declares.
         """
         streams: TransportStreams = (self, self)
-        async with Client(contextlib.nullcontext(streams), read_timeout_seconds=timeout_s, cache=None) as client:
+        transport = contextlib.nullcontext(streams)
+        async with Client(transport, read_timeout_seconds=timeout_s, cache=None, extensions=declared) as client:
             yield client
 
 

@@ -17,6 +17,8 @@ from evaluator.records import ToolCall
 _SHOWN = 64
 """Most characters of an unknown name that a sentence repeats."""
 _Schemas = Mapping[str, Draft202012Validator]
+Look = Callable[[types.CallToolResult], None]
+"""Receives each result as it came, for who shows more of it than is recorded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,7 @@ class Toolbox:
     _arguments: _Schemas
     _results: _Schemas
     """Empty for a server of this package, which makes its results and their schemas from the same classes."""
+    _look: Look | None = None
 
     def misfit(self, call: ToolCall) -> str:
         """Why a call does not fit the published schema of its tool; empty if it fits."""
@@ -56,6 +59,8 @@ class Toolbox:
             problem = first_problem(validator, result.structured_content)
             if problem:
                 raise ValueError(f"the result is not what the server publishes: {problem}")
+        if self._look is not None:
+            self._look(result)
         return result
 
 
@@ -70,6 +75,7 @@ class Toolboxes:
     """[s]."""
     trusted: bool = False
     """Whether results need no check: the server is of this package, and we started it."""
+    look: Look | None = None
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
     """Whether the server has given every client the same tools so far."""
@@ -83,20 +89,20 @@ class Toolboxes:
             MCPError: The server refused to list them.
         """
         if not self._alike:
-            return _toolbox((await client.list_tools()).tools, checked=not self.trusted)
+            return _toolbox((await client.list_tools()).tools, self.look, checked=not self.trusted)
         async with self._lock:
             if self._kept is not None and self.clock() < self._fresh_until:
                 return self._kept
             asked_at = self.clock()
             listed = await client.list_tools()
-            toolbox = _toolbox(listed.tools, checked=not self.trusted)
+            toolbox = _toolbox(listed.tools, self.look, checked=not self.trusted)
             self._alike = listed.cache_scope == "public" and listed.ttl_ms > 0
             if self._alike:
                 self._kept, self._fresh_until = toolbox, asked_at + listed.ttl_ms / 1000
             return toolbox
 
 
-def _toolbox(tools: Sequence[types.Tool], *, checked: bool) -> Toolbox:
+def _toolbox(tools: Sequence[types.Tool], look: Look | None, *, checked: bool) -> Toolbox:
     described = tuple(ToolDescription(tool.name, tool.description or "", tool.input_schema) for tool in tools)
     return Toolbox(
         described,
@@ -106,4 +112,5 @@ def _toolbox(tools: Sequence[types.Tool], *, checked: bool) -> Toolbox:
             for tool in tools
             if checked and tool.output_schema is not None
         },
+        look,
     )

@@ -221,6 +221,12 @@ export class LabView {
     const canvas = this.renderer.domElement;
     canvas.addEventListener("pointermove", (event) => this.point(event.offsetX, event.offsetY), { signal });
     canvas.addEventListener("pointerleave", () => this.pointAt(null, 0, 0), { signal });
+    // The wheel belongs to the page until somebody works with the picture.
+    this.controls.enableZoom = false;
+    const grasp = () => (this.controls.enableZoom = true);
+    canvas.addEventListener("pointerdown", grasp, { signal, capture: true });
+    this.container.addEventListener("focusin", grasp, { signal });
+    this.container.addEventListener("focusout", () => (this.controls.enableZoom = false), { signal });
     this.container.addEventListener("keydown", (event) => this.press(event), { signal });
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault(), { signal });
     canvas.addEventListener("webglcontextrestored", () => this.draw(), { signal });

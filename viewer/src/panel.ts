@@ -14,7 +14,7 @@ const FRAMED = 8;
 export interface PanelOptions {
   dark: boolean;
   reducedMotion: boolean;
-  /** What to tell of an object, in lines; by default its shape and its pose at the instant shown. */
+  /** What to tell of an object instead of its pose, in lines; then no number of a pose is told. */
   readings?: (id: string) => string[];
 }
 
@@ -34,6 +34,7 @@ export class LabPanel {
   private readonly clock = element("output", { class: "lab-clock" });
   private readonly speed = element("select", { "aria-label": "speed" });
   private readonly controls = element("div", { class: "lab-controls", hidden: "" });
+  private readonly table = element("div", { class: "lab-wide" });
   private readonly objects = element("tbody");
   private readonly words = element("p");
 
@@ -42,11 +43,13 @@ export class LabPanel {
     private readonly options: PanelOptions,
   ) {
     this.controls.append(this.play, this.scrub, this.clock, this.speed);
-    const heads = ["object", "shape", "place", "orientation"].map((text) => element("th", { scope: "col" }, text));
+    const columns = options.readings ? ["read last"] : ["place", "orientation"];
+    const heads = ["object", "shape", ...columns].map((text) => element("th", { scope: "col" }, text));
     const head = element("thead", {}, element("tr", {}, ...heads));
-    const table = element("div", { class: "lab-wide" }, element("table", {}, head, this.objects));
-    const inWords = element("details", { class: "lab-words" }, element("summary", {}, "In words"), this.words, table);
-    const help = "Drag or use the arrow keys to turn, + and − to zoom, 0 to look from the front, space to play.";
+    this.table.append(element("table", {}, head, this.objects));
+    const inWords = element("details", { class: "lab-words" }, element("summary", {}, "In words"), this.words, this.table);
+    const help =
+      "Drag or use the arrow keys to turn; + and −, or after a click the wheel, to zoom; 0 to look from the front; space to play.";
     this.box.append(this.tip);
     container.append(this.box, this.note, this.controls, inWords);
     if (!this.flat) container.append(element("p", { class: "lab-help" }, help));
@@ -74,6 +77,11 @@ export class LabPanel {
     this.setControls();
     this.place(view.poses);
     if (play && !this.options.reducedMotion) this.playback?.play();
+  }
+
+  /** Tell the readings anew, after there are more of them. */
+  refresh(): void {
+    this.place(this.shown);
   }
 
   /** Show a sentence below the picture; none hides it. */
@@ -122,10 +130,12 @@ export class LabPanel {
   }
 
   private listObjects(view: View): void {
-    this.words.textContent = viewInWords(view);
-    this.box.setAttribute("aria-label", viewInWords(view));
+    const words = viewInWords(view, this.options.readings === undefined);
+    this.words.textContent = words;
+    this.box.setAttribute("aria-label", words);
     const rows = view.drawing.bodies.filter((body) => body.object).map((body) => this.rowOf(body));
     this.objects.replaceChildren(...rows);
+    this.table.hidden = rows.length === 0;
   }
 
   private rowOf(body: Body): HTMLTableRowElement {
@@ -133,17 +143,17 @@ export class LabPanel {
     for (const event of ["focus", "pointerenter"]) name.addEventListener(event, () => this.mark(body.id));
     for (const event of ["blur", "pointerleave"]) name.addEventListener(event, () => this.mark(null));
     const row = element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, bodyInWords(body)));
-    row.append(element("td"), element("td"));
+    row.append(...(this.options.readings ? [element("td")] : [element("td"), element("td")]));
     row.dataset["id"] = body.id;
     return row;
   }
 
   private fillRow(row: HTMLTableRowElement): void {
-    const pose = this.shown[row.dataset["id"] ?? ""];
-    const [, , place, turn] = row.cells;
-    if (!pose || !place || !turn) return;
-    place.textContent = placeInWords(pose);
-    turn.textContent = turnInWords(pose);
+    const id = row.dataset["id"] ?? "";
+    const pose = this.shown[id];
+    const [, , first, second] = row.cells;
+    if (this.options.readings) first!.textContent = this.options.readings(id).join("; ");
+    else if (pose && first && second) [first.textContent, second.textContent] = [placeInWords(pose), turnInWords(pose)];
   }
 
   private mark(id: string | null): void {

@@ -43,13 +43,18 @@ export function turnInWords(pose: Pose): string {
   return `turned ${degrees.toFixed(1)}° about (${axis.join(", ")})`;
 }
 
-/** A view in one sentence or two. */
-export function viewInWords(view: View): string {
+/**
+ * A view in one sentence or two.
+ *
+ * @param view - What is seen.
+ * @param places - Whether to tell where things are.
+ */
+export function viewInWords(view: View, places = true): string {
   const objects = view.drawing.bodies.filter((body) => body.object);
   if (view.drawing.bodies.length === 0) return NOTHING;
   const listed = objects.map((body) => {
     const pose = view.poses[body.id];
-    return `${body.id} (${bodyInWords(body)})${pose ? ` at ${placeInWords(pose)}` : ""}`;
+    return `${body.id} (${bodyInWords(body)})${pose && places ? ` at ${placeInWords(pose)}` : ""}`;
   });
   const moved = Object.keys(view.motion?.poses ?? {});
   const motion = moved.length > 0 ? ` In the last step moved: ${moved.join(", ")}.` : "";

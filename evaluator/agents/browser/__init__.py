@@ -1,0 +1,1 @@
+"""A person in a browser as an agent: what the page shows, and how its turns reach the loop."""

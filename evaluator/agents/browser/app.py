@@ -1,0 +1,153 @@
+"""The page of a person who plays, over HTTP, on this machine only and for one person at a time.
+
+Every address begins with a token, so that neither another user of the machine nor a web page can play. A page names
+itself by a number of its own; as long as one is open, another one is refused. Every refusal is one sentence.
+"""
+
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Any
+from urllib.parse import urlsplit
+
+import anyio
+import anyio.lowlevel
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from evaluator.agents.browser.player import MOST_CALLS, MOST_NOTE, PageState
+from evaluator.errors import RefusedRequest
+from evaluator.records import ToolCall
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+MOST_BODY = 100_000
+"""Largest accepted body [bytes]."""
+_POLL_S = 20.0
+"""Longest wall time that a request for news waits [s]."""
+_ABSENT_S = 2 * _POLL_S
+"""A page that has not asked for so long is closed; another one may go on [s]."""
+_PAGE_HEADER = "x-physment-page"
+
+
+class _Turn(BaseModel):
+    """Body of `POST turn`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    calls: list[ToolCall] = Field(max_length=MOST_CALLS)
+    note: str = Field(default="", max_length=MOST_NOTE)
+
+
+def app(page: PageState, token: str) -> Starlette:
+    """The ASGI application.
+
+    Args:
+        page: What the page shows, and where turns are put.
+        token: First part of every path.
+    """
+    pages = _Pages(page)
+    return Starlette(
+        routes=[
+            Route(f"/{token}/", _page),
+            Route(f"/{token}/state", _answered(pages.state)),
+            Route(f"/{token}/turn", _answered(pages.turn), methods=["POST"]),
+            Route(f"/{token}/leave", _answered(pages.leave), methods=["POST"]),
+            Route("/{path:path}", _unknown),
+        ],
+        middleware=[Middleware(_OnlyHere)],
+    )
+
+
+@dataclass(slots=True)
+class _Pages:
+    """Serves the page of the one person who plays."""
+
+    page: PageState
+    name: str = ""
+    """Number of the page that plays; empty before the first one."""
+    asked_at: float = field(default=-_ABSENT_S)
+    """When it last asked, by the monotonic clock [s]."""
+
+    async def state(self, request: Request) -> Response:
+        self._admit(request)
+        after = request.query_params.get("after", "-1")
+        known = int(after) if after.isdecimal() and len(after) < 10 else -1
+        await self.page.newer_than(known, _POLL_S)
+        self.asked_at = time.monotonic()
+        state = self.page.state()
+        self.page.told_end()
+        return JSONResponse(state)
+
+    async def turn(self, request: Request) -> Response:
+        self._admit(request)
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > MOST_BODY:
+                raise RefusedRequest(413, f"an iteration has at most {MOST_BODY} bytes")
+        try:
+            wanted = _Turn.model_validate_json(body)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            raise RefusedRequest(400, f"no iteration: {'.'.join(map(str, first['loc']))} {first['msg']}") from None
+        self.page.take(wanted.calls, wanted.note)
+        return Response(status_code=204)
+
+    async def leave(self, request: Request) -> Response:
+        self._admit(request)
+        self.page.leave()
+        return Response(status_code=204)
+
+    def _admit(self, request: Request) -> None:
+        """Let the page in that plays, or the first one, or another one after it has been closed."""
+        name, now = request.headers.get(_PAGE_HEADER, ""), time.monotonic()
+        if not name or (name != self.name and now - self.asked_at < _ABSENT_S):
+            raise RefusedRequest(409, "somebody plays this episode in another window; close it and wait a minute")
+        self.name, self.asked_at = name, now
+
+
+def _answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    async def answered(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except RefusedRequest as refusal:
+            return _refusal(refusal.status, str(refusal))
+
+    return answered
+
+
+def _refusal(status: int, sentence: str) -> Response:
+    content: dict[str, Any] = {"error": sentence}
+    return JSONResponse(content, status_code=status)
+
+
+async def _page(_request: Request) -> Response:
+    text = (files("evaluator.agents.browser") / "play.html").read_bytes()
+    headers = {"cache-control": "no-store", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}
+    return Response(text, media_type="text/html; charset=utf-8", headers=headers)
+
+
+async def _unknown(_request: Request) -> Response:
+    await anyio.lowlevel.checkpoint()
+    return _refusal(404, "nothing is here: open the whole address that `physment-eval play` printed, with its token")
+
+
+class _OnlyHere:
+    """Refuses requests that name another host: a web page can let its own name resolve to our address."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        name = (
+            urlsplit(f"//{Request(scope).headers.get('host', '')}").hostname if scope["type"] == "http" else LOOPBACK[0]
+        )
+        await (self._app if name in LOOPBACK else _refusal(403, "this page is for this machine alone"))(
+            scope, receive, send
+        )

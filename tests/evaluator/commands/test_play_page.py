@@ -1,0 +1,193 @@
+"""A person in a browser: the command with its page over HTTP, and the page itself in headless Chromium."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from evaluator.records import Episode, Outcome
+from evaluator.store import RunFolder
+from tests.builders.chromium import SOFTWARE_WEBGL, chromium, installed
+
+PROGRAM = installed()
+STEP = {"tool": "step", "arguments": {"duration": 0.8}}
+LOOK = {"tool": "get_velocity", "arguments": {"object_id": "object_1"}}
+
+
+class Played:
+    """A running command, and a window at its page."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        assert process.stdout is not None
+        self.process = process
+        self.line = process.stdout.readline()
+        (self.address,) = re.findall(r"http://127\.0\.0\.1:\d+/[\w-]+/", self.line)
+        self.http = self.window("one")
+
+    def window(self, name: str) -> httpx.Client:
+        return httpx.Client(base_url=self.address, headers={"x-physment-page": name}, timeout=300, trust_env=False)
+
+    def state(self, **holds: Any) -> dict[str, Any]:
+        """The first state in which something holds, asked for as the page does."""
+        version = -1
+        while True:
+            state = self.http.get("state", params={"after": version}).json()
+            if all(state[name] == value for name, value in holds.items()):
+                return state
+            version = state["version"]
+
+    def turn(self, *calls: dict[str, Any], note: str = "") -> None:
+        self.state(waiting=True)
+        done = self.http.post("turn", json={"calls": list(calls), "note": note})
+        assert done.status_code == 204, done.text
+
+    def end(self) -> str:
+        out, _ = self.process.communicate(timeout=300)
+        return out
+
+
+@contextmanager
+def playing(cwd: Path, server: str, *words: str) -> Generator[Played]:
+    command = [sys.executable, "-m", "evaluator", "play", "7", "--web", "--no-open", "--out", "run", "--server", server]
+    with subprocess.Popen(
+        [*command, *words], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as run:
+        played = Played(run)
+        try:
+            yield played
+        finally:
+            played.http.close()
+            run.kill()
+
+
+def episode_in(cwd: Path) -> Episode:
+    (episode,) = RunFolder(cwd / "run").episodes().values()
+    return episode
+
+
+def test_a_scene_is_solved_over_http_recorded_and_graded_like_any_other(tmp_path: Path, host_url: str) -> None:
+    with playing(tmp_path, host_url) as played:
+        first = played.state(waiting=True)
+        assert "# Scene: Speed of a dropped ball" in first["prompt"]
+        assert (first["left"], len(first["tools"])) == (20, 26)
+        assert first["view"]["drawing"]["bodies"][0]["id"] == "object_1"
+        played.turn({"tool": "step", "arguments": {"duration": 0.3}}, LOOK, note="it falls")
+        played.state(waiting=True, left=19)
+        played.turn(
+            {"tool": "step", "arguments": {"duration": 0.2}}, {"tool": "step", "arguments": {"duration": 0.3}}, LOOK
+        )
+        second = played.state(waiting=True, left=18)
+        assert second["turns"][1]["exchanges"][2]["content"]["velocity"] == [0, 0, -7.848]
+        # The steps of one turn are seen as one motion.
+        motion = second["view"]["motion"]
+        assert (motion["times"][0], motion["times"][-1]) == (0.3, 0.8)
+        assert motion["times"] == sorted(set(motion["times"]))
+        assert len(motion["poses"]["object_1"]) == len(motion["times"]) == 101
+        played.turn({"tool": "answer", "arguments": {"answer": 7.848}})
+        version = -1
+        while (last := played.http.get("state", params={"after": version}).json())["ended"] is None:
+            version = last["version"]
+        assert last["ended"] == "Correct, in 3 of 20 iterations."
+        assert "Correct, in 3 of 20 iterations." in played.end()
+    episode = episode_in(tmp_path)
+    assert (episode.key.agent, episode.answer, episode.turns[0].reasoning) == ("human", 7.848, "it falls")
+    # What the person saw is not recorded.
+    assert "physment/view" not in (tmp_path / "run" / "episodes.jsonl").read_text(encoding="utf-8")
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
+def test_what_is_wrong_is_refused_in_a_sentence_and_costs_nothing(tmp_path: Path, host_url: str) -> None:
+    with playing(tmp_path, host_url) as played:
+        played.state(waiting=True)
+        wrong = [
+            ({"calls": [{"tool": "fly", "arguments": {}}]}, "there is no tool 'fly'"),
+            ({"calls": [{"tool": "step", "arguments": {"duration": "x"}}]}, "step: duration"),
+            ({"calls": []}, "an iteration has 1 to 50 calls"),
+            ({"call": 1}, "no iteration: "),
+        ]
+        for body, said in wrong:
+            reply = played.http.post("turn", json=body)
+            assert reply.status_code == 400
+            assert said in reply.json()["error"]
+        assert played.http.post("turn", content=b" " * 200_000).status_code == 413
+        elsewhere = played.address.rsplit("/", 2)[0]
+        assert httpx.get(f"{elsewhere}/wrong-token/", trust_env=False).status_code == 404
+        named = httpx.get(played.address, headers={"host": "example.org"}, trust_env=False)
+        assert (named.status_code, named.json()["error"]) == (403, "this page is for this machine alone")
+        with played.window("two") as second:
+            assert "another window" in second.get("state").json()["error"]
+            assert "another window" in second.post("turn", json={"calls": [STEP]}).json()["error"]
+        assert played.state(waiting=True)["left"] == 20
+        assert played.http.post("leave").status_code == 204
+        assert "nothing is saved" in played.end()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_leaves_and_a_taken_port_is_one_sentence(tmp_path: Path, host_url: str) -> None:
+    with playing(tmp_path, host_url) as played:
+        port = played.address.split(":")[2].split("/")[0]
+        again = [sys.executable, "-m", "evaluator", "play", "7", "--web", "--no-open", "--port", port]
+        refused = subprocess.run(again, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+        assert f"cannot listen on 127.0.0.1 port {port}" in refused.stderr
+        played.turn(STEP)
+        played.state(waiting=True, left=19)
+        played.process.send_signal(signal.SIGINT)
+        assert "Not correct, in 1 of 20 iterations: no answer" in played.end()
+        assert played.process.returncode == 0
+    episode = episode_in(tmp_path)
+    assert (episode.outcome, episode.error) == (Outcome.AGENT_ERROR, "the person left without an answer")
+    assert len(episode.turns) == 1
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="Chromium is not installed")
+def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path, host_url: str) -> None:
+    assert PROGRAM
+    with playing(tmp_path, host_url) as played, chromium(PROGRAM, tmp_path / "profile", *SOFTWARE_WEBGL) as page:
+        page.send("Network.enable")
+        page.look(1280, "light")
+        # Who asks for less motion sees the end of a step at once.
+        page.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+        page.visit(played.address)
+        page.wait("!document.getElementById('run').disabled")
+        fill = "(name, value) => { document.querySelector(`[name='${name}']`).value = value; }"
+        choose = "(name) => { tool.value = name; tool.dispatchEvent(new Event('change')); }"
+        page.run(f"({choose})('step')")
+        page.run(f"({fill})('duration', 'soon')")
+        page.run("document.getElementById('add').click()")
+        assert page.run("document.getElementById('said').textContent") == "duration: soon is not a number"
+        page.run(f"({fill})('duration', '0.8')")
+        page.run("document.getElementById('add').click()")
+        page.run(f"({choose})('get_velocity')")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.getElementById('budget').textContent === '19 of 20 iterations left'")
+        assert "velocity [0, 0, -7.848]" in page.run("document.getElementById('log').textContent")
+        page.run("document.getElementById('quantity').value = 'object_1 velocity.z'")
+        # The scene can be turned by keyboard, and pointing at the ball tells what was read of it.
+        label = "document.querySelector('.lab-label')"
+        page.wait(f"{label} !== null && document.querySelector('.lab-clock').textContent === '0.800 s'")
+        assert page.run("document.querySelector('.lab-play').textContent") == "▶"
+        before = page.run(f"{label}.style.transform")
+        page.run("document.querySelector('.lab-box').focus()")
+        page.press("ArrowDown")
+        page.wait(f"{label}.style.transform !== {before!r}")
+        corner = page.run(
+            f"(({{ x, width, bottom }}) => [x + width / 2, bottom + 10])({label}.getBoundingClientRect())"
+        )
+        page.send("Input.dispatchMouseEvent", type="mouseMoved", x=corner[0], y=corner[1])
+        page.wait("document.querySelector('.lab-tip').textContent === 'object_1ballvelocity [0, 0, -7.848] at 0.8 s'")
+        page.run(f"({choose})('answer')")
+        page.run(f"({fill})('answer', '7.848')")
+        page.run("document.getElementById('run').click()")
+        page.wait("document.getElementById('budget').textContent === 'Correct, in 2 of 20 iterations.'")
+        assert "Correct" in played.end()
+        assert [one for one in page.complaints if "GPU stall" not in one] == []
+        assert all(address.startswith(played.address) for address in page.requests)
+    assert episode_in(tmp_path).answer == 7.848
