@@ -19,7 +19,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
   docs clients conformance inspect-test engines integrations mcpb viewer lock \
-  test-lowest dist test-wheel release release-check clean
+  containers test-lowest dist test-wheel release-page release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
 help: ## list the commands
@@ -158,6 +158,9 @@ mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; npx, if instal
 viewer: ## install node's packages as locked, check types, and build the viewer into the files that the packages hold
 	@cd viewer && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent check && npm run --silent build
 
+containers: $(STAMP) ## lint the Containerfile and carry its steps out here, without a container engine (2 minutes)
+	@$(BIN)/python -m tests.containers.run
+
 ##@ Dependencies (both need uv: pip install uv)
 
 # The options keep the addresses of registries out of the lock. uv keeps each present version that still fits, so the
@@ -185,8 +188,12 @@ test-lowest: ## test with the oldest versions that pyproject.toml allows (into .
 dist: $(STAMP) ## build sdist and wheel into dist/; both must hold exactly the files that git tracks
 	@$(BIN)/python -m release build
 
-test-wheel: $(STAMP) ## install the built wheel in a new environment and play three scenes with it (1 to 2 minutes)
+test-wheel: $(STAMP) ## install the built wheel in a new environment, also by uvx and pipx, and play scenes with it (3 minutes)
 	@$(BIN)/python -m release trial
+
+# SOURCE=https://github.com/OWNER/NAME is needed as long as pyproject.toml names no Source.
+release-page: dist mcpb ## build what the page of a release offers into dist/: wheel, sdist, bundle, server.json, notes
+	@$(BIN)/python -m release page $(if $(SOURCE),--source $(SOURCE)) $(if $(TAG),--tag $(TAG))
 
 release: $(STAMP) ## VERSION=X.Y.Z: set version and changelog, check, test, build, commit and tag; pushes nothing
 	@$(BIN)/python -m release prepare $(VERSION)

@@ -116,10 +116,10 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 
 def _code() -> Iterator[tuple[str, bytes]]:
-    """Modules and pictures of the two packages that make a laboratory, by their names in the bundle; no packs."""
+    """All files of our package, and the modules of `scenes`, by their names in the bundle; no packs."""
     root = Path(__file__).parent
     for path in root.rglob("*"):
-        if path.suffix in {".py", ".png"}:
+        if path.is_file() and path.parent.name != "__pycache__":
             yield f"physment_mcp/{path.relative_to(root).as_posix()}", path.read_bytes()
     for path in Path(scenes.__file__).parent.glob("*.py"):
         yield f"scenes/{path.name}", path.read_bytes()

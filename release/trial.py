@@ -9,6 +9,8 @@ from release.distributions import PACKAGES
 from release.process import ReleaseError, output
 
 SCENES = "7-9"
+TOOLS = ("uv==0.13.9", "pipx==1.18.4")
+"""What makes an environment for one command, in the versions that are tried."""
 
 
 def try_wheel(wheel: Path, lock: Path, place: Path) -> str:
@@ -50,3 +52,33 @@ def try_wheel(wheel: Path, lock: Path, place: Path) -> str:
             f"the reference agent solved {overall['n_correct']} of {overall['n']} scenes instead of 3 of 3"
         )
     return f"{wheel.name} works outside the checkout: both commands start, scenes {SCENES} are solved over stdio"
+
+
+def try_one_liners(wheel: Path, place: Path) -> str:
+    """Run the commands of docs/how-to/install.md with uvx and pipx, which choose the newest dependencies that fit.
+
+    Args:
+        wheel: The wheel.
+        place: A folder for their environments and what the commands write.
+
+    Returns:
+        One line that says what was tried.
+
+    Raises:
+        ReleaseError: A command fails.
+    """
+    tools, away = place / "tools", place / "away-from-tools"
+    venv.create(tools, with_pip=True)
+    away.mkdir()
+    env = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    env |= {"UV_CACHE_DIR": str(place / "uv"), "PIPX_HOME": str(place / "pipx"), "PIPX_BIN_DIR": str(place / "bin")}
+
+    def run(program: str, *words: str) -> str:
+        return output(str(tools / "bin" / program), *words, cwd=away, env=env)
+
+    run("python", "-m", "pip", "install", "--quiet", *TOOLS)
+    version = run("uvx", "--from", str(wheel), "physment-mcp", "--version")
+    run("uvx", "--from", str(wheel), "physment-eval", "--server", "stdio", "--scenes", "7", "--out", "run")
+    if run("pipx", "run", "--spec", str(wheel), "physment-mcp", "--version") != version:
+        raise ReleaseError("uvx and pipx start different versions of physment-mcp")
+    return f"{wheel.name} also works through uvx and pipx: {version.strip()}, scene 7 is solved"

@@ -85,6 +85,18 @@ def write(root: Path, version: str, day: date) -> None:
     citation.write_text(text.replace(f'version: "{version}"\n', dated), encoding="utf-8")
 
 
+def notes(root: Path, version: str) -> str:
+    """What the changelog says of a version.
+
+    Raises:
+        ReleaseError: It has no section of this version.
+    """
+    _, found, rest = _changelog(root).partition(f"\n## {version} (")
+    if not found:
+        raise ReleaseError(f"{CHANGELOG} has no section of {version}; `make release` makes it")
+    return rest.partition("\n")[2].split("\n## ", 1)[0].strip() + "\n"
+
+
 def unreleased(changelog: str) -> str:
     """What the changelog says of changes that no release has yet; empty if nothing."""
     _, found, rest = changelog.partition(_UNRELEASED)

@@ -24,7 +24,7 @@ def lines_of(page: Path) -> Iterator[str]:
 
 def shown(program: str) -> list[tuple[str, str]]:
     """Each page that shows a command of a program, with the arguments; settings before it are left out."""
-    command = re.compile(rf"^\s*(?:\w+=\S+ )*(?:\.venv/bin/)?{program} (.*)$")
+    command = re.compile(rf"^\s*(?:\w+=\S+ )*(?:\.venv/bin/|uvx (?:--from \S+ )?|pipx run --spec \S+ )?{program} (.*)$")
     return [
         (page.relative_to(ROOT).as_posix(), found[1])
         for page in PAGES

@@ -15,7 +15,11 @@ from packaging.specifiers import SpecifierSet
 from physment_mcp import __version__
 from tests.builders.paths import DOCS, ROOT
 
-WORKFLOW: dict[str, Any] = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
+WORKFLOWS: dict[str, dict[str, Any]] = {
+    file.stem: yaml.safe_load(file.read_text(encoding="utf-8"))
+    for file in (ROOT / ".github" / "workflows").glob("*.yml")
+}
+WORKFLOW = WORKFLOWS["ci"]
 HOOKS: dict[str, Any] = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
 CITATION: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -60,6 +64,14 @@ def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
     assert called <= TARGETS
 
 
+def test_a_release_calls_a_make_target_that_exists_and_may_write_nothing_but_the_page() -> None:
+    (job,) = WORKFLOWS["release"]["jobs"].values()
+    called = [command.split()[1] for command in commands(WORKFLOWS["release"]) if command.startswith("make ")]
+    assert called == ["release-page"]
+    assert set(called) <= TARGETS
+    assert (WORKFLOWS["release"]["permissions"], job["permissions"]) == ({"contents": "read"}, {"contents": "write"})
+
+
 def test_one_job_of_the_workflow_waits_for_all_others() -> None:
     jobs = WORKFLOW["jobs"]
     gate = jobs["required-checks-pass"]
@@ -69,8 +81,9 @@ def test_one_job_of_the_workflow_waits_for_all_others() -> None:
         assert f"contains(needs.*.result, '{result}')" in steps(gate)[0]["if"]
 
 
-def test_the_actions_of_the_workflow_are_pinned_to_a_major_version() -> None:
-    used = [step["uses"] for job in WORKFLOW["jobs"].values() for step in steps(job) if "uses" in step]
+@pytest.mark.parametrize("name", WORKFLOWS)
+def test_the_actions_of_a_workflow_are_pinned_to_a_major_version(name: str) -> None:
+    used = [step["uses"] for job in WORKFLOWS[name]["jobs"].values() for step in steps(job) if "uses" in step]
     assert used
     assert [action for action in used if not re.fullmatch(r"actions/[a-z-]+@v\d+", action)] == []
 

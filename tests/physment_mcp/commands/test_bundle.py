@@ -15,6 +15,7 @@ import anyio
 import pytest
 from mcp import Client, StdioServerParameters
 
+import physment_mcp
 from physment_mcp import __version__
 from physment_mcp.__main__ import main
 from scenes import list_packs
@@ -107,7 +108,17 @@ def test_the_bundle_holds_no_private_half(packed: Path, unpacked: Path) -> None:
     assert not [name for name in names if not (name.endswith(".public.json") or ".seed" in name)]
     assert not list(unpacked.rglob("solution.py"))
     with zipfile.ZipFile(packed) as bundle:
-        assert {Path(name).suffix for name in bundle.namelist()} == {".json", ".toml", ".py", ".png", ".xml"}
+        names = {name for name in bundle.namelist() if not name.startswith("physment_mcp/")}
+    assert {Path(name).suffix for name in names} == {".json", ".toml", ".py", ".png", ".xml"}
+
+
+def test_every_file_of_the_package_is_in_the_bundle(unpacked: Path) -> None:
+    """Also those that are no modules, such as the page that is shown in the chat."""
+    package = Path(str(physment_mcp.__file__)).parent
+    files = {path.relative_to(package) for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"}
+    bundled = unpacked / "physment_mcp"
+    assert {path.relative_to(bundled) for path in bundled.rglob("*.*") if path.suffix != ".pyc"} == files
+    assert Path("serving/lab.html") in files
 
 
 def test_the_same_content_gives_the_same_file(packed: Path, tmp_path: Path) -> None:

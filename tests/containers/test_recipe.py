@@ -1,0 +1,64 @@
+"""The Containerfile, as far as it can be held without building: `make containers` carries its steps out."""
+
+import re
+
+import pytest
+
+from evaluator.__main__ import parsed
+from physment_mcp.__main__ import parser
+from tests.builders.paths import ROOT
+from tests.containers.recipe import Instruction, only, stages
+
+STAGES = stages(ROOT / "Containerfile")
+IMAGES = ("laboratory", "evaluator")
+
+
+def named(stage: str, name: str) -> list[Instruction]:
+    return [step for step in STAGES[stage] if step.name == name]
+
+
+def test_there_are_two_images_and_the_stage_that_builds_them() -> None:
+    assert set(STAGES) == {"build", *IMAGES}
+
+
+@pytest.mark.parametrize("stage", ["build", *IMAGES])
+def test_every_stage_starts_from_a_python_that_is_supported(stage: str) -> None:
+    (given,) = re.findall(r"^ARG PYTHON=(3\.\d+)$", (ROOT / "Containerfile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert f'"Programming Language :: Python :: {given}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert only(STAGES[stage], "FROM").rest.startswith("docker.io/library/python:${PYTHON}-slim-")
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_an_image_runs_nothing_while_it_is_built_and_runs_as_a_user_without_rights(image: str) -> None:
+    """All that it holds comes from the stage before, so no tool of the build and no cache is in it."""
+    assert named(image, "RUN") == []
+    assert only(STAGES[image], "USER").rest == "65532:65532"
+    assert named(image, "HEALTHCHECK") != []
+    last_copy = max(number for number, step in enumerate(STAGES[image]) if step.name == "COPY")
+    assert last_copy < STAGES[image].index(only(STAGES[image], "USER"))
+
+
+def test_whatever_is_installed_is_checked_against_the_lock() -> None:
+    installing = [
+        step.rest for step in named("build", "RUN") if "uv pip install" in step.rest or "uv build" in step.rest
+    ]
+    assert len(installing) == 3
+    for words in installing:
+        assert "--require-hashes" in words
+        assert "constraints requirements.lock" in words
+
+
+def test_the_programs_accept_what_the_images_start() -> None:
+    laboratory = [*only(STAGES["laboratory"], "ENTRYPOINT").words, *only(STAGES["laboratory"], "CMD").words]
+    assert parser().parse_args(laboratory[1:]).run
+    assert only(STAGES["laboratory"], "EXPOSE").rest == laboratory[laboratory.index("--port") + 1]
+    (program,) = only(STAGES["evaluator"], "ENTRYPOINT").words
+    assert program.endswith("/physment-eval")
+    assert parsed(["--server", "http://127.0.0.1:8000"]).run
+
+
+def test_the_context_of_the_build_holds_what_is_copied_and_no_more() -> None:
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    copied = {word for step in named("build", "COPY") for word in step.words[:-1]}
+    assert ignored[0] == "*"
+    assert {line.removeprefix("!") for line in ignored if line.startswith("!")} == copied
