@@ -21,7 +21,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     pages, site = args.out / "pages", args.out / "site"
     for folder in (pages, site):
         shutil.rmtree(folder, ignore_errors=True)
-    shown = write_pages(ROOT, pages)
+    try:
+        shown = write_pages(ROOT, pages)
+    except LookupError as fault:
+        print(f"website: {fault}", file=sys.stderr)
+        return 1
     # In a process of its own, since Sphinx changes the interpreter that it runs in. -W -n: each warning, and each name
     # that cannot be resolved, is an error; --keep-going: all of them are told.
     words = ("-W", "--keep-going", "-n", "-q", "-j", "auto", "-c", str(Path(__file__).parent), str(pages), str(site))
