@@ -1,6 +1,8 @@
 """The website, as far as it needs no Sphinx: its pages and their links, and the checks of what was built."""
 
+import ast
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,24 @@ from tests.test_docs import anchors, links
 from website.checks import faults
 from website.links import Places
 from website.pages import names, write_pages
+
+
+@pytest.mark.parametrize("folder", ["website", "release"])
+def test_a_folder_beside_the_packages_needs_nothing_but_the_standard_library(folder: str) -> None:
+    """So it runs in an environment that lacks the laboratory, and before anything is installed."""
+    imported = {
+        name.partition(".")[0]
+        for path in (ROOT / folder).glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    }
+    assert imported - set(sys.stdlib_module_names) == {folder}
 
 
 @pytest.fixture(scope="module")
