@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
-  docs clients conformance inspect-test engines integrations mcpb viewer lock \
+  docs clients conformance inspect-test engines integrations harbor mcpb viewer lock \
   containers test-lowest dist test-wheel release-page release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
@@ -141,6 +141,16 @@ integrations: $(STAMP) ## install verifiers, OpenEnv and NeMo Gym (2.4 GB, into 
 	    { rm -rf .integrations/$$name; echo "$$name cannot be installed here: its tests are skipped" >&2; }; }; \
 	done
 	@$(BIN)/python -m pytest tests/integrations
+
+# Harbor needs Python 3.12 or newer. Building the images of the tasks needs a container engine; this does not.
+harbor: $(STAMP) ## write the suite as tasks of Harbor into build/harbor, check them (350 MB, into .integrations; HARBOR="--seeds 1000")
+	@test -x .integrations/harbor/bin/harbor || { \
+	  python=$$(for found in $(PYTHONS); do $$found -c '' 2>/dev/null && echo $$found && break; done); \
+	  rm -rf .integrations/harbor; echo "Installing Harbor"; $$python -m venv .integrations/harbor && \
+	  .integrations/harbor/bin/python -m pip install --quiet 'harbor>=0.24,<0.25'; }
+	@rm -rf build/harbor
+	@$(BIN)/physment-eval harbor write build/harbor $(HARBOR)
+	@$(BIN)/python -m pytest tests/evaluator/harbor tests/integrations/test_harbor.py
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'

@@ -15,6 +15,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval export runs/mine --to parquet      a row for each exchange; or logs of Inspect AI
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
   physment-eval referee                            open episodes for a trainer, and give each a reward
+  physment-eval harbor write build/harbor          variants as task folders of Harbor
   physment-eval play 7                             solve a scene yourself
   physment-eval replay runs/mine                   play its episodes again and compare every return
   physment-eval fork runs/mine --episode scene=7 --turn 2 --agent model:gpt-5.5
@@ -42,6 +43,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("report", "write the report of stored runs"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),
     "referee": ("referee", "open episodes for a trainer, and give each a reward"),
+    "harbor": ("harbor", "write variants as tasks of Harbor, and grade what was played there"),
     "play": ("play", "solve a scene yourself"),
     "verify": ("verify", "prove scenes sound"),
     "lint": ("verify", "say what is wrong with scenes, unrun"),

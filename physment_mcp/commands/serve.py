@@ -64,6 +64,12 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="name that the host answers to besides its addresses, as behind a proxy; may be given again",
     )
+    serve.add_argument(
+        "--open",
+        metavar="JSON",
+        help='open an episode at the start, such as \'{"scene": 7, "max_calls": 60}\', at /episodes/0/mcp, for a client'
+        " whose configuration holds a fixed address; with max_calls it can be played without the token of the host",
+    )
     _processes(serve)
     observations(serve, again=True)
     timestep(serve, again=True)
@@ -117,6 +123,8 @@ def run(args: argparse.Namespace) -> int:
         )
     token, control = _token(args), _control(args)
     scene_ids(args.scenes_dir)
+    if args.open is not None:
+        _check_opened(args)
     names = (socket.gethostname(), *args.allow_host) if exposed else tuple(args.allow_host)
     if args.end_with_stdin:
         Thread(target=_end_with_stdin, daemon=True).start()
@@ -131,6 +139,7 @@ def run(args: argparse.Namespace) -> int:
         watching(args.observations, args.scenes_dir),
         args.timestep,
         control=control,
+        opened_at_start=None if args.open is None else args.open.encode(),
     )
     _allow_open_files()
     try:
@@ -141,6 +150,24 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
+
+
+def _check_opened(args: argparse.Namespace) -> None:
+    """Try the episode of `--open`, which stays kept, so that it opens at once.
+
+    Raises:
+        UsageError: It cannot be opened.
+    """
+    from physment_mcp.errors import NotOpened  # noqa: PLC0415 - as above
+    from physment_mcp.serving.admission import Admission  # noqa: PLC0415
+    from physment_mcp.serving.places import Places  # noqa: PLC0415
+
+    if args.workers > 1:
+        raise UsageError("--open: not with --workers, since one process plays one episode")
+    try:
+        anyio.run(Admission(args.scenes_dir, Places(1), args.timestep, for_operator=True).open, args.open.encode())
+    except NotOpened as refusal:
+        raise UsageError(f"--open {args.open}: {refusal}") from refusal
 
 
 def _serve_with_workers(args: argparse.Namespace, token: str | None, *, exposed: bool, names: tuple[str, ...]) -> None:

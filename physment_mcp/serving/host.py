@@ -99,6 +99,8 @@ class Host:
     """The places of all workers; None if this process has them alone."""
     control: socket.socket | None = None
     """Brings the sockets on which the program that started this host opens episodes; None if there is none."""
+    opened_at_start: bytes | None = None
+    """Request for an episode that is open from the start, under the id `0`; None for none."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _admission: Admission = field(init=False)
     _sockets: SocketEpisodes = field(init=False)
@@ -148,6 +150,8 @@ class Host:
             # Stateless, so that it can also answer a client that is in the middle of a session.
             nowhere = build_server(self._nowhere_slot)
             self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
+            if self.opened_at_start is not None:
+                await self.open_episode(self.opened_at_start, "0")
             yield
             tasks.cancel_scope.cancel()
 
@@ -165,11 +169,12 @@ class Host:
 
         return manager, await self._tasks.start(live)
 
-    async def open_episode(self, body: bytes) -> str:
-        """Open an episode and return its unguessable id.
+    async def open_episode(self, body: bytes, episode_id: str | None = None) -> str:
+        """Open an episode and return its id.
 
         Args:
             body: The request, as `EpisodeRequest` in JSON.
+            episode_id: Its id; None for one that cannot be guessed.
 
         Raises:
             NotOpened: It is not opened.
@@ -183,7 +188,8 @@ class Host:
         except BaseException:
             self._admission.places.leave()
             raise
-        episode_id = f"{'' if self.worker is None else f'w{self.worker.number}.'}{secrets.token_urlsafe(18)}"
+        if episode_id is None:
+            episode_id = f"{'' if self.worker is None else f'w{self.worker.number}.'}{secrets.token_urlsafe(18)}"
         self._episodes[episode_id] = _HostedEpisode(
             manager,
             slot,

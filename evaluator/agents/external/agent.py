@@ -87,7 +87,7 @@ class ExternalAgent:
         """
         if self.max_calls is not None:
             return self.max_calls
-        limit = _calls_allowed(scene, self.scenes_dir)
+        limit = calls_allowed(scene, self.scenes_dir)
         return CALLS_PER_ITERATION * budget if limit is None else limit + 1
 
     async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
@@ -146,7 +146,7 @@ class ExternalAgent:
         )
 
 
-def _calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
+def calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
     """The limit of calls that a scene states; None if it states none, or its pack is not here."""
     try:
         limits = read_public(find_pack(scene, scenes_dir)).limits

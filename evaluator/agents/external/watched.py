@@ -107,14 +107,7 @@ class WatchedEpisode:
         Raises:
             InfrastructureError: The host failed.
         """
-        turns: list[Turn] = []
-        last_end_s = 0.0
-        for call in await self._calls():
-            exchange = _exchange(call)
-            agent_s = max(0.0, call.started_s - last_end_s)
-            turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=agent_s, server_s=exchange.duration_s))
-            last_end_s = call.started_s + call.duration_s
-        return tuple(turns)
+        return _turns_of(await self._calls())
 
     async def _calls(self) -> list[_SeenCall]:
         """All calls so far. A host sends them in pages."""
@@ -166,6 +159,29 @@ async def watch_episode(
         finally:
             with anyio.CancelScope(shield=True), contextlib.suppress(httpx2.HTTPError):
                 await http.delete(path, headers={"Authorization": f"Bearer {token}"})
+
+
+def turns_of_log(content: bytes) -> tuple[Turn, ...]:
+    """The calls in a stored log of a host, each as a turn.
+
+    Args:
+        content: What `GET /episodes/ID/calls` returns, or several such pages as one.
+
+    Raises:
+        ValidationError: It is no such log.
+    """
+    return _turns_of(_Log.model_validate_json(content).calls)
+
+
+def _turns_of(calls: Sequence[_SeenCall]) -> tuple[Turn, ...]:
+    turns: list[Turn] = []
+    last_end_s = 0.0
+    for call in calls:
+        exchange = _exchange(call)
+        agent_s = max(0.0, call.started_s - last_end_s)
+        turns.append(Turn(reasoning="", exchanges=(exchange,), agent_s=agent_s, server_s=exchange.duration_s))
+        last_end_s = call.started_s + call.duration_s
+    return tuple(turns)
 
 
 def outcome_of(turns: Sequence[Turn], max_calls: int) -> tuple[Outcome | None, JsonValue]:

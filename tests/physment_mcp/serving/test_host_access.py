@@ -254,6 +254,24 @@ def test_an_exposed_host_does_not_start_without_a_token(
     assert word in err
 
 
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--open", "{"], "Invalid JSON"),
+        (["--open", '{"scene": 9999}'], "no scene 9999"),
+        (["--open", '{"scene": 7}', "--workers", "2"], "not with --workers"),
+    ],
+)
+def test_an_episode_that_cannot_be_opened_at_the_start_is_refused_before_anything_is_served(
+    options: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["serve", "--port", "0", *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert err.count("\n") == 1
+
+
 @pytest.mark.parametrize("scene", ["../Scene7", "/etc/passwd", "Scene7", "7/../8", "", None, [7], {"path": "x"}])
 async def test_a_scene_is_a_number_and_never_a_path(inside: OpenHost, scene: Any) -> None:
     async with inside() as (host, http):

@@ -1,0 +1,145 @@
+"""The files of a task of Harbor (schema 1.4).
+
+Three containers, of which an agent can enter one: `main` is the agent's and has nothing of ours; `laboratory` has the
+drawn model of this variant and no answer; the verifier's has the answer keys, and starts after the agent's has ended.
+"""
+
+import json
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+
+from evaluator.errors import StoreError, UsageError
+from evaluator.harbor.rehearsal import Rehearsal
+from scenes import PackError, export_packs
+
+_PROGRAMS = Path(__file__).with_name("programs")
+SERVICE = "laboratory"
+"""Name of the container of the laboratory, and its name in the network of the task."""
+_EVIDENCE = "/evidence/calls.json"
+"""The log of calls: where the laboratory writes it, and where the verifier finds it."""
+
+
+def write_task(rehearsal: Rehearsal, task: Path, scenes_dir: Path | None) -> None:
+    """Write the folder of a task.
+
+    Args:
+        rehearsal: The variant.
+        task: The folder, which is made. Its name becomes part of the names of containers, which an agent can look up,
+            so it must not tell the seed.
+        scenes_dir: Folder of whole packs; None for the suite.
+
+    Raises:
+        UsageError: Its scene cannot be exported.
+        StoreError: It cannot be written.
+    """
+    episode = {"scene": rehearsal.scene, "seed": rehearsal.seed, "max_calls": rehearsal.max_calls}
+    texts = {
+        "instruction.md": _instruction(rehearsal),
+        "task.toml": _TASK.format(name=task.name, scene=rehearsal.scene, evidence=_EVIDENCE, service=SERVICE),
+        "environment/Dockerfile": _MAIN,
+        "environment/docker-compose.yaml": _COMPOSE.format(service=SERVICE),
+        "environment/laboratory/Dockerfile": _LABORATORY.format(version=version("physment-mcp")),
+        "environment/laboratory/episode.json": json.dumps(episode) + "\n",
+        "solution/calls.json": json.dumps([call.model_dump() for call in rehearsal.solution]) + "\n",
+        "tests/Dockerfile": _VERIFIER.format(version=version("physment-mcp")),
+        "tests/episode.json": json.dumps(episode) + "\n",
+    }
+    programs = {
+        "environment/laboratory": ("start.sh", "collect.py"),
+        "solution": ("solve.sh", "play.py"),
+        "tests": ("test.sh",),
+    }
+    try:
+        for name, text in texts.items():
+            (task / name).parent.mkdir(parents=True, exist_ok=True)
+            (task / name).write_text(text, encoding="utf-8")
+        for part, names in programs.items():
+            for name in names:
+                shutil.copy(_PROGRAMS / name, task / part / name)
+        export_packs(task / "environment/laboratory/scenes", [rehearsal.seed], [rehearsal.scene], scenes_dir)
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        raise StoreError(f"{task} cannot be written: {error.strerror}") from error
+
+
+def _instruction(rehearsal: Rehearsal) -> str:
+    return (
+        f"{rehearsal.prompt.rstrip()}\n\n# Budget\n\nThe laboratory is the MCP server `physment`. You may make"
+        f" {rehearsal.max_calls} tool calls, refused ones included. The task is done when `answer` has been called"
+        " once; if it has not been called when you end, the task counts as failed.\n"
+    )
+
+
+_TASK = """\
+schema_version = "1.4"
+artifacts = [{{ source = "{evidence}", service = "{service}" }}]
+
+[task]
+name = "physment/{name}"
+description = "Find out by experiment in a MuJoCo laboratory what the scene asks."
+keywords = ["physics", "mcp", "experiment"]
+
+[metadata]
+scene = {scene}
+
+[agent]
+timeout_sec = 1800.0
+
+[environment]
+build_timeout_sec = 900.0
+
+[[environment.mcp_servers]]
+name = "physment"
+transport = "streamable-http"
+url = "http://{service}:8000/episodes/0/mcp"
+
+[verifier]
+timeout_sec = 300.0
+environment_mode = "separate"
+
+[verifier.environment]
+network_mode = "no-network"
+
+[[verifier.collect]]
+service = "{service}"
+command = "python3 /laboratory/collect.py {evidence}"
+"""
+_COMPOSE = """\
+services:
+  main:
+    depends_on:
+      {service}:
+        condition: service_healthy
+  {service}:
+    build:
+      context: ./{service}
+    # A laboratory that was started again would be a new one, with all its calls unused.
+    restart: "no"
+    healthcheck:
+      test:
+        - CMD
+        - python3
+        - -c
+        - import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/healthz', timeout=2)
+      interval: 2s
+      timeout: 5s
+      retries: 60
+"""
+_MAIN = """\
+# The agent's container: Python for the solution, and nothing of the laboratory.
+FROM python:3.12-slim
+WORKDIR /work
+"""
+_LABORATORY = """\
+# Only the laboratory, and the model of one variant. The image has no answers; integrations/harbor/Dockerfile builds it.
+FROM physment-laboratory:{version}
+COPY . /laboratory
+CMD ["sh", "/laboratory/start.sh"]
+"""
+_VERIFIER = """\
+# The evaluator with the answer keys; integrations/harbor/Dockerfile builds the image.
+FROM physment-verifier:{version}
+COPY . /tests
+"""
