@@ -114,7 +114,7 @@ docs: $(DOCS) ## build the website into build/site (Sphinx, 120 MB, into .docs);
 
 ##@ Other programs (each installs what it tests)
 
-clients: $(STAMP) ## play scenes through eight third-party MCP clients (1.6 GB, into ~/.cache) and write their table
+clients: $(STAMP) ## play scenes through ten third-party MCP clients (2.8 GB, into ~/.cache) and write their table
 	@$(BIN)/python -m tests.clients.run --out docs/reference/clients.md
 
 conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only listed scenarios may fail

@@ -29,7 +29,7 @@ physment-eval run --agent external --server host --scenes 20,23 -- python "$PWD/
 ```
 
 Models and keys are those of the vendors: set `OPENAI_API_KEY`, and `OPENAI_BASE_URL` for another server with the same
-protocol; for ADK, `GOOGLE_API_KEY`.
+protocol; for ADK, `GOOGLE_API_KEY`; for Claude Code, `ANTHROPIC_API_KEY`. Run a program in `.sh` with `sh`.
 
 ## For all clients
 

@@ -189,7 +189,7 @@ def on_stdio(command: Sequence[str], scene: int, prompt: str, provider: str, pat
         words = [*command, shlex.join(watched), prompt]
         try:
             done = subprocess.run(
-                words, cwd=scratch, env=_environment(provider, path), timeout=MAX_WALL_S,
+                words, cwd=scratch, env=_environment(provider, path) | {"HOME": scratch}, timeout=MAX_WALL_S,
                 stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
             )  # fmt: skip
             said = _last_line(done.stderr if done.returncode else done.stdout)
@@ -251,4 +251,5 @@ def _environment(provider: str, path: str) -> dict[str, str]:
     kept = {name: os.environ[name] for name in ("HOME", "LANG", "TMPDIR", "SSL_CERT_FILE") if name in os.environ}
     model = {"OPENAI_BASE_URL": f"{provider}/v1", "OPENAI_API_KEY": KEY}
     gemini = {"GOOGLE_GEMINI_BASE_URL": provider, "GOOGLE_API_KEY": KEY}
-    return {**kept, **model, **gemini, "PATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+    anthropic = {"ANTHROPIC_BASE_URL": provider, "ANTHROPIC_API_KEY": KEY}
+    return {**kept, **model, **gemini, **anthropic, "PATH": path, "PYTHONDONTWRITEBYTECODE": "1"}

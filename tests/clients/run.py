@@ -1,9 +1,12 @@
 """Runs every third-party client against the laboratory and prints the results.
 
 python -m tests.clients.run [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
+
+With names, the other rows of FILE stay as they are.
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +19,7 @@ from rich.table import Table
 from evaluator.commands.base import wide_console
 from evaluator.markdown import markdown_table
 from tests.clients.catalogue import Client, read_clients
+from tests.clients.coding_agents import ROUTES
 from tests.clients.environments import CannotInstall, Environment, environment_of
 from tests.clients.playing import Played, difference, on_stdio, over_http, rehearse
 from tests.clients.scripted_model import app, serving
@@ -102,18 +106,35 @@ def lines_of(rows: Sequence[Row]) -> list[tuple[str, ...]]:
     return lines
 
 
-def page(rows: Sequence[Row]) -> str:
-    """The table as a document."""
+def kept_lines(file: Path, rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """The table of a file, with these rows in the place of those of their clients.
+
+    Args:
+        file: A page that was written before.
+        rows: Of the clients that were run now.
+    """
+    found: dict[str, list[tuple[str, ...]]] = {}
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if line.startswith("| ") and not line.startswith(f"| {TITLES[0]} |"):
+            parts = tuple(part.replace("\\|", "|") for part in re.split(r" (?<!\\)\| ", line.strip("| ")))
+            found.setdefault(parts[0], []).append(parts)
+    for name in {row.client: row for row in rows}:
+        found[name] = lines_of([row for row in rows if row.client == name])
+    return [line for client in read_clients() for line in found.get(client.name, [])]
+
+
+def page(table: Sequence[tuple[str, ...]]) -> str:
+    """A table as a document."""
     lines = [
         "# Clients that were run",
         "",
         "Made by `make clients`; do not edit. Each client plays in a separate environment with a scripted model that"
         " makes three refused calls, then finds or creates an object, measures and answers. *Works* means that the"
         " calls, the results and the grade are the same as with the evaluator's own client. *Host only* means that the"
-        " client starts a laboratory for each call."
+        " client starts a laboratory for each call. A row is of the last run of its client."
         " [How to set each of them up](../how-to/clients.md).",
         "",
-        markdown_table(TITLES, lines_of(rows)),
+        markdown_table(TITLES, table),
     ]
     return "\n".join(lines) + "\n"
 
@@ -122,7 +143,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the clients and print the table; returns 0 if all of them work."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME")
-    parser.add_argument("--out", type=Path, help="write the table there, if all clients were run and work")
+    parser.add_argument("--out", type=Path, help="write the table there, if all clients that were run work")
     args = parser.parse_args(argv)
     console = Console(stderr=True)
     wanted = [
@@ -137,7 +158,7 @@ def main(argv: Sequence[str]) -> int:
 
     expected = anyio.run(expectations)
     rows: list[Row] = []
-    with serving(app()) as provider:
+    with serving(app(*ROUTES)) as provider:
         for client in wanted:
             with console.status(client.name):
                 rows += rows_of(client, expected, provider)
@@ -148,8 +169,9 @@ def main(argv: Sequence[str]) -> int:
         table.add_row(*line)
     wide_console().print(table)
     working = all(row.works for row in rows)
-    if args.out and working and not args.names:
-        args.out.write_text(page(rows), encoding="utf-8")
+    if args.out and working and rows:
+        lines = kept_lines(args.out, rows) if args.names and args.out.exists() else lines_of(rows)
+        args.out.write_text(page(lines), encoding="utf-8")
     return 0 if working and rows else 1
 
 

@@ -120,15 +120,17 @@ def _json_in(text: str) -> list[Any]:
 
 def read_openai(body: Mapping[str, Any]) -> Conversation:
     """Parse a request for a chat completion."""
-    said, returns = _split(
+    said, returns = split_at_replies(
         [(message["role"] == "assistant", message.get("content")) for message in body["messages"]],
     )
-    return Conversation(_text(said), returns, frozenset(tool["function"]["name"] for tool in body.get("tools") or ()))
+    return Conversation(
+        joined_text(said), returns, frozenset(tool["function"]["name"] for tool in body.get("tools") or ())
+    )
 
 
 def read_gemini(body: Mapping[str, Any]) -> Conversation:
     """Parse a request for generateContent."""
-    said, returns = _split(
+    said, returns = split_at_replies(
         [
             (
                 message.get("role") == "model",
@@ -138,10 +140,10 @@ def read_gemini(body: Mapping[str, Any]) -> Conversation:
         ],
     )
     tools = [tool for group in body.get("tools") or () for tool in group.get("functionDeclarations", ())]
-    return Conversation(_text(said), returns, frozenset(tool["name"] for tool in tools))
+    return Conversation(joined_text(said), returns, frozenset(tool["name"] for tool in tools))
 
 
-def _split(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, ...]]:
+def split_at_replies(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, ...]]:
     """The contents before the model's first reply, and those after each of its replies."""
     before: list[Any] = []
     after: list[list[Any]] = []
@@ -153,14 +155,14 @@ def _split(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, 
     return before, tuple(contents[0] if len(contents) == 1 else contents for contents in after if contents)
 
 
-def _text(contents: Any) -> str:
+def joined_text(contents: Any) -> str:
     match contents:
         case str():
             return contents
         case {"text": text}:
-            return _text(text)
+            return joined_text(text)
         case list() | tuple():
-            return "\n\n".join(map(_text, contents))
+            return "\n\n".join(map(joined_text, contents))
         case _:
             return ""
 
@@ -168,7 +170,7 @@ def _text(contents: Any) -> str:
 async def _openai(request: Request) -> Response:
     body = await request.json()
     conversation = read_openai(body)
-    call, words = _reply(conversation)
+    call, words = reply_to(conversation)
     message: dict[str, Any] = {"role": "assistant", "content": None if call else words}
     if call:
         function = {"name": call.tool, "arguments": json.dumps(call.arguments)}
@@ -203,7 +205,7 @@ def streamed(message: Mapping[str, Any], finish: str) -> Response:
 
 
 async def _gemini(request: Request) -> JSONResponse:
-    call, words = _reply(read_gemini(await request.json()))
+    call, words = reply_to(read_gemini(await request.json()))
     part = {"functionCall": {"name": call.tool, "args": call.arguments}} if call else {"text": words}
     return JSONResponse(
         {
@@ -214,7 +216,7 @@ async def _gemini(request: Request) -> JSONResponse:
     )
 
 
-def _reply(conversation: Conversation) -> tuple[Call | None, str]:
+def reply_to(conversation: Conversation) -> tuple[Call | None, str]:
     """The call to make, or the text of a reply without a call."""
     try:
         call, words = next_call(conversation), _DONE
@@ -226,12 +228,13 @@ def _reply(conversation: Conversation) -> tuple[Call | None, str]:
     return call, words
 
 
-def app() -> Starlette:
-    """The provider."""
+def app(*more: Route) -> Starlette:
+    """The provider; with further wire formats, if more routes are given."""
     return Starlette(
         routes=[
             Route("/v1/chat/completions", _openai, methods=["POST"]),
             Route("/v1beta/models/{model:path}", _gemini, methods=["POST"]),
+            *more,
         ]
     )
 

@@ -10,10 +10,11 @@ import pytest
 
 from evaluator.records import Verdict
 from tests.clients.catalogue import PROGRAMS, Client, read_clients
+from tests.clients.coding_agents import read_messages_request, read_response_request
 from tests.clients.environments import CannotInstall
 from tests.clients.how_to import PAGE, current
 from tests.clients.playing import Played, canonical, difference, on_stdio, over_http, read_messages, rehearse
-from tests.clients.run import Row, cells, main, rows_of
+from tests.clients.run import Row, cells, kept_lines, lines_of, main, rows_of
 from tests.clients.run import page as table_page
 from tests.clients.scripted_model import (
     WRONG,
@@ -162,6 +163,33 @@ def test_both_wire_formats_give_the_same_conversation() -> None:
     assert list(map(reading, first.returns)) == list(map(reading, second.returns)) == [RESULT]
 
 
+def test_the_formats_of_coding_agents_give_the_same_conversation() -> None:
+    call = {"type": "tool_use", "id": "toolu_0", "name": "mcp__physment__step", "input": {}}
+    result = {"type": "tool_result", "tool_use_id": "toolu_0", "content": [{"type": "text", "text": TEXT}]}
+    messages = {
+        "messages": [
+            {"role": "user", "content": [{"type": "text", "text": "Act."}, {"type": "text", "text": "Task"}]},
+            {"role": "assistant", "content": [call]},
+            {"role": "user", "content": [result, {"type": "text", "text": "<reminder>"}]},
+        ],
+        "tools": [{"name": "mcp__physment__step"}],
+    }
+    responses = {
+        "input": [
+            {"type": "message", "role": "developer", "content": [{"type": "input_text", "text": "Act."}]},
+            {"type": "message", "role": "user", "content": [{"type": "input_text", "text": "Task"}]},
+            {"type": "tool_search_call", "call_id": "search_0"},
+            {"type": "tool_search_output", "call_id": "search_0", "tools": [{"type": "namespace", "name": "step"}]},
+            {"type": "function_call", "name": "step", "arguments": "{}", "call_id": "call_0"},
+            {"type": "function_call_output", "call_id": "call_0", "output": f"Wall time: 0.1 s\n{TEXT}"},
+        ]
+    }
+    first, second = read_messages_request(messages), read_response_request(responses)
+    assert first.task == second.task == "Act.\n\nTask"
+    assert list(map(reading, first.returns)) == list(map(reading, second.returns)) == [RESULT]
+    assert (first.tools, second.tools) == ({"mcp__physment__step"}, {"step"})
+
+
 def test_a_client_over_http_is_compared_with_the_expected_play(tmp_path: Path, provider: str, expected: Played) -> None:
     seen = over_http(program(tmp_path), [23], provider, "/usr/bin:/bin")[23]
     assert difference(seen, expected) == ""
@@ -243,4 +271,18 @@ def test_a_client_that_fails_makes_the_command_fail_and_writes_no_page(
 
 def test_the_table_says_which_clients_need_a_host() -> None:
     row = Row("A | B", "1.0", "stdio", "2025-11-25", works=True, why="starts a process for each call", know="So it is.")
-    assert "| A \\| B | 1.0 | stdio | 2025-11-25 | host only | So it is. |" in table_page([row])
+    assert "| A \\| B | 1.0 | stdio | 2025-11-25 | host only | So it is. |" in table_page(lines_of([row]))
+
+
+def test_a_run_of_some_clients_keeps_the_rows_of_the_others(tmp_path: Path) -> None:
+    first, second = (client.name for client in read_clients()[:2])
+    rows = [
+        Row(name, "1.0", transport, "2025-11-25", works=True, why="", know="A | B.")
+        for name in (first, second)
+        for transport in ("HTTP", "stdio")
+    ]
+    file = tmp_path / "page.md"
+    file.write_text(table_page(lines_of(rows)), encoding="utf-8")
+    assert kept_lines(file, []) == lines_of(rows)
+    newer = Row(second, "2.0", "HTTP", "2026-07-28", works=True, why="", know="C.")
+    assert kept_lines(file, [newer]) == [*lines_of(rows[:2]), *lines_of([newer])]
