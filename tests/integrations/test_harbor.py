@@ -1,13 +1,19 @@
-"""The real Harbor reads the tasks: schema, container files, where the verifier runs, and what it collects."""
+"""The real Harbor reads the tasks and runs trials of them: schema, agent, collection of the log, verifier."""
 
 import json
+import os
 import subprocess
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from tests.builders.commands import physment_eval
+from tests.builders.paths import ROOT
 from tests.integrations.playing import ENVIRONMENTS
+
+PROGRAM = Path(__file__).parent / "programs" / "harbor_trial.py"
 
 READ = """if True:
     import json, sys, yaml
@@ -47,9 +53,24 @@ def python() -> Path:
     return found
 
 
-def test_harbor_reads_a_task_as_it_is_meant(python: Path, tmp_path: Path) -> None:
-    assert physment_eval("harbor", "write", tmp_path / "tasks", "--scenes", "7", "--seeds", "1000").returncode == 0
-    folder = tmp_path / "tasks" / "scene7-1"
+@pytest.fixture(scope="module")
+def folder(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A task."""
+    tasks = tmp_path_factory.mktemp("harbor") / "tasks"
+    assert physment_eval("harbor", "write", tasks, "--scenes", "7", "--seeds", "1000").returncode == 0
+    return tasks / "scene7-1"
+
+
+def namespaces_work() -> bool:
+    """Whether this system lets us make the namespaces that stand for containers."""
+    words: Sequence[str] = ("unshare", "-n", "-m", "sh", "-c", "ip link set lo up && mount --bind /usr /usr")
+    try:
+        return os.geteuid() == 0 and subprocess.run(words, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+def test_harbor_reads_a_task_as_it_is_meant(python: Path, folder: Path) -> None:
     done = subprocess.run([python, "-c", READ, folder], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout)
@@ -75,3 +96,27 @@ def test_harbor_reads_a_task_as_it_is_meant(python: Path, tmp_path: Path) -> Non
         "solution": "solve.sh",
         "services": ["laboratory", "main"],
     }
+
+
+def test_in_trials_of_harbor_the_solution_scores_1_and_an_agent_that_forges_evidence_0(
+    python: Path, folder: Path, tmp_path: Path
+) -> None:
+    if not namespaces_work():
+        pytest.skip("needs Linux, root, and leave to make mount and network namespaces")
+    programs = [Path(sys.executable).parent, Path(sys.base_prefix) / "bin", "/usr/bin", "/bin"]
+    places = {
+        "folders": sorted({str(Path(sys.prefix).resolve()), sys.prefix, sys.base_prefix, str(ROOT)}),
+        "path": os.pathsep.join(map(str, programs)),
+        "python_path": str(ROOT),
+    }
+    done = subprocess.run(
+        [python, PROGRAM, tmp_path, json.dumps(places), folder, "oracle", "nop", "forger"],
+        capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    said = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    assert len(said) == 4, done.stdout[-2000:] + done.stderr[-2000:]
+    oracle, nop, asked, forger = said
+    assert [trial["failure"] for trial in (oracle, nop, forger)] == [None] * 3
+    assert [trial["rewards"]["reward"] for trial in (oracle, nop, forger)] == [1, 0, 0]
+    assert (forger["rewards"]["answered"], forger["rewards"]["calls"]) == (0, 0)
+    assert asked == {"statuses": ["401", "401", "401"], "seen": []}
