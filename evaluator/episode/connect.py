@@ -28,7 +28,7 @@ from evaluator.episode.broken_connection import first_error, own_error, server_f
 from evaluator.episode.forked_processes import ForkedLaboratory
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
-from evaluator.episode.passed_sockets import AVAILABLE, Control
+from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
 from evaluator.seed_key import SeedOf, seed_as_recorded
@@ -223,7 +223,7 @@ class LocalHost:
     observations: str = TEXT
     """`text`, or `rgb` for results with pictures."""
     _process: subprocess.Popen[str] | None = None
-    _control: Control | None = None
+    _control: ControlSocket | None = None
     _errors: IO[str] | None = field(default=None)
 
     async def __aenter__(self) -> HostLaboratory:

@@ -18,7 +18,7 @@ from mcp import Client
 from mcp.client.extension import ClientExtension
 
 from evaluator.episode.broken_connection import own_error, server_failure, without_seed
-from evaluator.episode.passed_sockets import Control, passed
+from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.seed_key import SeedOf, seed_as_recorded
 
@@ -38,7 +38,7 @@ class ForkedLaboratory:
     declared: Sequence[ClientExtension] = ()
     """Extensions of MCP that clients declare."""
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
-    _control: Control | None = field(default=None, repr=False)
+    _control: ControlSocket | None = field(default=None, repr=False)
     _told: IO[str] | None = field(default=None, repr=False)
     """What the process that forks wrote to stderr, which is nothing unless it cannot load."""
 
@@ -74,7 +74,7 @@ class ForkedLaboratory:
                 found = own_error(error, PermanentFailure, UsageError) or failure
                 raise without_seed(found, drawn, seed) from error
 
-    def _running(self) -> Control:
+    def _running(self) -> ControlSocket:
         """The control socket of the process that forks. If it has died, another one is started; its forks live on.
 
         Raises:
@@ -101,7 +101,7 @@ class ForkedLaboratory:
             except BaseException:
                 ours.close()
                 raise
-        self._control = Control(ours)
+        self._control = ControlSocket(ours)
         return self._control
 
     def _let_go(self) -> None:

@@ -7,12 +7,12 @@ import sys
 from collections.abc import Sequence
 from typing import IO
 
-from evaluator.episode.passed_sockets import AVAILABLE, Control
+from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 
 
 def start_host(
     options: Sequence[str], token: str | None, errors: IO[str]
-) -> tuple[subprocess.Popen[str], Control | None]:
+) -> tuple[subprocess.Popen[str], ControlSocket | None]:
     """Start a host on a free port, whose address it prints as its first line.
 
     Args:
@@ -35,7 +35,7 @@ def start_host(
         ours.setblocking(False)
         with theirs:
             command += ["--control-fd", str(theirs.fileno())]
-            return _started(command, [theirs.fileno()], token, errors), Control(ours)
+            return _started(command, [theirs.fileno()], token, errors), ControlSocket(ours)
     except BaseException:
         ours.close()
         raise

@@ -15,7 +15,7 @@ import anyio
 from mcp import Client
 from mcp.client.extension import ClientExtension
 
-from evaluator.episode.passed_sockets import Control, Messages, passed
+from evaluator.episode.passed_sockets import ControlSocket, Messages, passed
 from evaluator.errors import InfrastructureError
 
 _OPEN_S = 60.0
@@ -26,7 +26,7 @@ _OPEN_S = 60.0
 class HostSockets:
     """Opens episodes through the control socket of a host."""
 
-    control: Control
+    control: ControlSocket
 
     @contextlib.asynccontextmanager
     async def episode(

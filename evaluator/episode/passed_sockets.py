@@ -25,7 +25,7 @@ _CLOSE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Control:
+class ControlSocket:
     """Our end of the socket through which sockets are passed to a process. It is closed by whoever made it."""
 
     socket: socket.socket
@@ -124,7 +124,7 @@ class Messages:
 
 
 @contextlib.asynccontextmanager
-async def passed(control: Control, *more: int) -> AsyncGenerator[Messages]:
+async def passed(control: ControlSocket, *more: int) -> AsyncGenerator[Messages]:
     """A new connection to the process at the other end of a control socket, which is closed afterwards.
 
     Args:

@@ -11,7 +11,7 @@ import pytest
 
 from evaluator.episode.connect import HostLaboratory, LocalHost
 from evaluator.episode.host_sockets import HostSockets
-from evaluator.episode.passed_sockets import Control, passed
+from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import InfrastructureError, UsageError
 
 
@@ -67,7 +67,7 @@ async def test_openings_wait_for_a_process_that_takes_sockets_slowly() -> None:
     ours.setblocking(False)
     theirs.setblocking(False)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)  # as little as the system allows
-    control, count, closed = Control(ours), 30, 0
+    control, count, closed = ControlSocket(ours), 30, 0
 
     async def open_one() -> None:
         nonlocal closed
@@ -96,7 +96,7 @@ async def test_too_many_open_files_are_an_infrastructure_error(monkeypatch: pyte
     with ours, theirs:
         monkeypatch.setattr(socket, "socketpair", none_left)
         with pytest.raises(InfrastructureError, match="cannot be reached: Too many open files"):
-            async with HostSockets(Control(ours)).episode({"scene": 7}, 1):
+            async with HostSockets(ControlSocket(ours)).episode({"scene": 7}, 1):
                 pytest.fail("there was no file")
 
 
