@@ -1,6 +1,11 @@
 /** The app of the laboratory in a chat: shows the result of a tool as a client of MCP Apps passes it on. */
 
-import { App, applyDocumentTheme, applyHostStyleVariables, type McpUiHostContext } from "@modelcontextprotocol/ext-apps";
+import {
+  App,
+  applyDocumentTheme,
+  applyHostStyleVariables,
+  type McpUiHostContext,
+} from "@modelcontextprotocol/ext-apps";
 
 import { asView, type View, viewIn } from "./drawing.js";
 import { element } from "./markup.js";
@@ -31,7 +36,9 @@ async function show(result: Result): Promise<void> {
   else if (!view) panel.say("This client passed on no view of the laboratory; the result itself is complete.");
   const image = result.content.find((part) => part.type === "image");
   if (panel.flat && image) {
-    root.prepend(element("img", { class: "lab-still", alt: "the scene", src: `data:${image.mimeType};base64,${image.data}` }));
+    root.prepend(
+      element("img", { class: "lab-still", alt: "the scene", src: `data:${image.mimeType};base64,${image.data}` }),
+    );
   }
   requestAnimationFrame(() => requestAnimationFrame(() => tell(view)));
 }
@@ -50,7 +57,11 @@ async function viewNow(): Promise<View | null> {
 /** Tell a client that keeps logs how long the first picture took. */
 function tell(view: View | null): void {
   if (!app.getHostCapabilities()?.logging) return;
-  const data = { drawn: view?.drawing.bodies.length ?? 0, flat: panel.flat, firstPictureMs: panel.picture.firstPictureMs };
+  const data = {
+    drawn: view?.drawing.bodies.length ?? 0,
+    flat: panel.flat,
+    firstPictureMs: panel.picture.firstPictureMs,
+  };
   void app.sendLog({ level: "debug", logger: "physment-lab", data });
 }
 

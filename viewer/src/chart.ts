@@ -13,7 +13,12 @@ export function chartOf(name: string, readings: Reading[]): SVGSVGElement {
   const x = (time: number) => LEFT + ((time - from) / (to - from)) * (WIDTH - LEFT - 12);
   const y = (value: number) => HEIGHT - BELOW - ((value - low) / (high - low)) * (HEIGHT - BELOW - 12);
   const sorted = [...readings].sort((one, other) => one.time - other.time);
-  const chart = made("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "play-chart", role: "img", "aria-label": name });
+  const chart = made("svg", {
+    viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+    class: "play-chart",
+    role: "img",
+    "aria-label": name,
+  });
   chart.append(
     made("line", { x1: LEFT, y1: HEIGHT - BELOW, x2: WIDTH - 12, y2: HEIGHT - BELOW }),
     made("line", { x1: LEFT, y1: 12, x2: LEFT, y2: HEIGHT - BELOW }),

@@ -27,10 +27,18 @@ export class ToolForm {
   ) {
     const { properties = {}, required = [] } = tool.input_schema;
     this.fields = new Map(
-      Object.entries(properties).map(([name, schema]) => [name, fieldOf(name, schema, required.includes(name), objects)]),
+      Object.entries(properties).map(([name, schema]) => [
+        name,
+        fieldOf(name, schema, required.includes(name), objects),
+      ]),
     );
     const shown = [...this.fields.values()].map((field) => field.shown);
-    this.element = element("div", { class: "play-form" }, element("p", { class: "play-soft" }, tool.description), ...shown);
+    this.element = element(
+      "div",
+      { class: "play-form" },
+      element("p", { class: "play-soft" }, tool.description),
+      ...shown,
+    );
   }
 
   /** The call as it is filled in; throws a sentence if a field holds no value of its kind. */
@@ -94,7 +102,13 @@ function vector(name: string, schema: Schema, list: Schema, required: boolean): 
   const size = list.maxItems ?? 3;
   const names = name === "rgba" ? COLOURS : (COMPONENTS[size] ?? []);
   const inputs = names.map((component) =>
-    element("input", { name: `${name}.${component}`, inputmode: "decimal", autocomplete: "off", "aria-label": component, placeholder: component }),
+    element("input", {
+      name: `${name}.${component}`,
+      inputmode: "decimal",
+      autocomplete: "off",
+      "aria-label": component,
+      placeholder: component,
+    }),
   );
   if (name === "rgba") inputs.forEach((input) => (input.value = "1"));
   const value = () => {

@@ -64,15 +64,23 @@ export function cameraFor(drawing: Drawing, moments: Poses[], aspect: number): C
   const points = [...subject.things, ...near.flat()];
   const tall = Math.tan((FIELD * Math.PI) / 360) * (points.length > 8 ? FILLED : ALONE);
   const [bottom, top] = [bound(points, Math.min), bound(points, Math.max)];
-  return { ...fitted(points, middle(bottom, top), [tall * aspect, tall]), extent: norm(minus(top, bottom)), floor: low[2] };
+  return {
+    ...fitted(points, middle(bottom, top), [tall * aspect, tall]),
+    extent: norm(minus(top, bottom)),
+    floor: low[2],
+  };
 }
 
 function fitted(points: Points, start: Triple, limits: [number, number]): { centre: Triple; distance: number } {
   let centre = start;
   let distance = 0;
   for (let round = 0; round < 8; round += 1) {
-    const seen = points.map((point) => minus(point, centre)).map((at) => [dot(at, RIGHT), dot(at, UP), dot(at, FORWARD)] as Triple);
-    distance = Math.max(...seen.map(([x, y, along]) => Math.max(Math.abs(x) / limits[0], Math.abs(y) / limits[1]) - along));
+    const seen = points
+      .map((point) => minus(point, centre))
+      .map((at) => [dot(at, RIGHT), dot(at, UP), dot(at, FORWARD)] as Triple);
+    distance = Math.max(
+      ...seen.map(([x, y, along]) => Math.max(Math.abs(x) / limits[0], Math.abs(y) / limits[1]) - along),
+    );
     const place = seen.map(([x, y, along]) => [x / (distance + along), y / (distance + along), 0] as Triple);
     // Perspective moves the middle of the box away from the middle of the picture; this moves it back.
     const [dx, dy] = middle(bound(place, Math.min), bound(place, Math.max));
@@ -104,7 +112,9 @@ function subjectOf(drawing: Drawing, moments: Poses[]): Subject {
     things = grown[nearest]!;
     parts.splice(nearest, 1);
   }
-  const around = bounded.filter((box) => !named.includes(box) || sizeOf(box.corners) > largest).map((box) => box.corners);
+  const around = bounded
+    .filter((box) => !named.includes(box) || sizeOf(box.corners) > largest)
+    .map((box) => box.corners);
   return { things, fixtures: around, size: moving.length > 0 ? Math.max(...moving) : sizeOf(things) };
 }
 

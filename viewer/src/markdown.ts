@@ -24,7 +24,11 @@ function blockOf(lines: string[]): HTMLElement {
 }
 
 function tableOf([head = "", , ...rows]: string[]): HTMLElement {
-  const cells = (line: string) => line.replace(/^\||\|$/g, "").split("|").map((cell) => cell.trim());
+  const cells = (line: string) =>
+    line
+      .replace(/^\||\|$/g, "")
+      .split("|")
+      .map((cell) => cell.trim());
   const top = element("tr", {}, ...cells(head).map((cell) => element("th", { scope: "col" }, cell)));
   const body = rows.map((row) => element("tr", {}, ...cells(row).map((cell) => element("td", {}, cell))));
   const table = element("table", {}, element("thead", {}, top), element("tbody", {}, ...body));

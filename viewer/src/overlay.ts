@@ -81,7 +81,8 @@ export class Overlay {
       let y = Math.max(((1 - at.y) / 2) * height, LABEL_PX);
       // Labels come from top to bottom; one that would cover another goes below it.
       for (const other of placed) {
-        if (Math.abs(other.x - x) < (other.width + room) / 2 && Math.abs(other.y - y) < LABEL_PX) y = other.y + LABEL_PX;
+        if (Math.abs(other.x - x) < (other.width + room) / 2 && Math.abs(other.y - y) < LABEL_PX)
+          y = other.y + LABEL_PX;
       }
       placed.push({ x, y, width: room });
       tag.style.transform = `translate(${x}px, ${y}px) translate(-50%, -100%)`;

@@ -47,7 +47,13 @@ export class LabPanel {
     const heads = ["object", "shape", ...columns].map((text) => element("th", { scope: "col" }, text));
     const head = element("thead", {}, element("tr", {}, ...heads));
     this.table.append(element("table", {}, head, this.objects));
-    const inWords = element("details", { class: "lab-words" }, element("summary", {}, "In words"), this.words, this.table);
+    const inWords = element(
+      "details",
+      { class: "lab-words" },
+      element("summary", {}, "In words"),
+      this.words,
+      this.table,
+    );
     const help =
       "Drag or use the arrow keys to turn; + and −, or after a click the wheel, to zoom; 0 to look from the front; space to play.";
     this.box.append(this.tip);
@@ -72,7 +78,9 @@ export class LabPanel {
     this.playback = motion && moved ? new Playback(motion, view.poses, (poses) => this.place(poses)) : null;
     this.picture.setDrawing(view.drawing);
     this.picture.frame(this.moments(view));
-    this.say(view.drawing.bodies.length === 0 ? NOTHING : motion && !moved ? `${STILL} ${this.warning()}` : this.warning());
+    this.say(
+      view.drawing.bodies.length === 0 ? NOTHING : motion && !moved ? `${STILL} ${this.warning()}` : this.warning(),
+    );
     this.listObjects(view);
     this.setControls();
     this.place(view.poses);
@@ -101,7 +109,10 @@ export class LabPanel {
   private moments({ motion, poses }: View): Poses[] {
     if (!motion) return [poses];
     const last = motion.times.length - 1;
-    const picked = Array.from({ length: FRAMED }, (_, index) => motion.times[Math.round((index * last) / (FRAMED - 1))]!);
+    const picked = Array.from(
+      { length: FRAMED },
+      (_, index) => motion.times[Math.round((index * last) / (FRAMED - 1))]!,
+    );
     return picked.map((time) => posesAt(motion, poses, time));
   }
 

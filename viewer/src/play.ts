@@ -116,7 +116,10 @@ function showLog(): void {
 
 function rowOf(turn: number, exchange: Exchange): HTMLTableRowElement {
   const fields = Object.entries(exchange.content ?? {}).filter(([, value]) => value !== null);
-  const result = exchange.returned && !exchange.is_error ? fields.map(([name, value]) => `${name} ${shortened(value)}`).join("; ") : exchange.text || "not run";
+  const result =
+    exchange.returned && !exchange.is_error
+      ? fields.map(([name, value]) => `${name} ${shortened(value)}`).join("; ")
+      : exchange.text || "not run";
   const cells = [`${turn}`, typed(exchange), result].map((text) => element("td", {}, text));
   return element("tr", exchange.is_error ? { class: "play-refused" } : {}, ...cells);
 }
@@ -132,7 +135,8 @@ function show(next: State): void {
   } else if (before?.turns.length !== next.turns.length) showForm();
   const open = next.waiting && next.ended === null;
   for (const button of buttons) button.disabled = !open;
-  by("budget").textContent = next.ended ?? `${next.left} of ${next.budget ?? next.left} iterations left${open ? "" : " · running …"}`;
+  by("budget").textContent =
+    next.ended ?? `${next.left} of ${next.budget ?? next.left} iterations left${open ? "" : " · running …"}`;
   if (next.view && JSON.stringify(next.view) !== JSON.stringify(before?.view ?? null)) panel.show(next.view);
   else panel.refresh();
   showLog();
@@ -144,7 +148,9 @@ async function follow(): Promise<void> {
       show(await stateAfter(state?.version ?? -1));
       if (state?.ended) return;
     } catch (failure) {
-      say(failure instanceof TypeError ? "The command has ended; this page can be closed." : (failure as Error).message);
+      say(
+        failure instanceof TypeError ? "The command has ended; this page can be closed." : (failure as Error).message,
+      );
       for (const button of buttons) button.disabled = true;
       return;
     }

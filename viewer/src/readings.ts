@@ -36,7 +36,9 @@ function numbersIn(value: unknown): [string, number][] {
     return (value as number[]).map((one, index) => [`.${names[index]}`, one]);
   }
   if (value && typeof value === "object" && !Array.isArray(value)) {
-    return Object.entries(value).flatMap(([name, one]) => (typeof one === "number" ? [[`.${name}`, one] as [string, number]] : []));
+    return Object.entries(value).flatMap(([name, one]) =>
+      typeof one === "number" ? [[`.${name}`, one] as [string, number]] : [],
+    );
   }
   return [];
 }
