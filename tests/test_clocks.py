@@ -24,10 +24,12 @@ STAMPS = {
     "evaluator/referee/episodes.py": {"_open_one"},
     "evaluator/study/attempts.py": {"unplayed"},
     "evaluator/study/provenance.py": {"run_record"},
+    "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/run.py": {"create_folder"},
     "evaluator/commands/play.py": {"_play"},
 }
-"""Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder."""
+"""Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder, or
+how long ago a stamp was, for a page."""
 WALL = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "time.ctime", "time.strftime", "datetime.now",
         "datetime.utcnow", "datetime.today", "date.today"}  # fmt: skip
 

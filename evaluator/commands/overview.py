@@ -12,6 +12,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval merge runs/mine --out runs/whole   merge the shards of a run
   physment-eval grade runs/mine                    grade a stored run again
   physment-eval report runs/mine runs/base --out o write report.html for two runs side by side
+  physment-eval watch runs/mine                    its progress in the browser, while it is played
   physment-eval export runs/mine --to parquet      a row for each exchange; or logs of Inspect AI
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
   physment-eval referee                            open episodes for a trainer, and give each a reward
@@ -41,6 +42,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "grade": ("results", "grade a stored run again"),
     "merge": ("results", "put shards or parts together"),
     "report": ("report", "write the report of stored runs"),
+    "watch": ("watch", "show a run in the browser while it is played"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),
     "referee": ("referee", "open episodes for a trainer, and give each a reward"),
     "harbor": ("harbor", "write variants as tasks of Harbor, and grade what was played there"),

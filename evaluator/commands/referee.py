@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import functools
-import ipaddress
 import json
 import os
 import socket
@@ -19,11 +18,12 @@ import uvicorn
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import count_of, port, price, seconds
 from evaluator.commands.base import Commands, run_async
+from evaluator.commands.listening import is_loopback, listening
 from evaluator.episode.connect import HostLaboratory, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.redaction import Redaction
 from evaluator.referee.episodes import Referee
-from evaluator.referee.requests import LOOPBACK, app
+from evaluator.referee.requests import app
 from evaluator.referee.rewards import RewardRule, Worth
 from evaluator.run_record import Plan
 from evaluator.seed_key import SeedKey, seed_as_recorded
@@ -119,7 +119,7 @@ def _referee(args: argparse.Namespace) -> int:
     packs = parse_scenes(None, args.scenes_dir)
     token = _token(args)
     seed_key = read_seed_key(args.seed_key) if args.seed_key else None
-    with _listening(args.host, args.port) as listener:
+    with listening(args.host, args.port) as listener:
         run_async(functools.partial(_serve, args, packs, seed_key, token, listener))
     return 0
 
@@ -131,7 +131,7 @@ def _token(args: argparse.Namespace) -> str | None:
         UsageError: It needs one, or the variable holds none.
     """
     if args.token_env is None:
-        if _is_loopback(args.host):
+        if is_loopback(args.host):
             return None
         raise UsageError(
             f"--host {args.host} can be reached from other machines, and only loopback (127.0.0.1, ::1) is served"
@@ -141,23 +141,6 @@ def _token(args: argparse.Namespace) -> str | None:
     if not token:
         raise UsageError(f"--token-env {args.token_env}: this variable holds no token")
     return token
-
-
-def _is_loopback(address: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(address.strip("[]")).is_loopback
-    return address in LOOPBACK
-
-
-def _listening(address: str, number: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    try:
-        listener = socket.create_server((address.strip("[]"), number), family=family)
-    except OSError as error:
-        raise UsageError(f"cannot listen on {address} port {number}: {error.strerror}") from error
-    # Otherwise the system holds small packets back, which costs 40 ms a request.
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return listener
 
 
 async def _serve(

@@ -1,0 +1,77 @@
+"""`physment-eval watch`: shows a run in the browser while it is played."""
+
+import argparse
+import functools
+import socket
+from pathlib import Path
+
+import anyio.lowlevel
+import uvicorn
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import port, seed_key
+from evaluator.commands.base import Commands, run_async
+from evaluator.commands.listening import listening, open_page, page_token
+from evaluator.errors import UsageError
+from evaluator.seed_key import seed_as_recorded
+from evaluator.store import RunFolder
+from evaluator.study.held_back import is_withheld, seeds_of
+from evaluator.watch.app import app
+from evaluator.watch.followed_run import FollowedRun
+
+_ADDRESS = "127.0.0.1"
+_DESCRIPTION = """\
+Show a run in the browser while it is played: how far it is, its accuracy so far with its interval, cost, the newest
+episodes, and which are in trouble or have been overtaken by later ones. A finished run can be looked at, too.
+
+  physment-eval watch runs/mine                opens the page, and prints its address
+  physment-eval watch runs/mine --no-open      only prints it
+  physment-eval watch runs/mine --port 8950    on this port; by default on any free one
+
+The command only reads the run folder, and grades for itself what it shows. The page is for this machine alone, its
+address holds a token. To look at a run on another machine, forward the port (ssh -L 8950:127.0.0.1:8950 …). Ctrl-C ends
+it; the run goes on.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `watch`."""
+    command = commands.add_parser(
+        "watch",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_watch)
+    command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    command.add_argument("--port", type=port, default=0, help="port (default: any free one)")
+    command.add_argument("--no-open", action="store_true", help="print the address, and open no browser")
+    command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+    seed_key(command)
+
+
+def _watch(args: argparse.Namespace) -> int:
+    if not args.folder.is_dir():
+        raise UsageError(f"{args.folder} does not exist; a run makes its folder when it starts")
+    folder = RunFolder(args.folder)
+    withheld = is_withheld(folder) and args.seed_key is None
+    seed_of = seed_as_recorded if withheld else seeds_of(folder, args.seed_key)
+    run = FollowedRun(folder, KeyRing(args.scenes_dir, seed_of), withheld=withheld)
+    token = page_token()
+    with listening(_ADDRESS, args.port) as listener:
+        address = f"http://{_ADDRESS}:{listener.getsockname()[1]}/{token}/"
+        print(f"{args.folder} is shown at {address} until Ctrl-C", flush=True)
+        if not args.no_open:
+            open_page(address)
+        config = uvicorn.Config(
+            app(run, token), log_config=None, log_level="warning", timeout_graceful_shutdown=1, lifespan="off"
+        )
+        try:
+            run_async(functools.partial(_serve, uvicorn.Server(config), listener))
+        except KeyboardInterrupt:
+            return 0  # the usual end
+    return 0
+
+
+async def _serve(server: uvicorn.Server, listener: socket.socket) -> None:
+    await server.serve(sockets=[listener])
+    await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect

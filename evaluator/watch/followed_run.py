@@ -1,0 +1,164 @@
+"""Follows the records of a run while they are written: reads each line once, and never locks or writes a file.
+
+The writer appends whole lines, and replaces the file only to take damaged lines out of it. A last line without a line
+feed is being written, and is read at the next look.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from evaluator.answers.grading import grade_episode
+from evaluator.answers.keys import KeyRing
+from evaluator.errors import StoreError, UsageError
+from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Verdict
+from evaluator.run_record import RunRecord
+from evaluator.scores.experiment_cost import ExperimentCost, cost_of
+from evaluator.scores.grouping import rung
+from evaluator.store import RunFolder
+from scenes import LabLimits, PackError, Rung, find_pack, same_pack
+
+_SHOWN = 200
+"""Most characters that are kept of an answer or an error."""
+
+
+class FollowedEpisode(NamedTuple):
+    """What is kept of an episode that has ended."""
+
+    key: EpisodeKey
+    outcome: Outcome
+    verdict: Verdict | None
+    """None if it cannot be graded here."""
+    answer: str
+    """In short."""
+    error: str
+    """Why it ended early; empty if it did not."""
+    turns: int
+    cost: ExperimentCost
+    usage: Usage | None
+    started_at: str
+    duration_s: float
+    is_open: bool
+    """Whether its scene is an open world."""
+
+
+class FollowedRun:
+    """A run folder at the last look."""
+
+    def __init__(self, folder: RunFolder, keys: KeyRing, *, withheld: bool = False) -> None:
+        """Begin to follow.
+
+        Args:
+            folder: The run.
+            keys: Answer keys of its scenes.
+            withheld: Whether nothing can be graded, since the seeds of the run are held back.
+
+        Raises:
+            StoreError: It is no run folder.
+        """
+        self.folder = folder
+        self.record: RunRecord = folder.read_run()
+        self.episodes: dict[EpisodeKey, FollowedEpisode] = {}
+        """The episodes that have ended, in the order of their records; the last record of each counts."""
+        self.damaged = 0
+        """Number of complete lines that cannot be read."""
+        self.ungraded: dict[int, str] = {}
+        """Scene → why its episodes cannot be graded."""
+        self.withheld = withheld
+        """Whether there are no verdicts, since the seeds are held back."""
+        self._keys = keys
+        self._played_here: dict[tuple[int, str], bool] = {}
+        """Scene and hash of a pack → whether it is the pack that we have."""
+        self._known: dict[bytes, FollowedEpisode | None] = {}
+        self._file: tuple[int, int] = (0, 0)
+        """Which file is read, and up to which byte."""
+
+    def look(self) -> None:
+        """Read what is new.
+
+        Raises:
+            StoreError: The folder is gone, or cannot be read.
+        """
+        self.record = self.folder.read_run()
+        file = self.folder.episodes_file
+        if not file.exists():
+            return
+        try:
+            self._read_new(file)
+        except OSError as error:
+            raise StoreError(f"{file} cannot be read: {error.strerror}") from error
+
+    def _read_new(self, file: Path) -> None:
+        with file.open("rb") as stream:
+            found = file.stat()
+            number, position = self._file
+            if found.st_ino != number or found.st_size < position:
+                # Another file: the writer took damaged lines out. Lines that are known are not graded again.
+                position, self.damaged = 0, 0
+                self.episodes.clear()
+            stream.seek(position)
+            for line in stream:
+                if not line.endswith(b"\n"):
+                    break
+                position += len(line)
+                self._add(line)
+            self._file = (found.st_ino, position)
+
+    def _add(self, line: bytes) -> None:
+        digest = hashlib.sha256(line).digest()
+        if digest not in self._known:
+            try:
+                self._known[digest] = self._watched(Episode.model_validate_json(line))
+            except ValidationError:
+                self._known[digest] = None
+        known = self._known[digest]
+        if known is None:
+            self.damaged += 1
+        else:
+            self.episodes.pop(known.key, None)
+            self.episodes[known.key] = known
+
+    def _watched(self, episode: Episode) -> FollowedEpisode:
+        key, verdict, limits, is_open = episode.key, None, LabLimits(), False
+        try:
+            facts = self._keys.facts(key.scene)
+            limits, is_open = facts.limits, rung(facts.category) == Rung.OPEN
+            verdict = self._verdict(episode)
+        except UsageError as error:
+            self.ungraded[key.scene] = str(error)
+        return FollowedEpisode(
+            key=key,
+            outcome=episode.outcome,
+            verdict=verdict,
+            answer="" if episode.answer is None else json.dumps(episode.answer, ensure_ascii=False)[:_SHOWN],
+            error=(episode.error or "")[:_SHOWN],
+            turns=len(episode.turns),
+            cost=cost_of(episode, limits),
+            usage=episode.usage,
+            started_at=episode.started_at,
+            duration_s=episode.duration_s,
+            is_open=is_open,
+        )
+
+    def _verdict(self, episode: Episode) -> Verdict | None:
+        """The verdict; None if seeds are held back.
+
+        Raises:
+            UsageError: The pack is missing or malformed, or is not the one that was played.
+        """
+        key, pack = episode.key, episode.versions.pack
+        if self.withheld:
+            return None
+        if (key.scene, pack) not in self._played_here:
+            try:
+                self._played_here[key.scene, pack] = same_pack(pack, find_pack(key.scene, self._keys.folder))
+            except PackError as error:
+                raise UsageError(str(error)) from error
+        if not self._played_here[key.scene, pack]:
+            raise UsageError(
+                f"scene {key.scene} was played on another pack than the one here; name its folder with --scenes-dir"
+            )
+        return grade_episode(episode, self._keys.key(key.scene, key.seed)).strict
