@@ -13,6 +13,7 @@ const PAGES = [
   // Talks to the command that serves it.
   { source: "play", target: "evaluator/agents/browser/play.html", connects: "connect-src 'self'; " },
 ];
+const SCRIPTS = [{ source: "film", target: "evaluator/report/film.js" }];
 
 /** Leaves out the translations of zod's messages, a fifth of the page, which nobody reads. */
 const english = {
@@ -25,7 +26,7 @@ const english = {
 };
 
 /** The bundled text of a script or a style sheet. */
-async function bundle(entry) {
+async function bundle(entry, options = {}) {
   const done = await build({
     entryPoints: [join(HERE, "src", entry)],
     bundle: true,
@@ -37,6 +38,7 @@ async function bundle(entry) {
     plugins: [english],
     write: false,
     logLevel: "warning",
+    ...options,
   });
   // A script ends at the first closing tag, also inside a text of it.
   return done.outputFiles[0].text.trim().replaceAll("</script", "<\\/script");
@@ -55,11 +57,18 @@ async function page(source, connects = "") {
   return template.replace(/{{(\w+)}}/g, (_, name) => parts[name]);
 }
 
+/** A classic script with its own style: what a page that was opened from disk may load. */
+async function script(source) {
+  const style = await bundle(`${source}.css`);
+  return `${await bundle(`${source}.ts`, { format: "iife", define: { FILM_STYLE: JSON.stringify(style) } })}\n`;
+}
+
 const [folder] = process.argv.slice(2);
-for (const { source, target, connects } of PAGES) {
+const built = [...PAGES.map((one) => ({ ...one, make: page })), ...SCRIPTS.map((one) => ({ ...one, make: script }))];
+for (const { source, target, connects, make } of built) {
   const file = folder === undefined ? join(HERE, "..", target) : join(folder, target);
   mkdirSync(dirname(file), { recursive: true });
-  const text = await page(source, connects);
+  const text = await make(source, connects);
   writeFileSync(file, text);
   console.log(`${target} ${Math.round(Buffer.byteLength(text) / 1000)} kB`);
 }

@@ -21,6 +21,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval replay runs/mine                   play its episodes again and compare every return
   physment-eval fork runs/mine --episode scene=7 --turn 2 --agent model:gpt-5.5
                                                    another agent goes on from a stored episode
+  physment-eval film runs/mine                     its episodes as films, for its report
   physment-eval submit runs/mine                   its results in one file, for a leaderboard
   physment-eval check-submission FILE runs/mine    grade and replay the run: is the file true?
   physment-eval reveal-seeds runs/mine             disclose or check the held-back seeds of a run
@@ -54,6 +55,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "replay": ("replay", "play recorded episodes again and compare the returns"),
     "export": ("export", "write a run as Parquet or as logs of Inspect AI"),
     "fork": ("fork", "let another agent go on from a stored episode"),
+    "film": ("film", "film stored episodes for their report"),
     "submit": ("submit", "write the results of a run for a leaderboard"),
     "check-submission": ("submit", "check a submission against its run folder"),
     "reveal-seeds": ("reveal_seeds", "disclose or check the held-back seeds of a run"),

@@ -12,6 +12,8 @@ from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.export import csv_text, latex, markdown
+from evaluator.report.films import FOLDER as FILMS
+from evaluator.report.films import filmed
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.paper_tables import paper_tables
 from evaluator.report.pictures import pictures
@@ -79,7 +81,7 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
     """
     record = folder.read_run()
     shown = pictures(record.packs, keys.folder)
-    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, seal=seal)])
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, films=filmed(folder), seal=seal)])
 
 
 def _report(args: argparse.Namespace) -> int:
@@ -146,8 +148,13 @@ def _read(
     record, seal = folder.read_run(), seal_note(folder, trust=trust)
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    frames = os.path.relpath(folder.frames_folder.resolve(), target.path.resolve())
-    return Run(name, record, rows, pictures(record.packs, keys.folder), quote(Path(frames).as_posix()), seal)
+    frames, films = (_address(place, target) for place in (folder.frames_folder, folder.path / FILMS))
+    return Run(name, record, rows, pictures(record.packs, keys.folder), frames, filmed(folder), films, seal)
+
+
+def _address(place: Path, target: RunFolder) -> str:
+    """The address of a folder, relative to the page of the report."""
+    return quote(Path(os.path.relpath(place.resolve(), target.path.resolve())).as_posix())
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

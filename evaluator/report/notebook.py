@@ -10,6 +10,7 @@ from evaluator.records import EpisodeKey, Exchange
 from evaluator.report.agent_results import AgentResults, Run
 from evaluator.report.call_rows import TurnCalls, calls_of
 from evaluator.report.charts import Chart
+from evaluator.report.films import film_name
 from evaluator.report.motion import motion_charts
 from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -68,6 +69,12 @@ class Entry:
     def is_held_back(self) -> bool:
         """Whether the seed of its key is the number of a variant, whose seed only a key tells."""
         return bool(self.run.record.plan.held_back)
+
+    @property
+    def film(self) -> str:
+        """Address of its film; empty if there is none."""
+        key = self.row.key
+        return f"{self.run.films_at}/{film_name(key)}" if key in self.run.films else ""
 
     @property
     def forked_turns(self) -> int:

@@ -22,6 +22,7 @@ from evaluator.report.agent_results import AgentResults, Run, agent_results
 from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.export import shown
+from evaluator.report.films import write_player
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
@@ -64,6 +65,8 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -
         _write_notebooks(folder.path / PAGES, report.notebooks)
     except OSError as error:
         raise StoreError(f"{folder.path / PAGES} cannot be written: {error.strerror}") from error
+    if any(run.films for run in runs):
+        write_player(folder.path)
     folder.write_text(folder.report_file, report.page)
     return folder.report_file
 

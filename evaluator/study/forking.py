@@ -160,16 +160,8 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
         UsageError: A condition is malformed, no episode meets them, or all that do are too short.
         StoreError: A record is damaged.
     """
-    wanted = _conditions(text)
     played = [episode for episode in folder.episodes().values() if episode.outcome is not Outcome.INFRASTRUCTURE_ERROR]
-    found = [
-        episode for episode in played if all(str(getattr(episode.key, name)) == value for name, value in wanted.items())
-    ]
-    if not found:
-        some = f", such as {described(played[0].key)}" if played else ""
-        raise UsageError(
-            f"--episode {text}: {folder.path} holds {len(played)} episodes{some}, and none of them is meant"
-        )
+    found = meeting(played, text, "--episode", folder)
     programs = [episode for episode in found if episode.max_calls is not None]
     if programs:
         raise UsageError(
@@ -188,6 +180,28 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
     return long
 
 
+def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFolder) -> list[Episode]:
+    """The episodes that meet conditions.
+
+    Args:
+        episodes: Those of a run that were played.
+        text: Conditions such as `scene=7,seed=3`.
+        option: Which option has them.
+        folder: The run.
+
+    Raises:
+        UsageError: A condition is malformed, or no episode meets them.
+    """
+    wanted = _conditions(text, option)
+    found = [one for one in episodes if all(str(getattr(one.key, name)) == value for name, value in wanted.items())]
+    if not found:
+        some = f", such as {described(episodes[0].key)}" if episodes else ""
+        raise UsageError(
+            f"{option} {text}: {folder.path} holds {len(episodes)} episodes{some}, and none of them is meant"
+        )
+    return found
+
+
 def _last(episode: Episode) -> int:
     """The first turn after which nothing can follow: the answering one, or the last of the budget."""
     return (
@@ -195,12 +209,12 @@ def _last(episode: Episode) -> int:
     )
 
 
-def _conditions(text: str) -> dict[str, str]:
+def _conditions(text: str, option: str) -> dict[str, str]:
     found = list(_CONDITION.finditer(text))
     ends = [*(match.start() for match in found[1:]), len(text)][: len(found)]
     wanted = {match[1]: text[match.end() : end].strip() for match, end in zip(found, ends, strict=True)}
     if not found or found[0].start() != 0 or not all(wanted.values()):
-        raise UsageError(f"--episode {text}: write conditions such as scene=7,seed=3; they are {', '.join(CONDITIONS)}")
+        raise UsageError(f"{option} {text}: write conditions such as scene=7,seed=3; they are {', '.join(CONDITIONS)}")
     return wanted
 
 

@@ -82,11 +82,16 @@ export class LabView {
     this.watched.observe(container);
   }
 
-  /** Replace what is drawn; the next `show` places it, and the camera if other things are seen than before. */
-  setDrawing(drawing: Drawing): void {
+  /**
+   * Replace what is drawn; the next `show` places it, and the camera if other things are seen than before.
+   *
+   * @param drawing - What is drawn from now on.
+   * @param steady - Whether the camera stays in any case.
+   */
+  setDrawing(drawing: Drawing, steady = false): void {
     const same = namesOf(drawing) === namesOf(this.drawing);
     this.drawing = drawing;
-    if (!same) this.framed = null;
+    if (!same && !steady) this.framed = null;
     this.rebuild();
     this.overlay.name(this.labelled());
   }

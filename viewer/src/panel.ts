@@ -200,8 +200,9 @@ export class LabPanel {
     }
     this.play.addEventListener("click", () => this.playback?.toggle());
     this.scrub.addEventListener("input", () => {
+      const time = Number(this.scrub.value); // stopping shows the present instant in the scrubber
       this.playback?.pause();
-      this.playback?.seek(Number(this.scrub.value));
+      this.playback?.seek(time);
     });
     this.speed.addEventListener("change", () => {
       if (this.playback) this.playback.speed = Number(this.speed.value);

@@ -27,9 +27,9 @@ export class Schematic {
     });
   }
 
-  setDrawing(drawing: Drawing): void {
+  setDrawing(drawing: Drawing, steady = false): void {
     this.drawing = drawing;
-    this.camera = null;
+    if (!steady) this.camera = null;
   }
 
   show(poses: Poses): void {

@@ -114,7 +114,22 @@
     const one = byNumber.get(event.target.id);
     if (one && event.target.open) load(one);
   }, true);
+  // The player of films is large, so it is loaded with the first film.
+  let player = null;
+  function showFilm(place) {
+    player ??= new Promise((done, failed) => {
+      const script = document.createElement("script");
+      Object.assign(script, { src: "film.js", onload: done, onerror: failed });
+      document.head.append(script);
+    });
+    player.then(() => window.physmentShowFilm(place), () => {
+      player = null;
+      place.append("The player of films is missing: film.js belongs beside this page.");
+    });
+  }
+
   document.addEventListener("click", (event) => {
+    if (event.target.matches?.(".film > button")) showFilm(event.target.parentElement);
     const link = event.target.closest?.("a[href^='#']");
     if (!link) return;
     if (link.dataset.filter) {

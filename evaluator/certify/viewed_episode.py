@@ -1,0 +1,74 @@
+"""An episode in this process whose client is shown what may be seen, or for authors all that there is."""
+
+import contextlib
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mcp import Client
+from mcp.client.extension import advertise
+
+from evaluator.errors import UsageError
+from physment_mcp.errors import SceneError
+from physment_mcp.scene import Scene, load_scene
+from physment_mcp.serving.lab_app import EXTENSION, MIME_TYPE, VIEW, VIEW_URI
+from physment_mcp.serving.server import build_server
+from physment_mcp.serving.sight import Seen, Sight, looking, sight_of
+from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.session import Session
+from scenes import Permissions
+
+VIEW_KEY = VIEW
+"""Key of the view in `_meta` of a result."""
+START_URI = VIEW_URI
+"""Resource that holds what may be seen now."""
+_ALL = Permissions(geom_type=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Everything(Sight):
+    """Sees all objects, also those that the agent does not know of, as they are drawn from the seed."""
+
+    def seen(self, session: Session) -> Seen:
+        objects = tuple(replace(item, permissions=_ALL) for item in session.state.objects.values())
+        for item in session.state.objects.values():
+            if item.permissions.hidden:
+                session.world.reveal(item.body)
+        made = {(item.body, 0) for item in objects if item.created}
+        return Seen(objects, self.fixtures, self.parts | made, {})
+
+
+def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Sight]:
+    """What finds out what is seen in the scenes of a folder.
+
+    Args:
+        scenes_dir: Folder of scene packs; None for the suite.
+        reveal: Whether everything is seen, and not only what an agent may see.
+    """
+    if not reveal:
+        return looking(scenes_dir)
+
+    def everything(scene: Scene) -> Sight:
+        found = sight_of(scene, ())
+        return _Everything(found.parts, found.fixtures, {})
+
+    return everything
+
+
+@contextlib.asynccontextmanager
+async def viewed_episode(
+    scene: int, seed: int, scenes_dir: Path | None, look: Callable[[Scene], Sight]
+) -> AsyncGenerator[Client]:
+    """A client of a new episode that is shown what is seen, as clients are that show apps.
+
+    Raises:
+        UsageError: There is no such scene, or too few of its variants are there to tell what may be seen.
+    """
+    try:
+        session = Session(load_scene(scene, seed, scenes_dir))
+        look(session.scene)
+    except SceneError as error:
+        raise UsageError(str(error)) from error
+    declared = advertise(EXTENSION, {"mimeTypes": [MIME_TYPE]})
+    async with Client(build_server(EpisodeSlot(session, look=look)), cache=None, extensions=[declared]) as client:
+        yield client

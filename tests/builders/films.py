@@ -1,0 +1,92 @@
+"""Runs to film, played in this process, and what films hold."""
+
+import base64
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from evaluator.agents.scripted import ScriptedAgent
+from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.episode.loop import play_episode
+from evaluator.records import EpisodeKey, ToolCall
+from evaluator.report.films import film_file
+from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.store import RunFolder
+from scenes import find_pack, pack_hash
+from tests.builders.records import VERSIONS, episode_key
+
+Turns = Sequence[Sequence[ToolCall]]
+
+
+def stored_run(folder: Path, *played: tuple[EpisodeKey, Turns]) -> RunFolder:
+    """A run folder with episodes of these calls."""
+    run = RunFolder(folder)
+    run.create(resume=False)
+    plan = Plan(scenes=tuple({key.scene for key, _ in played}), agents=("x",))
+    run.write_run(RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host")))
+
+    async def play() -> None:
+        laboratory = MemoryLaboratory()
+        for key, turns in played:
+            agent = ScriptedAgent("x", {None: tuple(map(tuple, turns))})
+            versions = VERSIONS.model_copy(update={"pack": pack_hash(find_pack(key.scene))})
+            async with laboratory.open(key.scene, key.seed) as client:
+                run.append_episode(await play_episode(agent, client, key, versions, laboratory.toolboxes))
+
+    anyio.run(play)
+    return run
+
+
+def key_of(scene: int, turns: Turns, seed: int = 0) -> EpisodeKey:
+    """The key of an episode that these turns use up."""
+    return episode_key(scene, seed=seed, budget=len(turns))
+
+
+def read_film(run: RunFolder, key: EpisodeKey) -> dict[str, Any]:
+    """A film as its file has it."""
+    text = film_file(run, key).read_text(encoding="utf-8")
+    found = re.fullmatch(r"physmentFilm\((.*)\);\n", text)
+    assert found
+    return json.loads(found[1])
+
+
+def decoded(film: Mapping[str, Any]) -> tuple[list[float], dict[str, list[list[float]]]]:
+    """Times [s], and body → x, y, z [m] and quaternion at each of them, read as the player reads them."""
+    data = iter(base64.b64decode(film["data"]))
+    times = [micro / 1e6 for micro in course(data, film["count"])]
+    units = [film["step"]] * 3 + [film["turn"]] * 4
+    columns = {
+        name: [[unit * value for value in course(data, film["count"])] for unit in units] for name in film["bodies"]
+    }
+    assert next(data, None) is None
+    return times, {name: [list(pose) for pose in zip(*found, strict=True)] for name, found in columns.items()}
+
+
+def course(data: Iterator[int], count: int) -> list[int]:
+    """The next sequence of whole numbers."""
+    values: list[int] = []
+    zeros = 0
+    for place in range(count):
+        if zeros:
+            zeros, difference = zeros - 1, 0
+        elif (written := _base128(data)) == 0:
+            zeros, difference = _base128(data), 0
+        else:
+            difference = -(written + 1) // 2 if written % 2 else written // 2
+        before, last = values[-2:] if place > 1 else [0, values[-1]] if place else [0, 0]
+        values.append(difference + (2 * last - before if place > 1 else last))
+    return values
+
+
+def _base128(data: Iterator[int]) -> int:
+    value = shift = 0
+    while True:
+        byte = next(data)
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return value

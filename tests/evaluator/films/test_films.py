@@ -1,0 +1,124 @@
+"""A film shows what the agent could see, where it was, at the call after which it was there; or it is not made."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluator.__main__ import main
+from evaluator.films.reel import Instant, reel
+from evaluator.records import Episode
+from evaluator.report.films import FOLDER, film_file, filmed
+from evaluator.store import RunFolder
+from tests.builders.films import course, decoded, key_of, read_film, stored_run
+from tests.builders.records import call
+
+LOOK = call("get_position", object_id="object_1")
+FALL = [
+    [call("step", duration=0.2), LOOK],
+    [call("step", duration=0.01), LOOK, call("step", duration=0.3), LOOK],
+    [call("create_objects", name="ball", pos=[3, 0, 30], density=1000, rgba=[1, 0, 0, 1], radius=0.2)],
+    [call("step", duration=0.2), call("delete_objects", object_id="ball"), call("answer", answer=1)],
+]
+FIND = [
+    [call("step", duration=0.1)],
+    [call("find_objects"), call("apply_force", object_id="object_2", force_vector=[6, 0, 0])],
+    [call("step", duration=0.1), call("get_position", object_id="object_2"), call("answer", answer=2)],
+]
+FALL_KEY, FIND_KEY = key_of(7, FALL), key_of(21, FIND)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    made = stored_run(tmp_path_factory.mktemp("films") / "run", (FALL_KEY, FALL), (FIND_KEY, FIND))
+    assert main(["film", str(made.path)]) == 0
+    return made
+
+
+def test_every_reading_of_the_agent_is_where_the_film_shows_the_object(run: RunFolder) -> None:
+    film, episode = read_film(run, FALL_KEY), run.episodes()[FALL_KEY]
+    times, poses = decoded(film)
+    checked = 0
+    for turn, instants in zip(episode.turns, film["calls"], strict=True):
+        for exchange, instant in zip(turn.exchanges, instants, strict=True):
+            assert exchange.content is not None
+            assert times[instant] == pytest.approx(exchange.content["sim_time"], abs=1e-6)
+            if exchange.call == LOOK:
+                assert poses["object_1"][instant][:3] == pytest.approx(exchange.content["position"], abs=film["step"])
+                checked += 1
+    assert checked == 3
+    assert film["step"] == 1e-4, "of a scene of some metres"
+    assert poses["object_1"][-1][3:] == pytest.approx([1, 0, 0, 0], abs=film["turn"])
+
+
+def test_a_film_says_when_things_come_and_go(run: RunFolder) -> None:
+    film = read_film(run, FALL_KEY)
+    (made,), (_, deleted, _) = film["calls"][2:]
+    shown = {instant: [body["id"] for body in film["drawings"][drawing]["bodies"]] for instant, drawing in film["cuts"]}
+    assert shown == {0: ["object_1"], made: ["object_1", "ball"], deleted: ["object_1"]}
+
+
+def test_a_hidden_object_is_in_a_film_from_its_discovery_on_and_in_a_revealed_film_from_the_start(
+    run: RunFolder, tmp_path: Path
+) -> None:
+    film = read_film(run, FIND_KEY)
+    ids = [[body["id"] for body in drawing["bodies"]] for drawing in film["drawings"]]
+    assert ids == [["object_1"], ["object_1", "object_2"]]
+    assert film["cuts"] == [[0, 0], [film["calls"][1][0], 1]]
+    assert "revealed" not in film
+    other = stored_run(tmp_path / "run", (FIND_KEY, FIND))
+    assert main(["film", str(other.path), "--reveal"]) == 0
+    revealed = read_film(other, FIND_KEY)
+    assert revealed["revealed"]
+    assert {body["id"] for body in revealed["drawings"][0]["bodies"]} >= {"object_1", "object_2"}
+    assert decoded(revealed)[1]["object_2"][-1] == pytest.approx(decoded(film)[1]["object_2"][-1])
+
+
+def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = stored_run(tmp_path / "run", (FALL_KEY, FALL), (FIND_KEY, FIND))
+    found = run.episodes()
+    text = found[FALL_KEY].model_dump_json().replace('"sim_time\\":0.21,', '"sim_time\\":0.22,')
+    assert Episode.model_validate_json(text) != found[FALL_KEY]
+    run.episodes_file.write_text(f"{text}\n{found[FIND_KEY].model_dump_json()}\n", encoding="utf-8")
+    assert main(["film", str(run.path)]) == 1
+    assert "scene 7, seed 0, x, budget 4, epoch 1, turn 2, call 1 (step): " in capsys.readouterr().err
+    assert list(filmed(run)) == [FIND_KEY]
+
+
+def test_only_films_that_are_missing_or_of_another_record_are_made(run: RunFolder) -> None:
+    file = film_file(run, FALL_KEY)
+    before, content = file.stat().st_mtime_ns, file.read_text(encoding="utf-8")
+    assert main(["film", str(run.path), "--episodes", "scene=7"]) == 0
+    assert file.stat().st_mtime_ns == before
+    file.write_text(content.replace('"episode":"', '"episode":"0'), encoding="utf-8")
+    assert main(["film", str(run.path)]) == 0
+    assert file.read_text(encoding="utf-8") == content
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"), [((), "holds no episodes"), (("--episodes", "seen=7"), "write conditions such as")]
+)
+def test_what_cannot_be_filmed_is_refused_in_one_sentence(
+    run: RunFolder, tmp_path: Path, words: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["film", str(run.path if words else tmp_path), *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / FOLDER).exists()
+
+
+@given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=1, max_size=40))
+def test_positions_are_kept_to_the_step_of_the_film(places: list[list[float]]) -> None:
+    instants = [Instant(0.005 * k, 0, {"a": [*place, 1.0, 0.0, 0.0, 0.0]}) for k, place in enumerate(places)]
+    film = reel(instants, [{"bodies": []}])
+    times, poses = decoded(film)
+    assert times == pytest.approx([instant.time for instant in instants])
+    assert [pose[:3] for pose in poses["a"]] == [pytest.approx(place, abs=0.51 * film["step"]) for place in places]
+
+
+def test_rest_and_steady_motion_take_hardly_any_bytes() -> None:
+    steady = [Instant(0.01 * k, 0, {"a": [0.3 * k, 0, 1, 1, 0, 0, 0]}) for k in range(1000)]
+    assert len(reel(steady, [{"bodies": []}])["data"]) < 80
+    assert course(iter(b"\x00\x03"), 4) == [0, 0, 0, 0]

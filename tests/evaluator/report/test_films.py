@@ -1,0 +1,156 @@
+"""Films in a report that was opened from disk: they play, follow the keyboard, ask nobody, or say why they do not."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from evaluator.__main__ import main
+from evaluator.report.agent_results import Run
+from evaluator.report.films import FOLDER, PLAYER, film_file, film_name, filmed
+from evaluator.report.page import PAGES, render, write_report
+from evaluator.store import RunFolder
+from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
+from tests.builders.films import key_of, stored_run
+from tests.builders.records import RIGHT, call
+from tests.builders.scored import scored
+
+PROGRAM = installed()
+FALL = [[call("step", duration=0.05), call("get_position", object_id="object_1")] for _ in range(19)]
+TURNS = [*FALL, [call("answer", answer=7.848)]]
+KEY = key_of(7, TURNS)
+OTHER = key_of(7, [[call("step", duration=0.1)], [call("answer", answer=1)]])
+CLOCK = "document.querySelector('.film-clock')?.textContent"
+BUTTON = "document.querySelector('#episode-{} .film > button')"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    made = stored_run(
+        tmp_path_factory.mktemp("filmed") / "run",
+        (OTHER, [[call("step", duration=0.1)], [call("answer", answer=1)]]),
+        (KEY, TURNS),
+    )
+    assert main(["film", str(made.path)]) == 0
+    return made
+
+
+def report(run: RunFolder, inline: int = 300) -> Path:
+    rows = [scored(episode, RIGHT) for episode in run.episodes().values()]
+    return write_report(run, [Run("run", run.read_run(), rows, {}, films=filmed(run))], inline)
+
+
+@pytest.fixture(scope="module", params=[SOFTWARE_WEBGL, ("--disable-3d-apis",)], ids=["webgl", "outline"])
+def drawing_browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    if PROGRAM is None:
+        pytest.skip("no Chromium is installed, so no film is played")
+    with chromium(PROGRAM, tmp_path_factory.mktemp("profile"), *request.param) as page:
+        page.send("Network.enable")
+        page.look(1280, "light")
+        yield page
+
+
+def opened(browser: Page, page: Path, number: int) -> None:
+    """Open an episode and its film."""
+    browser.complaints.clear()
+    browser.requests.clear()
+    browser.open(page, f"#episode-{number}")
+    browser.wait(f"{BUTTON.format(number)} !== null")
+    browser.run(f"{BUTTON.format(number)}.click()")
+    browser.wait("document.querySelector('.film-panel, .film-said') !== null")
+
+
+def red(browser: Page, file: Path) -> int:
+    """How many pixels are as red as the ball."""
+    browser.picture(file, whole=False)
+    colours = np.asarray(Image.open(file).convert("RGB"), dtype=np.int16)
+    return int((colours[..., 0] - colours[..., 1:].max(axis=2) > 60).sum())
+
+
+@pytest.mark.parametrize("inline", [300, 1], ids=["one file", "notebooks beside"])
+def test_a_film_plays_from_disk_and_asks_nobody(
+    run: RunFolder, drawing_browser: Page, tmp_path: Path, inline: int
+) -> None:
+    page, browser = report(run, inline), drawing_browser
+    opened(browser, page, 2)
+    browser.wait(f"parseFloat({CLOCK}) > 0.3")
+    browser.run("document.querySelector('.film-play').click()")
+    assert "turn" in browser.run(CLOCK)
+    browser.run("document.querySelector('.film-box').scrollIntoView({ block: 'center' })")
+    assert any(red(browser, tmp_path / "shot.png") > 40 for _ in range(40)), "the ball is drawn"
+    outline = "draws no three-dimensional pictures" in browser.run("document.querySelector('.film-panel').textContent")
+    assert outline == (browser.run("document.querySelector('.film-box canvas') === null"))
+    assert [one for one in browser.complaints if "GPU stall" not in one] == []
+    folder = page.parent.resolve().as_uri()
+    expected = {f"{folder}/report.html", f"{folder}/{PLAYER}", f"{folder}/{FOLDER}/{film_name(KEY)}"}
+    beside = {f"{folder}/{PAGES}/2.js"} if inline == 1 else set[str]()
+    assert {address.split("#")[0] for address in browser.requests} == expected | beside
+
+
+def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_film(
+    run: RunFolder, drawing_browser: Page
+) -> None:
+    browser = drawing_browser
+    browser.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    opened(browser, report(run), 2)
+    assert browser.run(CLOCK) == "0.00 of 0.95 s, before the first call", "nothing moves by itself"
+
+    def pressed(key: str) -> str:
+        event = f"new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }})"
+        browser.run(f"document.querySelector('.film-box').dispatchEvent({event})")
+        return browser.run(CLOCK)
+
+    assert pressed(".") == "0.05 of 0.95 s, turn 1 of 20, call 1"
+    assert pressed("]") == "0.10 of 0.95 s, turn 2 of 20, call 1"
+    assert pressed(".") == "0.10 of 0.95 s, turn 2 of 20, call 2"
+    assert "get_position" in browser.run("document.querySelector('.film-calls [aria-current]').textContent")
+    assert pressed("[") == "0.05 of 0.95 s, turn 1 of 20, call 1"
+    scrubber = "document.querySelector('.film-controls input')"
+    browser.run(f"{scrubber}.value = 0.5; {scrubber}.dispatchEvent(new Event('input'))")
+    assert browser.run(CLOCK).startswith("0.50 of 0.95 s, turn 10 of 20")
+    ticks = (
+        "[...document.querySelectorAll('#episode-2 .chart text.x')].map((t) => [+t.textContent, +t.getAttribute('x')])"
+    )
+    labels = browser.run(ticks)
+    at = next(x for time, x in labels if time == 0.5) if any(time == 0.5 for time, _ in labels) else None
+    (first, begin), (last, end) = labels[0], labels[-1]
+    expected = at if at is not None else begin + (0.5 - first) / (last - first) * (end - begin)
+    assert float(browser.run("document.querySelector('.film-cursor').getAttribute('x1')")) == pytest.approx(
+        expected, abs=0.2
+    )
+    pressed("Escape")
+    assert browser.run("document.querySelector('.film-panel, .film-cursor')") is None
+    assert browser.run("document.activeElement === document.querySelector('#episode-2 .film > button')")
+    browser.send("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_film_of_another_record_a_missing_film_and_a_damaged_one_are_told_in_a_sentence(
+    run: RunFolder, drawing_browser: Page
+) -> None:
+    browser, page, file = drawing_browser, report(run), film_file(run, KEY)
+    content = file.read_text(encoding="utf-8")
+    said = "document.querySelector('.film-said').textContent"
+    try:
+        for spoiled, sentence in [
+            (content.replace('"episode":"', '"episode":"0'), "shows another record of this episode"),
+            (content.replace('"format":1', '"format":2'), "made by another version"),
+            (content.replace('"count":', '"count":9'), "is damaged (the film ends too early)"),
+        ]:
+            file.write_text(spoiled, encoding="utf-8")
+            opened(browser, page, 2)
+            assert sentence in browser.run(said)
+            assert browser.run("document.querySelector('.film-panel')") is None
+        file.unlink()
+        opened(browser, page, 2)
+        assert f"The film is missing: {FOLDER}/{film_name(KEY)}" in browser.run(said)
+    finally:
+        file.write_text(content, encoding="utf-8")
+
+
+def test_a_report_without_films_has_no_player_and_no_button(run: RunFolder) -> None:
+    rows = [scored(episode, RIGHT) for episode in run.episodes().values()]
+    text = render([Run("run", run.read_run(), rows, {})]).page
+    assert '<div class="film"' not in text
+    assert "strict-dynamic" not in text
