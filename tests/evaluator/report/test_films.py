@@ -42,14 +42,16 @@ def report(run: RunFolder, inline: int = 300) -> Path:
     return write_report(run, [Run("run", run.read_run(), rows, {}, films=filmed(run))], inline)
 
 
-@pytest.fixture(scope="module", params=[SOFTWARE_WEBGL, ("--disable-3d-apis",)], ids=["webgl", "outline"])
-def drawing_browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+@pytest.fixture(params=[(300, SOFTWARE_WEBGL), (1, ("--disable-3d-apis",))], ids=["webgl", "outline, notebooks beside"])
+def shown(request: pytest.FixtureRequest, run: RunFolder, tmp_path: Path) -> Iterator[tuple[Page, Path]]:
+    """A browser and a report: one that draws, and one that cannot."""
     if PROGRAM is None:
         pytest.skip("no Chromium is installed, so no film is played")
-    with chromium(PROGRAM, tmp_path_factory.mktemp("profile"), *request.param) as page:
+    inline, flags = request.param
+    with chromium(PROGRAM, tmp_path / "profile", *flags) as page:
         page.send("Network.enable")
         page.look(1280, "light")
-        yield page
+        yield page, report(run, inline)
 
 
 def opened(browser: Page, page: Path, number: int) -> None:
@@ -69,11 +71,8 @@ def red(browser: Page, file: Path) -> int:
     return int((colours[..., 0] - colours[..., 1:].max(axis=2) > 60).sum())
 
 
-@pytest.mark.parametrize("inline", [300, 1], ids=["one file", "notebooks beside"])
-def test_a_film_plays_from_disk_and_asks_nobody(
-    run: RunFolder, drawing_browser: Page, tmp_path: Path, inline: int
-) -> None:
-    page, browser = report(run, inline), drawing_browser
+def test_a_film_plays_from_disk_and_asks_nobody(shown: tuple[Page, Path], tmp_path: Path) -> None:
+    browser, page = shown
     opened(browser, page, 2)
     browser.wait(f"parseFloat({CLOCK}) > 0.3")
     browser.run("document.querySelector('.film-play').click()")
@@ -85,14 +84,13 @@ def test_a_film_plays_from_disk_and_asks_nobody(
     assert [one for one in browser.complaints if "GPU stall" not in one] == []
     folder = page.parent.resolve().as_uri()
     expected = {f"{folder}/report.html", f"{folder}/{PLAYER}", f"{folder}/{FOLDER}/{film_name(KEY)}"}
-    beside = {f"{folder}/{PAGES}/2.js"} if inline == 1 else set[str]()
+    beside = {f"{folder}/{PAGES}/2.js"} if (page.parent / PAGES).is_dir() else set[str]()
     assert {address.split("#")[0] for address in browser.requests} == expected | beside
 
 
 def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_film(
-    run: RunFolder, drawing_browser: Page
+    run: RunFolder, browser: Page
 ) -> None:
-    browser = drawing_browser
     browser.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
     opened(browser, report(run), 2)
     assert browser.run(CLOCK) == "0.00 of 0.95 s, before the first call", "nothing moves by itself"
@@ -127,9 +125,9 @@ def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_fil
 
 
 def test_a_film_of_another_record_a_missing_film_and_a_damaged_one_are_told_in_a_sentence(
-    run: RunFolder, drawing_browser: Page
+    run: RunFolder, browser: Page
 ) -> None:
-    browser, page, file = drawing_browser, report(run), film_file(run, KEY)
+    page, file = report(run), film_file(run, KEY)
     content = file.read_text(encoding="utf-8")
     said = "document.querySelector('.film-said').textContent"
     try:
