@@ -12,8 +12,6 @@ from evaluator.records import Exchange, Turn
 from evaluator.scores.experiment_cost import is_number, lab_clock
 from evaluator.scores.returned_values import COMPONENT_UNITS, FIELD_UNITS
 
-_LONG = 90
-"""Longest text of a cell that is not folded, in characters."""
 _ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "duration": ("", "s"),
     "force_vector": ("", "N"),
@@ -74,9 +72,9 @@ class TurnCalls(NamedTuple):
     """Which lab time and how many calls were left after its last step; empty if no call told it."""
 
 
-def is_long(text: str) -> bool:
-    """Whether a text is folded in a cell."""
-    return len(text) > _LONG
+def is_long(text: str, most: int = 90) -> bool:
+    """Whether a text is folded where at most so many characters are shown."""
+    return len(text) > most
 
 
 def calls_of(turns: Sequence[Turn]) -> list[TurnCalls]:
@@ -104,9 +102,13 @@ def _left(exchange: Exchange) -> str:
     return " and ".join(parts)
 
 
+def _ids(arguments: Mapping[str, Any]) -> Iterator[Any]:
+    return (value for name, value in arguments.items() if name.endswith("_id"))
+
+
 def _asked(exchange: Exchange) -> str:
     arguments = exchange.call.arguments
-    ids = [str(value) for name, value in arguments.items() if name.endswith("_id")]
+    ids = [f"object_{value}" if str(value).isdecimal() else str(value) for value in _ids(arguments)]
     named = [str(arguments["name"])] if "name" in arguments else []
     parts: list[str] = []
     for name, value in arguments.items():

@@ -92,7 +92,7 @@ class _Looks:
     async def state(self, _request: Request) -> Response:
         """The state of the run, or one sentence if its folder cannot be read any more."""
         async with self.lock:
-            if time.monotonic() - self.looked_at >= _FRESH_S:
+            if self.run.behind or time.monotonic() - self.looked_at >= _FRESH_S:
                 try:
                     self.last = await anyio.to_thread.run_sync(self._look)
                 except StoreError as error:

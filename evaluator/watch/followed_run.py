@@ -63,6 +63,8 @@ class FollowedRun:
         self.record: RunRecord = folder.read_run()
         self.episodes: dict[EpisodeKey, FollowedEpisode] = {}
         """The episodes that have ended, in the order of their records; the last record of each counts."""
+        self.behind = False
+        """Whether the folder holds more lines than were read."""
         self.damaged = 0
         """Number of complete lines that cannot be read."""
         self.ungraded: dict[int, str] = {}
@@ -76,8 +78,11 @@ class FollowedRun:
         self._file: tuple[int, int] = (0, 0)
         """Which file is read, and up to which byte."""
 
-    def look(self) -> None:
+    def look(self, most: int = 100) -> None:
         """Read what is new.
+
+        Args:
+            most: Most lines that are read; `behind` then says that there are more.
 
         Raises:
             StoreError: The folder is gone, or cannot be read.
@@ -87,11 +92,12 @@ class FollowedRun:
         if not file.exists():
             return
         try:
-            self._read_new(file)
+            self._read_new(file, most)
         except OSError as error:
             raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
-    def _read_new(self, file: Path) -> None:
+    def _read_new(self, file: Path, most: int) -> None:
+        self.behind = False
         with file.open("rb") as stream:
             found = file.stat()
             number, position = self._file
@@ -100,8 +106,9 @@ class FollowedRun:
                 position, self.damaged = 0, 0
                 self.episodes.clear()
             stream.seek(position)
-            for line in stream:
-                if not line.endswith(b"\n"):
+            for place, line in enumerate(stream):
+                self.behind = place == most
+                if self.behind or not line.endswith(b"\n"):
                     break
                 position += len(line)
                 self._add(line)

@@ -41,6 +41,7 @@ def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
         "total": len(wanted) or None,
         "left_s": len(missing) / pace if pace and missing and phase == "running" else None,
         "per_minute": None if pace is None or phase == "finished" else 60 * pace,
+        "behind": run.behind,
         "withheld": run.withheld,
         "rows": list(_rows(episodes)),
         "newest": [_shown(one) for one in reversed(episodes[-NEWEST:])],

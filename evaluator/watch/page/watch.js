@@ -68,6 +68,7 @@
   }
 
   function phase(state) {
+    if (state.behind) return `Reading the records: ${state.ended} episodes so far.`;
     const of = state.total === null ? "" : ` of ${state.total}`;
     const parts = [{ waiting: "No episode has ended yet.", finished: "All episodes have ended.",
       running: "Running.", quiet: `Quiet: no episode has ended for ${lasting(state.quiet_s ?? 0)}.` }[state.phase]];
@@ -105,6 +106,7 @@
       if (reply.ok) show(state);
       else byId("phase").textContent = state.error;
       if (state.phase === "finished") wait = HIDDEN_MS;
+      if (state.behind) wait = 0;
     } catch {
       byId("phase").textContent = "physment-eval watch has ended; what is shown was its last state.";
     }

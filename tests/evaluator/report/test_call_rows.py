@@ -34,7 +34,7 @@ def test_components_become_one_vector() -> None:
     )
     first, second = rows(turn("", acceleration, momentum))
     assert first.quantities == [ShownValue("acceleration", "(0, 1, -9.81)", "m/s²")]
-    assert second.asked == "1, with mass 2 kg"
+    assert second.asked == "object_1, with mass 2 kg"
     assert second.quantities == [ShownValue("momentum", "(1, 0, 2.5)", "kg·m/s")]
 
 
@@ -59,7 +59,7 @@ def test_what_was_asked_for_is_not_repeated_and_what_was_really_obtained_is() ->
         "set_velocity", {"status": "velocity set", "velocity": [0.5, 0.0, 0.0]}, object_id=1, velocity_vector=force
     )
     first, second = rows(turn("", same, other))
-    assert (first.asked, first.quantities, first.said) == ("1, (1, 0, 0) N", (), "force set")
+    assert (first.asked, first.quantities, first.said) == ("object_1, (1, 0, 0) N", (), "force set")
     assert second.quantities == [ShownValue("velocity", "(0.5, 0, 0)", "m/s")]
     (energy,) = rows(turn("", returned("get_kinetic_energy", {"kinetic_energy": 2.0}, object_id=2, mass=2.0)))
     assert energy.quantities == [ShownValue("kinetic energy", "2", "J")]

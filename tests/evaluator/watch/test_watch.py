@@ -71,6 +71,16 @@ def test_episodes_appear_as_they_are_written_and_an_unfinished_line_waits(folder
     assert found["rows"][0]["low"] == pytest.approx(0.0945, abs=1e-4), "Wilson's interval of 1 of 2"
 
 
+def test_a_large_run_is_read_in_parts(folder: RunFolder) -> None:
+    for key in PLAN.matrix():
+        folder.append_episode(ended(key))
+    run, seen = FollowedRun(folder, KeyRing()), list[tuple[int, bool]]()
+    for _ in range(3):
+        run.look(most=2)
+        seen.append((len(run.episodes), run.behind))
+    assert seen == [(2, True), (4, False), (4, False)]
+
+
 def test_watching_changes_nothing_and_takes_no_lock(folder: RunFolder) -> None:
     folder.append_episode(ended(episode_key(7)))
     folder.path.chmod(0o555)
