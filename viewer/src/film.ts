@@ -1,6 +1,6 @@
 /**
- * Plays the films of a report: one classic script, which its page loads when the first film is opened. A page on disk may
- * load scripts and nothing else, so each film is a script as well, which calls `physmentFilm`.
+ * Plays the films of a report: one classic script, which its page loads when the first film is opened. A page on disk
+ * may load scripts and nothing else, so each film is a script as well, which calls `physmentFilm`.
  */
 
 import { FilmPlayer } from "./film_player.js";

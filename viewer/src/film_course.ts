@@ -28,7 +28,9 @@ export class FilmCourse {
     readonly reel: Reel,
     private readonly onChange: () => void,
   ) {
-    this.calls = reel.film.calls.flatMap((turn, index) => turn.map((instant, call) => ({ turn: index, call, instant })));
+    this.calls = reel.film.calls.flatMap((instants, turn) =>
+      instants.map((instant, call) => ({ turn, call, instant })),
+    );
     const duration = this.end - this.start;
     const fits = SPEEDS.filter((speed) => duration / speed <= LONGEST_S && duration / speed >= SHORTEST_S);
     fits.sort((one, other) => Math.abs(Math.log(one)) - Math.abs(Math.log(other)));

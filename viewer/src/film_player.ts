@@ -14,11 +14,11 @@ const FRAMED = 12;
 const OUTLINE = "This browser draws no three-dimensional pictures (WebGL), so this is an outline.";
 const REVEALED = "Made with --reveal: this film also shows what its agent could not see.";
 const AT_REST =
-  "Only what stands still may be seen here: what moves is hidden, or what would show it is withheld or differs from case" +
-  " to case.";
+  "Only what stands still may be seen here: what moves is hidden, or what would show it is withheld or differs from" +
+  " case to case.";
 const HELP =
-  "Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the picture," +
-  " + and − zoom.";
+  "Space plays, comma and full stop go from call to call, brackets from turn to turn. Drag or arrow keys turn the" +
+  " picture, + and − zoom.";
 
 export class FilmPlayer {
   private readonly course: FilmCourse;
@@ -27,7 +27,12 @@ export class FilmPlayer {
   private readonly ends = new AbortController();
   private readonly panel = element("div", { class: "film-panel", role: "group", "aria-label": "film" });
   private readonly box = element("div", { class: "film-box", role: "img", tabindex: "0" });
-  private readonly side = element("div", { class: "film-calls", tabindex: "0", role: "region", "aria-label": "calls of the turn" });
+  private readonly side = element("div", {
+    class: "film-calls",
+    tabindex: "0",
+    role: "region",
+    "aria-label": "calls of the turn",
+  });
   private readonly toggle = element("button", { type: "button", class: "film-play" });
   private readonly scrub = element("input", { type: "range", step: "any", "aria-label": "simulated time" });
   private readonly clock = element("output", { class: "film-clock" });
@@ -44,7 +49,8 @@ export class FilmPlayer {
     const flat = !canDraw();
     const notes = [flat ? OUTLINE : "", reel.film.revealed ? REVEALED : "", unseen(reel)];
     const said = notes.filter(Boolean).map((text) => element("p", { class: "film-note" }, text));
-    this.panel.append(element("div", { class: "film-stage" }, this.box, this.side), this.controls(), this.pointed, ...said);
+    const stage = element("div", { class: "film-stage" }, this.box, this.side);
+    this.panel.append(stage, this.controls(), this.pointed, ...said);
     this.panel.append(element("p", { class: "film-help" }, HELP));
     place.append(this.panel);
     place.querySelector<HTMLElement>(":scope > button")!.hidden = true;

@@ -82,7 +82,8 @@ export class Reel {
       if (this.times[middle]! <= time) low = middle;
       else high = middle - 1;
     }
-    return low === this.end || !this.lasts(low) ? low : low + (time - this.times[low]!) / (this.times[low + 1]! - this.times[low]!);
+    if (low === this.end || !this.lasts(low)) return low;
+    return low + (time - this.times[low]!) / (this.times[low + 1]! - this.times[low]!);
   }
 
   /** All things that are ever seen, for the camera. */
