@@ -14,6 +14,7 @@ from evaluator.harbor.rehearsal import rehearse
 from evaluator.harbor.tasks import write_task
 from evaluator.study.selection import (
     SUITE,
+    USUAL_SEEDS,
     find_split,
     parse_numbers,
     parse_scenes,
@@ -51,7 +52,10 @@ def add(commands: Commands) -> None:
     )
     write.add_argument("--seeds", metavar="N,…", help="variants of each scene, such as 0 or 1000-1004 (default 0)")
     write.add_argument(
-        "--split", metavar="NAME", help="a split, among whose scenes and first twenty seeds the two others choose"
+        "--split",
+        metavar="NAME",
+        help=f"a split, among whose scenes and seeds the two others choose (by default all its scenes and its first"
+        f" {USUAL_SEEDS} seeds)",
     )
     grade = actions.add_parser(
         "grade",
