@@ -16,8 +16,8 @@ from scenes import PackError, export_packs
 _PROGRAMS = Path(__file__).with_name("programs")
 SERVICE = "laboratory"
 """Name of the container of the laboratory, and its name in the network of the task."""
-_EVIDENCE = "/evidence/calls.json"
-"""The log of calls: where the laboratory writes it, and where the verifier finds it."""
+_EVIDENCE = "/laboratory/calls.json"
+"""The log of calls: where the laboratory may write it, and where the verifier finds it."""
 
 
 def write_task(rehearsal: Rehearsal, task: Path, scenes_dir: Path | None) -> None:
@@ -133,13 +133,18 @@ FROM python:3.12-slim
 WORKDIR /work
 """
 _LABORATORY = """\
-# Only the laboratory, and the model of one variant. The image has no answers; integrations/harbor/Dockerfile builds it.
+# Only the laboratory, and the model of one variant. The image has no answers.
 FROM physment-laboratory:{version}
-COPY . /laboratory
+COPY --chown=65532:65532 . /laboratory
+ENV PATH=/opt/laboratory/bin:$PATH
+ENTRYPOINT []
 CMD ["sh", "/laboratory/start.sh"]
 """
 _VERIFIER = """\
-# The evaluator with the answer keys; integrations/harbor/Dockerfile builds the image.
-FROM physment-verifier:{version}
+# The evaluator with the answer keys. Root, as Harbor writes the log and reads the rewards in folders of its own.
+FROM physment-evaluator:{version}
 COPY . /tests
+ENV PATH=/opt/evaluator/bin:$PATH
+USER root
+ENTRYPOINT []
 """

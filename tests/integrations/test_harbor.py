@@ -92,7 +92,7 @@ def test_harbor_reads_a_task_as_it_is_meant(python: Path, folder: Path) -> None:
         "verifier": ["tests", True],
         "network": "no-network",
         "collect": ["laboratory"],
-        "artifacts": [{"source": "/evidence/calls.json", "service": "laboratory"}],
+        "artifacts": [{"source": "/laboratory/calls.json", "service": "laboratory"}],
         "solution": "solve.sh",
         "services": ["laboratory", "main"],
     }

@@ -27,7 +27,6 @@ def main(file: str) -> None:
         if not page["calls"]:
             break
         log["calls"] += page["calls"]
-    Path(file).parent.mkdir(parents=True, exist_ok=True)
     Path(file).write_text(json.dumps(log), encoding="utf-8")
 
 

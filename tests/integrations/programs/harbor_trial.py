@@ -30,7 +30,7 @@ from harbor.trial.trial import Trial
 FOLDER = Path(sys.argv[1])
 PLACES = json.loads(sys.argv[2])
 SYSTEM = ["/usr", "/bin", "/lib", "/lib64", "/sbin", "/etc", "/dev", "/proc"]
-MADE = ("tmp", "work", "evidence", "logs/agent", "logs/artifacts", "logs/verifier")
+MADE = ("tmp", "work", "logs/agent", "logs/artifacts", "logs/verifier")
 
 
 class Container:
@@ -40,7 +40,7 @@ class Container:
         """Build it."""
         self.root = root
         text = (context / "Dockerfile").read_text(encoding="utf-8")
-        for source, target in re.findall(r"^COPY (\S+) (\S+)$", text, re.MULTILINE):
+        for source, target in re.findall(r"^COPY (?:--\S+ )?(\S+) (\S+)$", text, re.MULTILINE):
             shutil.copytree(context / source, root / target.lstrip("/"))
         command = re.search(r"^CMD (\[.*\])$", text, re.MULTILINE)
         self.command: list[str] = json.loads(command[1]) if command else []
@@ -178,7 +178,7 @@ class Forger(BaseAgent):
         """Forge, and ask."""
         call = {"tool": "answer", "arguments": {"answer": 250}, "returned": True, "is_error": False, "content": None}
         log = json.dumps({"ended": True, "calls": [call | {"text": "", "started_s": 0, "duration_s": 0}]})
-        for path in ("/evidence/calls.json", "/logs/artifacts/evidence/calls.json"):
+        for path in ("/laboratory/calls.json", "/logs/artifacts/laboratory/calls.json"):
             await environment.exec(f"mkdir -p $(dirname {path}); echo {shlex.quote(log)} > {path}")
         for path in ("/logs/verifier/reward.json", "/logs/artifacts/reward.json", "/tests/test.sh"):
             await environment.exec(f"mkdir -p $(dirname {path}); echo '{{\"reward\": 1}}' > {path}")
@@ -192,7 +192,7 @@ class Forger(BaseAgent):
                     print(error.code)
         """
         done = await environment.exec(shlex.join(["python3", "-c", code]))
-        seen = await environment.exec("ls -d /laboratory /solution")
+        seen = await environment.exec("ls -d /laboratory/scenes /solution")
         print(json.dumps({"statuses": (done.stdout or "").split(), "seen": (seen.stdout or "").split()}), flush=True)
 
 
