@@ -9,15 +9,14 @@ import sys
 import webbrowser
 
 from evaluator.errors import UsageError
-
-_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+from evaluator.loopback import LOOPBACK
 
 
 def is_loopback(address: str) -> bool:
     """Whether only this machine can reach an address."""
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(address.strip("[]")).is_loopback
-    return address in _LOOPBACK_NAMES
+    return address in LOOPBACK
 
 
 def listening(address: str, number: int) -> socket.socket:

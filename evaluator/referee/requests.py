@@ -22,13 +22,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
+from evaluator.loopback import LOOPBACK
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
 from evaluator.referee.episodes import Referee
 
 M = TypeVar("M", bound=BaseModel)
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-"""Names by which only this machine can be reached."""
 _MAX_BODY = 16_000
 """Largest accepted body [bytes]."""
 _BODY_S = 15.0

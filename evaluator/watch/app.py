@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any
-from urllib.parse import urlsplit
 
 import anyio
 import anyio.to_thread
@@ -18,13 +17,12 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from evaluator.errors import StoreError
+from evaluator.loopback import OnlyHere
 from evaluator.watch.followed_run import FollowedRun
 from evaluator.watch.state import state_of
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 _FRESH_S = 0.5
 """Two looks at the folder are this far apart at least [s], however many pages are open."""
 _HEADERS = {
@@ -54,30 +52,8 @@ def app(run: FollowedRun, token: str) -> Starlette:
             Route(f"/{token}/state.json", looks.state),
             Route("/{path:path}", _unknown),
         ],
-        middleware=[Middleware(_OnlyHere)],
+        middleware=[Middleware(OnlyHere, headers=_HEADERS)],
     )
-
-
-class _OnlyHere:
-    """Refuses requests that name another host, and adds the headers that keep the page to itself."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-
-        async def guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", []), *_HEADERS.items()]
-            await send(message)
-
-        # A web page can let its own name resolve to our address; its requests then name that host.
-        name = urlsplit(f"//{Request(scope).headers.get('host', '')}").hostname
-        refusal = PlainTextResponse("this page is for programs of this machine alone\n", status_code=403)
-        await (self._app if name in LOOPBACK else refusal)(scope, receive, guarded)
 
 
 @dataclass(slots=True)

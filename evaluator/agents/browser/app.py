@@ -9,7 +9,6 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
-from urllib.parse import urlsplit
 
 import anyio
 import anyio.lowlevel
@@ -19,13 +18,12 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from evaluator.agents.browser.player import MOST_CALLS, MOST_NOTE, PageState
 from evaluator.errors import RefusedRequest
+from evaluator.loopback import OnlyHere
 from evaluator.records import ToolCall
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 MOST_BODY = 100_000
 """Largest accepted body [bytes]."""
 _POLL_S = 20.0
@@ -60,7 +58,7 @@ def app(page: PageState, token: str) -> Starlette:
             Route(f"/{token}/leave", _answered(pages.leave), methods=["POST"]),
             Route("/{path:path}", _unknown),
         ],
-        middleware=[Middleware(_OnlyHere)],
+        middleware=[Middleware(OnlyHere)],
     )
 
 
@@ -136,18 +134,3 @@ async def _page(_request: Request) -> Response:
 async def _unknown(_request: Request) -> Response:
     await anyio.lowlevel.checkpoint()
     return _refusal(404, "nothing is here: open the whole address that `physment-eval play` printed, with its token")
-
-
-class _OnlyHere:
-    """Refuses requests that name another host: a web page can let its own name resolve to our address."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        name = (
-            urlsplit(f"//{Request(scope).headers.get('host', '')}").hostname if scope["type"] == "http" else LOOPBACK[0]
-        )
-        await (self._app if name in LOOPBACK else _refusal(403, "this page is for this machine alone"))(
-            scope, receive, send
-        )
