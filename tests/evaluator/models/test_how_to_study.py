@@ -74,7 +74,7 @@ def test_every_command_on_the_page_is_valid(
     for name in ("OPENAI_API_KEY", "ANTHROPIC_API_KEY"):
         monkeypatch.setenv(name, "sk-loopback")
     commands = commands_of_page()
-    assert len(commands) == 13
+    assert len(commands) == 14
     for command in commands:
         _, *words = shlex.split(command)
         if words[0] not in {"merge", "fork"}:
