@@ -35,6 +35,9 @@ from scenes.splits import splits
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
 """
+_LIST = """\
+A line for each scene, and how many scenes each rung has. With --html, also a page with a card for each scene.
+"""
 _PAGES = """\
 Write what the documentation says of the scenes: reference/scenes.md with a picture of each scene, and
 explanation/worked-examples.md with a run of one scene of each category. The first tells no answers, hidden values or
@@ -49,12 +52,18 @@ def add(commands: Commands) -> None:
     """Declare `scenes list`, `scenes show`, `scenes new` and `scenes pages`."""
     family = commands.add_parser("scenes", description=_DESCRIPTION)
     actions = family.add_subparsers(dest="action", metavar="list|show|new|pages", required=True)
-    listing = actions.add_parser(
-        "list", help="a line for each scene", description="A line for each scene, and how many scenes each rung has."
-    )
+    listing = actions.add_parser("list", help="a line for each scene", description=_LIST)
     listing.set_defaults(run=_list)
     listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · open · category:easy-single")
     listing.add_argument("--split", metavar="NAME", help=f"the scenes of a split: {' · '.join(splits())}")
+    listing.add_argument(
+        "--html", type=Path, metavar="FILE", help="also write one page: a card with a picture for each, and filters"
+    )
+    listing.add_argument(
+        "--link",
+        metavar="ADDRESS",
+        help="where the cards lead: a website's page of the scenes (default: docs/reference/scenes.md, if it is there)",
+    )
     show = actions.add_parser(
         "show", help="what an agent is told of a scene", description="Print the opening prompt of a scene."
     )
@@ -96,6 +105,8 @@ def add(commands: Commands) -> None:
 
 
 def _list(args: argparse.Namespace) -> int:
+    if args.link is not None and not args.html:
+        raise UsageError("--link belongs to --html: give a FILE too")
     split = find_split(args.split) if args.split else None
     packs = (
         scenes_in_split(split, args.scenes, args.scenes_dir) if split else parse_scenes(args.scenes, args.scenes_dir)
@@ -109,8 +120,9 @@ def _list(args: argparse.Namespace) -> int:
     for title in ("name", "rung", "category", "type", "answer", certificate):
         table.add_column(title, overflow="fold")
     states: dict[str, list[str]] = {name: [] for name in (*Rung, NO_RUNG)}
-    for files in packs:
-        pack, state = _read(files), _state(files, certificates.get(files.scene_id))
+    read = {files: _read(files) for files in packs}
+    for files, pack in read.items():
+        state = _state(files, certificates.get(files.scene_id))
         rung = pack.category.rung.value if pack.category else NO_RUNG
         states[rung].append(state)
         table.add_row(
@@ -130,6 +142,11 @@ def _list(args: argparse.Namespace) -> int:
     if split:
         seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
         console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
+    if args.html:
+        from evaluator.pages.gallery import write_gallery  # noqa: PLC0415 - only this option needs templates
+
+        write_gallery(read, args.html, args.link, args.scenes_dir)
+        console.print(f"{args.html} has a card for each", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 

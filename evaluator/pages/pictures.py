@@ -26,9 +26,10 @@ class NoRenderer(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The picture of a scene: a PNG file, or None if no part of the scene may be shown."""
+    """The picture of a scene and its thumbnail as PNG files, both empty if drawing failed."""
 
-    png: bytes | None
+    png: bytes = b""
+    thumbnail: bytes = b""
     fault: str = ""
     """Why drawing failed; empty if it did not."""
 
@@ -81,9 +82,9 @@ def _draws() -> bool:
 
 
 def _draw(files: PackFiles) -> Picture:
-    from evaluator.certify.pictures import draw_png  # noqa: PLC0415 - as above
+    from evaluator.certify.pictures import draw_scene  # noqa: PLC0415 - as above
 
     try:
-        return Picture(draw_png(files))
+        return Picture(*draw_scene(files))
     except Exception as error:  # noqa: BLE001 - an engine error in one pack is reported and does not stop the others
-        return Picture(None, " ".join(str(error).split()) or repr(error))
+        return Picture(fault=" ".join(str(error).split()) or repr(error))

@@ -1,6 +1,7 @@
 """Generates `scenes.md`: a row for each scene, by category, and the scenes that correspond to UTOPIA's kinds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 
 from evaluator.markdown import escaped, markdown_table
 from evaluator.pages.listing import Listing
@@ -16,8 +17,12 @@ KINDS: Mapping[str, tuple[int, ...]] = {
 }
 """UTOPIA's six kinds of scenes → the most similar scenes here, most similar first."""
 
+SCENES_PAGE = Path("reference", "scenes.md")
+"""Where the page is in the documentation."""
 PICTURES = "scenes"
 """Folder of the pictures, next to the page."""
+SMALL = "small"
+"""Folder of the thumbnails, in that of the pictures."""
 
 _TITLES = ("picture", "scene", "name", "concepts", "answer", "iterations, interventions", "objects")
 
@@ -28,7 +33,9 @@ Made from the packs by `make pages`; do not edit. It shows nothing that a pack h
 hidden values or their ranges, no hidden objects, no methods.
 
 - **Picture**: the laboratory at the start, seen from the side of −y, with x to the right and z up. It shows only what
-  is the same for every seed: no hidden object, and no part whose position, size or colour depends on the seed.
+  is the same for every seed: no hidden object, and no part whose position, size or colour depends on the seed. If
+  nothing is left, it is a schematic of what an agent may read. Each leads to a larger picture with axes and a scale;
+  the scale holds at the distance of the middle of the picture.
 - **Answer**: its kind, with its unit or the number of options.
 - **Iterations, interventions**: the number of turns of the reference protocol, and of calls in them that change the
   world; minimum and maximum over several seeds, because the length at one seed could reveal the answer.
@@ -44,30 +51,25 @@ quantity is not given but has to be measured.
 """
 
 
-def scenes_page(listings: Sequence[Listing], pictured: Mapping[int, bool], *, drawn: bool) -> str:
+def scenes_page(listings: Sequence[Listing], pictured: Collection[int]) -> str:
     """The text of the page.
 
     Args:
         listings: The scenes, ordered by id.
-        pictured: Scene id → whether it has a picture.
-        drawn: Whether any pictures were drawn.
+        pictured: Ids of the scenes that have a picture.
     """
     used = {listing.category for listing in listings}
     parts = [_HEAD]
     for category in (category for category in (*Category, None) if category in used):
-        rows = [
-            _row(listing, pictured.get(listing.scene, False), drawn)
-            for listing in listings
-            if listing.category is category
-        ]
+        rows = [_row(listing, listing.scene in pictured) for listing in listings if listing.category is category]
         parts.append(f"## {category.value if category else 'without category'}\n\n{markdown_table(_TITLES, rows)}\n")
     kinds = _kinds({listing.scene: listing.name for listing in listings})
     return "\n".join([*parts, *([kinds] if kinds else [])]).rstrip() + "\n"
 
 
-def _row(listing: Listing, pictured: bool, drawn: bool) -> tuple[str, ...]:
+def _row(listing: Listing, pictured: bool) -> tuple[str, ...]:
     return (
-        _picture(listing, pictured, drawn),
+        _picture(listing.scene) if pictured else "no picture drawn",
         f'<a id="scene-{listing.scene}"></a>{listing.scene}',
         escaped(listing.name),
         escaped(", ".join(listing.concepts)),
@@ -81,10 +83,9 @@ def _span(ends: tuple[int, int]) -> str:
     return "–".join(map(str, sorted(set(ends))))
 
 
-def _picture(listing: Listing, pictured: bool, drawn: bool) -> str:
-    if pictured:
-        return f'<img src="{PICTURES}/scene{listing.scene}.png" width="160" alt="Scene {listing.scene} at its start">'
-    return "nothing to be seen" if drawn else "no picture drawn"
+def _picture(scene: int) -> str:
+    small = f'<img src="{PICTURES}/{SMALL}/scene{scene}.png" width="160" alt="Scene {scene} at its start">'
+    return f"[{small}]({PICTURES}/scene{scene}.png)"
 
 
 def _kinds(names: Mapping[int, str]) -> str:

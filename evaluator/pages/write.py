@@ -9,11 +9,10 @@ from evaluator.certify.transcript import Transcript, play
 from evaluator.errors import UsageError
 from evaluator.pages.listing import Listing, Steps
 from evaluator.pages.pictures import NoRenderer, Picture, draw_pictures
-from evaluator.pages.scene_table import PICTURES, scenes_page
+from evaluator.pages.scene_table import PICTURES, SCENES_PAGE, SMALL, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
 from scenes import Pack, PackError, PackFiles, read_pack
 
-SCENES_PAGE = Path("reference", "scenes.md")
 EXAMPLES_PAGE = Path("explanation", "worked-examples.md")
 
 _SEEDS = 5
@@ -51,16 +50,17 @@ def write_pages(
     listings = [Listing.of(files, pack, _steps(files, written)) for files, pack in sorted(read.items(), key=_by_id)]
     on_done(f"{len(listings)} reference protocols")
     drawn = _drawn(list(read), jobs, written) if pictures else dict[int, Picture]()
-    on_done(f"{sum(picture.png is not None for picture in drawn.values())} pictures")
+    on_done(f"{sum(not picture.fault for picture in drawn.values())} pictures")
     examples = [
         Example(files.scene_id, pack, transcript, _summary(files))
         for files, pack in sorted(read.items(), key=_by_id)
         if files.scene_id in EXAMPLES and (transcript := _played(files, SEED, written))
     ]
     folder = out / SCENES_PAGE.parent / PICTURES
-    shown = {scene: picture.png for scene, picture in drawn.items() if picture.png is not None}
-    _write(written, {folder / f"scene{scene}.png": png for scene, png in shown.items()})
-    page = scenes_page(listings, dict.fromkeys(shown, True), drawn=bool(drawn))
+    shown = {scene: picture for scene, picture in drawn.items() if not picture.fault}
+    _write(written, {folder / f"scene{scene}.png": picture.png for scene, picture in shown.items()})
+    _write(written, {folder / SMALL / f"scene{scene}.png": picture.thumbnail for scene, picture in shown.items()})
+    page = scenes_page(listings, shown)
     _write(written, {out / SCENES_PAGE: page.encode(), out / EXAMPLES_PAGE: examples_page(examples).encode()})
     return written
 

@@ -33,9 +33,7 @@ class Visible:
 
 def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A model at its start under our own light; group 0 is what is drawn and group 5 the rest."""
-    spec = mujoco.MjSpec.from_string(mjcf)
-    for light in spec.lights:
-        light.active = False
+    spec = unlit(mjcf)
     spec.add_texture(
         name="backdrop",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -50,32 +48,55 @@ def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model.vis.headlight.specular[:] = 0.1
     model.vis.global_.fovy = FIELD_DEG
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH * _FINER, HEIGHT * _FINER
+    return model, started(model, visible)
+
+
+def unlit(mjcf: str) -> mujoco.MjSpec:
+    """A model without its lights, not compiled yet."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    for light in spec.lights:
+        light.active = False
+    return spec
+
+
+def started(model: mujoco.MjModel, visible: Visible) -> mujoco.MjData:
+    """The start of a model; puts what is drawn into group 0 and the rest into group 5."""
     model.geom_group[:], model.geom_group[list(visible.geoms)] = 5, 0
     model.tendon_group[:], model.tendon_group[list(visible.tendons)] = 5, 0
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    return model, data
+    return data
 
 
-def view_on(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> View:
-    """The view that shows what is visible, which must not be empty."""
-    return view_of(_subject(model, data, visible), WIDTH / HEIGHT)
+def view_on(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, aspect: float = WIDTH / HEIGHT) -> View:
+    """The view that shows what is visible, which must not be empty; `aspect` is the width over the height."""
+    return view_of(_subject(model, data, visible), aspect)
+
+
+def free_camera(view: View) -> mujoco.MjvCamera:
+    """A camera with a view."""
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, view.distance
+    camera.lookat[:] = view.centre
+    return camera
+
+
+def shown_groups() -> mujoco.MjvOption:
+    """Draw group 0, and no sites."""
+    shown = mujoco.MjvOption()
+    shown.geomgroup[:] = shown.tendongroup[:] = (1, 0, 0, 0, 0, 0)
+    shown.sitegroup[:] = 0
+    return shown
 
 
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
     """A picture (HEIGHT, WIDTH, 3) of a staged model from a view."""
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
-    camera = mujoco.MjvCamera()
-    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, view.distance
-    camera.lookat[:] = view.centre
-    shown = mujoco.MjvOption()
-    shown.geomgroup[:] = shown.tendongroup[:] = (1, 0, 0, 0, 0, 0)
-    shown.sitegroup[:] = 0
     with mujoco.Renderer(model, HEIGHT * _FINER, WIDTH * _FINER) as renderer:
-        renderer.update_scene(data, camera, shown)
+        renderer.update_scene(data, free_camera(view), shown_groups())
         fine = renderer.render().astype(np.float64)
     blocks = fine.reshape(HEIGHT, _FINER, WIDTH, _FINER, 3)
     return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
@@ -91,7 +112,7 @@ def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> Fr
     """Corners of the bounding boxes of what the scene is about, and of each part of its surroundings."""
     # An unbounded plane has no bounding box; it is drawn behind the rest.
     bounded = [geom for geom in visible.geoms if model.geom_rbound[geom] > 0] or list(visible.geoms)
-    boxes = {geom: _box(model, data, geom) for geom in bounded}
+    boxes = {geom: corners_of(model, data, geom) for geom in bounded}
     named = [geom for geom in bounded if model.body(model.geom_bodyid[geom]).name.startswith("object_")] or bounded
     moving = [_size(boxes[geom]) for geom in named if model.body_weldid[model.geom_bodyid[geom]] != 0]
     largest, farthest = (_LARGE * max(moving), _FAR * min(moving)) if moving else (np.inf, np.inf)
@@ -115,8 +136,8 @@ def _size(corners: Array) -> float:
     return float(np.ptp(corners, axis=0).max())
 
 
-def _box(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Corners of a geom's bounding box (8, 3), world axes [m]."""
+def corners_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+    """Corners of a geom's bounding box (8, 3), world axes [m]; along an endless direction it is 2 m long."""
     box = model.geom_aabb[geom]
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = box[:3] + signs * np.where(box[3:] > 0, box[3:], 1.0)

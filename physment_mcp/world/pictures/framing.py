@@ -52,7 +52,7 @@ def view_of(subject: FramedParts, aspect: float) -> View:
     # A fixture that is wholly elsewhere has been clipped to a flat patch; it is left out.
     near = [corners for corners in near if np.all(np.ptp(corners, axis=0) > 0)]
     points = np.concatenate([things, *near])
-    axes = _camera_axes()
+    axes = camera_axes()
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     tall = np.tan(np.radians(FIELD_DEG) / 2) * (_FILLED if len(points) > 8 else _ALONE)
     limits = np.array([tall * aspect, tall])
@@ -67,7 +67,7 @@ def view_of(subject: FramedParts, aspect: float) -> View:
     return View(centre, distance, float(np.linalg.norm(np.ptp(points, axis=0))))
 
 
-def _camera_axes() -> Array:
+def camera_axes() -> Array:
     """Rows: to the right, up, and forward (3, 3)."""
     azimuth, elevation = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     level, rise = np.cos(elevation), np.sin(elevation)

@@ -76,7 +76,7 @@ def test_a_scene_has_its_picture_and_evidence_links_to_its_place(study: Run) -> 
 
 
 def test_only_pictures_of_the_packs_that_were_played_are_used(tmp_path: Path) -> None:
-    packs, kept = tmp_path / "scenes", tmp_path / "docs" / "reference" / "scenes"
+    packs, kept = tmp_path / "scenes", tmp_path / "docs" / "reference" / "scenes" / "small"
     kept.mkdir(parents=True)
     for scene in (7, 8):
         (packs / f"Scene{scene}").mkdir(parents=True)

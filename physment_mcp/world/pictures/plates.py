@@ -1,0 +1,223 @@
+"""Plates: large pictures of scenes for readers, with sky and ground, soft shadows, axes, a scale and labels.
+
+Agents get the small pictures of `drawing`. As that, it needs a process of its own.
+"""
+
+from collections.abc import Collection, Generator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from physment_mcp.world.pictures.annotations import annotate
+from physment_mcp.world.pictures.canvas import Canvas
+from physment_mcp.world.pictures.drawing import (
+    Visible,
+    corners_of,
+    free_camera,
+    shown_groups,
+    staged,
+    started,
+    unlit,
+    view_on,
+)
+from physment_mcp.world.pictures.framing import FIELD_DEG, View
+from physment_mcp.world.pictures.lettering import lettering
+from physment_mcp.world.pictures.placement import Optics
+from physment_mcp.world.pictures.png import Pixels
+from physment_mcp.world.readings import Array
+
+WIDTH, HEIGHT = 960, 640
+_ROOM = 1.18
+"""How much farther away the camera is than whole objects need: room for what is written."""
+_SUN = np.array((0.45, 0.5, -1.0))
+"""Direction of the light: from the left, the front and above."""
+_FRAMES, _SUN_SPREAD = 24, 0.06
+"""Frames whose mean is the plate, and the radius of the sun as a tangent. Each frame has the light at another place and
+is moved by a part of a pixel, so that shadows are soft and edges smooth."""
+SKY, GROUND = (0.80, 0.88, 0.97), (0.93, 0.94, 0.955)
+"""Colours of what is no part of a scene: red, green and blue, 0 to 1."""
+_GRID = (0.80, 0.825, 0.86)
+_CELLS = 9.0
+"""Cells of the grid across the picture, at least."""
+_MOST = 6
+"""Most names in a line."""
+_NO_FLOOR = "the grid is no part of the scene"
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """A grid that stands for no part of the scene."""
+
+    height: float
+    """[m]"""
+    cell: float
+    """[m]"""
+
+
+def plate(mjcf: str, visible: Visible, objects: Sequence[str]) -> Pixels:
+    """A plate (HEIGHT, WIDTH, 3) of a scene at its start.
+
+    Args:
+        mjcf: The scene.
+        visible: What may be drawn, which must not be empty.
+        objects: Bodies whose names are written: beside them, or in a line if they are not drawn.
+    """
+    model, data = staged(mjcf, visible)
+    found = view_on(model, data, visible, WIDTH / HEIGHT)
+    view = replace(found, distance=found.distance * _ROOM)
+    optics = Optics(view, WIDTH, HEIGHT)
+    ground = _ground(model, data, visible, optics)
+    canvas = Canvas(_lit(mjcf, visible, view, ground))
+    named = _named(model, data, visible, objects)
+    inside = {name: corners for name, corners in named.items() if optics.shows(corners)}
+    absent = [name for name in objects if name not in inside]
+    notes = [f"not shown: {_listed(absent)}"] if absent else []
+    if ground is not None:
+        notes.append(_NO_FLOOR)
+    with lettering() as letters:
+        annotate(canvas, letters, optics, inside, notes)
+    return canvas.pixels
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in a line, the last of many by their number."""
+    return ", ".join(names) if len(names) <= _MOST else f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
+
+
+def _named(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, objects: Collection[str]) -> dict[str, Array]:
+    """Object → corners of what is drawn of it."""
+    found: dict[str, list[Array]] = {}
+    for geom in visible.geoms:
+        name = model.body(int(model.geom_bodyid[geom])).name
+        if name in objects:
+            found.setdefault(name, []).append(corners_of(model, data, geom))
+    return {name: np.concatenate(boxes) for name, boxes in found.items()}
+
+
+def _ground(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, optics: Optics) -> Ground | None:
+    """Where the grid is; None if a floor of the scene is drawn."""
+    endless = [geom for geom in visible.geoms if model.geom_rbound[geom] <= 0]
+    if any(data.geom_xmat[geom][8] > 0.7 for geom in endless):
+        return None
+    view = optics.view
+    lowest, gap = np.inf, 0.0
+    for geom in set(visible.geoms) - set(endless):
+        corners = corners_of(model, data, geom)
+        # Parts far outside the picture do not decide: the grid would be out of sight.
+        if float(np.abs(corners.mean(axis=0) - view.centre).max()) < 2 * view.extent and corners[:, 2].min() < lowest:
+            lowest = float(corners[:, 2].min())
+            # What can move hangs over the grid; what is fixed may stand on it.
+            moves = model.body_weldid[model.geom_bodyid[geom]] != 0
+            gap = min(0.12 * view.extent, 0.25 * float(np.ptp(corners[:, 2]))) if moves else 0.0
+    if not np.isfinite(lowest):
+        lowest = float(view.centre[2])
+    across = optics.width / optics.pixels_per_metre
+    # A hair lower, so that faces that lie in the grid do not flicker through it.
+    return Ground(lowest - gap - 1e-3 * view.extent, across / _CELLS)
+
+
+def _lit(mjcf: str, visible: Visible, view: View, ground: Ground | None) -> Array:
+    """The scene without annotations (HEIGHT, WIDTH, 3): the mean of pictures with the light at several places."""
+    model = _decorated(mjcf, ground)
+    grid = (model.ngeom - 1,) if ground is not None else ()
+    data = started(model, Visible((*visible.geoms, *grid), visible.tendons))
+    model.stat.extent, model.stat.center[:] = view.extent, view.centre
+    surface = mujoco.GLContext(WIDTH, HEIGHT)
+    surface.make_current()
+    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    try:
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        scene = mujoco.MjvScene(model, maxgeom=10_000)
+        mujoco.mjv_updateScene(model, data, shown_groups(), None, free_camera(view), mujoco.mjtCatBit.mjCAT_ALL, scene)
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
+        scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 1
+        return _mean_frame(scene, context, view)
+    finally:
+        context.free()
+        surface.free()
+
+
+def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) -> Array:
+    area, sun = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), scene.lights[scene.nlight - 1]
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    total = np.zeros((HEIGHT, WIDTH, 3))
+    still = [(eye.frustum_center, eye.frustum_bottom, eye.frustum_top) for eye in scene.camera]
+    for place, direction in enumerate(_sun_directions()):
+        sun.dir[:], sun.pos[:] = direction, view.centre - 8 * view.extent * direction
+        # Multiples of two irrational numbers cover a pixel evenly.
+        across, up = (place * 0.7548776662) % 1 - 0.5, (place * 0.5698402910) % 1 - 0.5
+        for eye, (centre, bottom, top) in zip(scene.camera, still, strict=True):
+            pixel = (top - bottom) / HEIGHT
+            eye.frustum_center = centre + across * pixel
+            eye.frustum_bottom, eye.frustum_top = bottom + up * pixel, top + up * pixel
+        mujoco.mjr_render(area, scene, context)
+        mujoco.mjr_readPixels(pixels, None, area, context)
+        total += pixels
+    return total[::-1] / _FRAMES
+
+
+def _sun_directions() -> Generator[Array]:
+    """Unit vectors, evenly over a disc: the points of a sunflower."""
+    ahead = _SUN / np.linalg.norm(_SUN)
+    aside = np.cross(ahead, (0.0, 0.0, 1.0))
+    aside /= np.linalg.norm(aside)
+    for place in range(_FRAMES):
+        angle, radius = place * np.pi * (3 - np.sqrt(5)), _SUN_SPREAD * np.sqrt((place + 0.5) / _FRAMES)
+        moved = ahead + radius * (np.cos(angle) * aside + np.sin(angle) * np.cross(ahead, aside))
+        yield moved / np.linalg.norm(moved)
+
+
+def _decorated(mjcf: str, ground: Ground | None) -> mujoco.MjModel:
+    """The scene with sky, sun and grid; the grid is the last geom and changes no other index."""
+    spec = unlit(mjcf)
+    spec.add_texture(
+        name="plate_sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=SKY,
+        rgb2=GROUND,
+        width=256,
+        height=256,
+    )
+    last = spec.worldbody.add_body(name="plate_grid")
+    last.add_light(
+        name="plate_sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        castshadow=True,
+        diffuse=[0.55] * 3,
+        ambient=[0] * 3,
+    )
+    if ground is not None:
+        spec.add_texture(
+            name="plate_lines",
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            mark=mujoco.mjtMark.mjMARK_EDGE,
+            rgb1=GROUND,
+            markrgb=_GRID,
+            width=256,
+            height=256,
+        )
+        paint = spec.add_material(name="plate_paint", texuniform=True, texrepeat=[1 / ground.cell] * 2)
+        paint.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "plate_lines"
+        paint.specular = 0
+        last.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[0, 0, 1],
+            pos=[0, 0, ground.height],
+            material="plate_paint",
+            contype=0,
+            conaffinity=0,
+        )
+    model = spec.compile()
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.45, 0.27
+    model.vis.headlight.specular[:] = 0.05
+    model.vis.rgba.haze[:] = (*SKY, 1)
+    model.vis.quality.shadowsize, model.vis.quality.offsamples = 4096, 0
+    # Beyond this many extents nothing gets a shadow; at that border shadows are frayed, so it is out of the picture.
+    model.vis.map.shadowclip = 4
+    model.vis.global_.fovy = FIELD_DEG
+    model.vis.quality.numslices, model.vis.quality.numstacks = 96, 48
+    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
+    return model
