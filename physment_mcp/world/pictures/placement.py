@@ -15,6 +15,8 @@ PAD = 6
 """Room beside the text of a label [px]."""
 _GAPS = (10, 26, 50, 84, 130, 190)
 """Distances of a label from its object that are tried [px]."""
+_MISLEADING = 250
+"""What it costs if a label is as near to another thing; a pixel of distance costs 12."""
 _BORDER = 4
 """Labels are at least so far from the edge of the picture [px]."""
 
@@ -88,7 +90,7 @@ def arranged(labels: Sequence[Label], size: tuple[int, int], taken: Sequence[Box
         others = [other.thing for other in labels if other is not label]
         gap, spot = min(_choices(label), key=lambda choice: _cost(*choice, label.thing, size, used, others))
         used.append(spot)
-        found.append((spot, gap > _GAPS[0]))
+        found.append((spot, gap > _GAPS[0] or _misleads(spot, label.thing, others)))
     return found
 
 
@@ -105,7 +107,17 @@ def _cost(gap: int, spot: Box, thing: Box, size: tuple[int, int], used: Sequence
     whole = (spot[2] - spot[0]) * (spot[3] - spot[1])
     inside = _overlap(spot, (_BORDER, _BORDER, size[0] - _BORDER, size[1] - _BORDER))
     hidden = sum(_overlap(spot, other) for other in others) + 0.6 * _overlap(spot, thing)
-    return 40 * (whole - inside) + 30 * sum(_overlap(spot, other) for other in used) + 4 * hidden + 12 * gap
+    written = sum(_overlap(spot, other) for other in used)
+    return 40 * (whole - inside) + 30 * written + 4 * hidden + 12 * gap + _MISLEADING * _misleads(spot, thing, others)
+
+
+def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
+    """Whether a label is nearer to another thing than to its own, or hardly farther from it: by edges or by middles."""
+    edges, middles = _distance(spot, thing) + _GAPS[0], float(np.hypot(*np.subtract(middle(thing), middle(spot))))
+    return any(
+        _distance(spot, other) < edges or np.hypot(*np.subtract(middle(other), middle(spot))) < middles
+        for other in others
+    )
 
 
 def box_of(places: Array) -> Box:
@@ -124,6 +136,12 @@ def _placed(box: Box, size: tuple[float, float], gap: float, side: tuple[int, in
     x = {-1: box[0] - gap - size[0], 0: (box[0] + box[2] - size[0]) / 2, 1: box[2] + gap}[side[0]]
     y = {-1: box[1] - gap - size[1], 0: (box[1] + box[3] - size[1]) / 2, 1: box[3] + gap}[side[1]]
     return (x, y, x + size[0], y + size[1])
+
+
+def _distance(one: Box, other: Box) -> float:
+    """Between the nearest points of two boxes [px]."""
+    across = max(one[0] - other[2], other[0] - one[2], 0.0)
+    return float(np.hypot(across, max(one[1] - other[3], other[1] - one[3], 0.0)))
 
 
 def _overlap(one: Box, other: Box) -> float:
