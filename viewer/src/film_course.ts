@@ -98,7 +98,8 @@ export class FilmCourse {
   private callAt(position: number): number {
     const next = this.calls.findIndex((call) => call.instant > position);
     const made = (next < 0 ? this.calls.length : next) - 1;
-    return Number.isInteger(position) ? made : Math.min(made + 1, this.calls.length - 1);
+    const returned = this.calls[made]?.instant ?? 0;
+    return position > returned ? Math.min(made + 1, this.calls.length - 1) : made;
   }
 
   private tick(now: number): void {
