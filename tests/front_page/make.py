@@ -1,4 +1,4 @@
-"""Writes the pictures of the README into docs/pictures: a scene being measured, and a report; light and dark.
+"""Writes the pictures of the README into docs/pictures: a scene being measured, a report, a film; light and dark.
 
 python -m tests.front_page.make [--run DIR]    with the report of a run that is there; else the run is played first
 
@@ -18,7 +18,7 @@ from PIL import Image
 from rich.console import Console
 
 from evaluator.records import Episode, GradeRecord
-from tests.builders.chromium import Page, chromium, installed
+from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.paths import DOCS
 from tests.front_page.episode import caption, played
 
@@ -46,13 +46,14 @@ def main() -> None:
     program = installed()
     if program is None:
         sys.exit("Chromium is not installed, so there are no pictures: apt-get install chromium")
-    with tempfile.TemporaryDirectory() as made, chromium(program, Path(made, "profile")) as page:
+    with tempfile.TemporaryDirectory() as made, chromium(program, Path(made, "profile"), *SOFTWARE_WEBGL) as page:
         folder = Path(made)
         episode, grade = played(folder / "episode")
         PICTURES.mkdir(exist_ok=True)
         _scene(page, episode, grade, folder / "scene.html")
         report = args.run or _played_study(folder / "study")
         _report(page, report / "report.html")
+        _film(page, folder / "film")
 
 
 def _played_study(folder: Path) -> Path:
@@ -76,6 +77,34 @@ def _report(page: Page, file: Path) -> None:
     _shoot(page, file, "report", REPORT_WIDTH, end, "The upper part of a report.")
 
 
+def _film(page: Page, folder: Path) -> None:
+    """A film of three boxes that one push has set in motion, in its report, in the middle of the step."""
+    for words in (
+        ["run", "--agent", "reference", "--scenes", "13", "--out", folder],
+        ["film", folder],
+        ["report", folder],
+    ):
+        subprocess.run([sys.executable, "-m", "evaluator", *words], check=True)
+    scrub = "document.querySelector('.film-controls input')"
+    for scheme in SCHEMES:
+        page.look(REPORT_WIDTH, scheme, scale=SCALE)
+        page.open(folder / "report.html", "#episode-1")
+        page.run("document.querySelector('#episode-1 .film > button').click()")
+        page.wait("document.querySelector('.film-box canvas') !== null")
+        page.run(f"{scrub}.value = 0.6 * {scrub}.max")
+        page.run(f"{scrub}.dispatchEvent(new Event('input'))")
+        page.run("document.activeElement.blur()")
+        page.run("document.querySelector('.film-panel').scrollIntoView({ block: 'center' })")
+        page.run("new Promise((drawn) => setTimeout(drawn, 1500))")
+        box = page.run("document.querySelector('.film-panel').getBoundingClientRect().toJSON()")
+        clip = {name: box[name] for name in ("x", "width", "height")} | {
+            "y": box["y"] + page.run("scrollY"),
+            "scale": 1,
+        }
+        found = page.send("Page.captureScreenshot", clip=clip)
+        _save(found["data"], "film", scheme, "A film of an episode in its report, with the calls beside it.")
+
+
 def _shoot(page: Page, file: Path, name: str, width: int, end: str, description: str) -> None:
     """Write the upper part of a page as NAME-light.webp and NAME-dark.webp, without loss.
 
@@ -93,11 +122,16 @@ def _shoot(page: Page, file: Path, name: str, width: int, end: str, description:
         page.open(file)
         clip = {"x": 0, "y": 0, "width": width, "height": page.run(end), "scale": 1}
         found = page.send("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
-        picture, exif = Image.open(io.BytesIO(base64.b64decode(found["data"]))), Image.Exif()
-        exif[DESCRIPTION] = description
-        target = PICTURES / f"{name}-{scheme}.webp"
-        picture.save(target, lossless=True, quality=100, method=6, exif=exif)
-        Console().print(f"{target}: {picture.width} × {picture.height}, {target.stat().st_size / 1000:.0f} kB")
+        _save(found["data"], name, scheme, description)
+
+
+def _save(data: str, name: str, scheme: str, description: str) -> None:
+    """Write a screenshot as NAME-SCHEME.webp, without loss."""
+    picture, exif = Image.open(io.BytesIO(base64.b64decode(data))), Image.Exif()
+    exif[DESCRIPTION] = description
+    target = PICTURES / f"{name}-{scheme}.webp"
+    picture.save(target, lossless=True, quality=100, method=6, exif=exif)
+    Console().print(f"{target}: {picture.width} × {picture.height}, {target.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":
