@@ -86,7 +86,7 @@ def test_its_report_names_its_scenes(stored: RunFolder, capsys: pytest.CaptureFi
 
 def test_the_pictures_of_its_packs_are_found_beside_them(stored: RunFolder, tmp_path: Path) -> None:
     packs = Path(shutil.copytree(PACKS, tmp_path / "packs"))
-    pictured = tmp_path / "docs" / "reference" / "scenes"
+    pictured = tmp_path / "docs" / "reference" / "scenes" / "small"
     pictured.mkdir(parents=True)
     for scene in SCENES[:2]:
         (pictured / f"scene{scene}.png").write_bytes(b"picture")
