@@ -34,15 +34,8 @@ from evaluator.episode.player import Briefing, Feedback, Reply, ToolDescription
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, ToolCall, Usage, Verdict, Versions
-from evaluator.study.selection import (
-    SUITE,
-    find_split,
-    parse_numbers,
-    parse_scenes,
-    scenes_in_split,
-    seeds_in_split,
-)
-from scenes import PackFiles, find_pack, pack_hash, read_pack
+from evaluator.study.selection import select
+from scenes import find_pack, pack_hash, read_pack
 
 EPISODE = "physment_episode"
 """Key of the episode record in the store of a sample."""
@@ -71,7 +64,7 @@ def physment(
     Raises:
         UsageError: A part is malformed or selects nothing.
     """
-    label, packs, numbers = _selected(split, _selection(scenes), _selection(seeds))
+    label, packs, numbers = select(split, _selection(scenes), _selection(seeds), None)
     keys = [
         EpisodeKey(scene=files.scene_id, seed=seed, agent="inspect", budget=budget, prompting=prompting)
         for files in packs
@@ -92,14 +85,6 @@ def _selection(value: str | int | list[str | int] | None) -> str | None:
     if value is None:
         return None
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _selected(name: str | None, scenes: str | None, seeds: str | None) -> tuple[str, list[PackFiles], tuple[int, ...]]:
-    """Name and version of the split, if there is one, with the packs and the seeds to be played."""
-    if name is None:
-        return "", parse_scenes(scenes or SUITE, None), parse_numbers(seeds or "0", "seeds", 0)
-    split = find_split(name)
-    return split.label, scenes_in_split(split, scenes, None), seeds_in_split(split, seeds)
 
 
 def _sample(key: EpisodeKey) -> Sample:

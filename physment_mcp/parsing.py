@@ -1,7 +1,7 @@
 """Parsing of expressions, by one thread at a time.
 
-Before 3.11.8, Python counts the depth of an expression that it parses for all threads together, and a thread that loses
-its turn in between, because objects are freed, finds another's count: `ast.parse` ends in a SystemError (gh-106905).
+Before 3.11.8, Python counts the nesting of an expression once for all threads. If two threads parse at the same time,
+`ast.parse` can end in a SystemError (gh-106905).
 """
 
 from threading import RLock

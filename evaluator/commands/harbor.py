@@ -12,15 +12,7 @@ from evaluator.errors import UsageError
 from evaluator.harbor.evidence import rewards
 from evaluator.harbor.rehearsal import rehearse
 from evaluator.harbor.tasks import write_task
-from evaluator.study.selection import (
-    SUITE,
-    USUAL_SEEDS,
-    find_split,
-    parse_numbers,
-    parse_scenes,
-    scenes_in_split,
-    seeds_in_split,
-)
+from evaluator.study.selection import USUAL_SEEDS, select
 
 _DESCRIPTION = """\
 Write variants as task folders of Harbor, or grade an episode that was played in one.
@@ -72,12 +64,7 @@ def add(commands: Commands) -> None:
 
 
 def _write(args: argparse.Namespace) -> int:
-    if args.split is None:
-        packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
-        seeds = parse_numbers(args.seeds or "0", "--seeds", 0)
-    else:
-        split = find_split(args.split)
-        packs, seeds = scenes_in_split(split, args.scenes, args.scenes_dir), seeds_in_split(split, args.seeds)
+    _, packs, seeds = select(args.split, args.scenes, args.seeds, args.scenes_dir)
     # Numbered, because the name of a folder must not tell the seed.
     variants = [
         (f"scene{files.scene_id}-{number}", files.scene_id, seed)

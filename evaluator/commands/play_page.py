@@ -51,6 +51,7 @@ async def play_on_page(
 
 
 async def _leave_when_signalled(page: PageState) -> None:
+    # Windows has no such receiver.
     with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
         async for _ in signals:
             page.leave()

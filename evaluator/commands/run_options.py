@@ -22,11 +22,10 @@ from evaluator.study.limits import Limits
 from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,
-    find_split,
+    Selected,
     parse_numbers,
     parse_scenes,
-    scenes_in_split,
-    seeds_in_split,
+    select,
 )
 from evaluator.study.shards import Shard, parse_shard, shard_of_environment
 from scenes import PackFiles
@@ -147,7 +146,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
     )
 
 
-def _selected(args: argparse.Namespace) -> tuple[str, tuple[PackFiles, ...], tuple[int, ...]]:
+def _selected(args: argparse.Namespace) -> Selected:
     """The split that is named, with the packs and the seeds that are to be played.
 
     Raises:
@@ -157,12 +156,8 @@ def _selected(args: argparse.Namespace) -> tuple[str, tuple[PackFiles, ...], tup
         if args.split not in {None, HELD_BACK}:
             raise UsageError(f"--seed-key: its seeds are those of the split {HELD_BACK}, not of {args.split}")
         packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
-        return HELD_BACK, tuple(packs), parse_numbers(args.seeds or f"0-{USUAL_SEEDS - 1}", "--seeds", 0)
-    if args.split is None:
-        packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
-        return "", tuple(packs), parse_numbers(args.seeds or "0", "--seeds", 0)
-    split = find_split(args.split)
-    return split.label, tuple(scenes_in_split(split, args.scenes, args.scenes_dir)), seeds_in_split(split, args.seeds)
+        return Selected(HELD_BACK, tuple(packs), parse_numbers(args.seeds or f"0-{USUAL_SEEDS - 1}", "--seeds", 0))
+    return select(args.split, args.scenes, args.seeds, args.scenes_dir)
 
 
 def add_options(run: argparse.ArgumentParser) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from evaluator.errors import UsageError
 from scenes import Category, PackError, PackFiles, Rung, list_packs, read_pack
@@ -11,6 +12,28 @@ SUITE = "all"
 """Selects every scene but the open worlds, which are a track of their own."""
 USUAL_SEEDS = 20
 """Seeds of a split that are played if `--seeds` names none."""
+
+
+class Selected(NamedTuple):
+    """What is to be played."""
+
+    split: str
+    """Name and version of the split; empty if none is named."""
+    packs: tuple[PackFiles, ...]
+    seeds: tuple[int, ...]
+
+
+def select(split: str | None, scenes: str | None, seeds: str | None, scenes_dir: Path | None) -> Selected:
+    """What `--split`, `--scenes` and `--seeds` select; without any, the suite at seed 0.
+
+    Raises:
+        UsageError: One is malformed, selects nothing or contradicts another one.
+    """
+    if split is None:
+        return Selected("", tuple(parse_scenes(scenes or SUITE, scenes_dir)), parse_numbers(seeds or "0", "--seeds", 0))
+    found = find_split(split)
+    packs = scenes_in_split(found, scenes, scenes_dir)
+    return Selected(found.label, tuple(packs), seeds_in_split(found, seeds))
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:

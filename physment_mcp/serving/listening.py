@@ -61,7 +61,7 @@ def serve(host: Host, address: str, port: int) -> None:
     """
     listener = listen(address, port)
     announce(listener)
-    PatientServer(_config(host)).run(sockets=[listener])
+    _run(PatientServer(_config(host)), [listener])
 
 
 def serve_passed(host: Host, source: socket.socket, ready: Callable[[], None]) -> None:
@@ -72,12 +72,20 @@ def serve_passed(host: Host, source: socket.socket, ready: Callable[[], None]) -
         source: Brings the connections.
         ready: Called when they are served.
     """
-    PassedServer(_config(host), source, ready).run(sockets=[])
+    _run(PassedServer(_config(host), source, ready), [])
+
+
+def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
+    """Serve until interrupted, and look for garbage only in what was made since the start.
+
+    A search in all modules takes 30 to 70 ms, for which every episode would wait.
+    """
+    gc.collect()
+    gc.freeze()
+    server.run(sockets)
 
 
 def _config(host: Host) -> uvicorn.Config:
-    gc.collect()
-    gc.freeze()  # a search for cycles in all modules takes 30 to 70 ms, for which every episode would wait
     workers = 1 if host.worker is None else host.worker.count
     most = (_CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS) // workers
     return uvicorn.Config(
