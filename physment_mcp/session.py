@@ -33,6 +33,16 @@ MAX_CREATED = 64
 _PUBLIC = Permissions(
     geom_type=True, geom_density=True, body_mass=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True
 )
+_PERMISSION: dict[Attribute, str] = {
+    "type": "geom_type",
+    "density": "geom_density",
+    "position": "body_pos",
+    "orientation": "body_quat",
+    "angle": "angle",
+    "velocity": "velocity",
+    "spin": "spin",
+}
+"""Attribute → the field of `Permissions` that alone decides whether it is read."""
 _UNLIMITED = LabLimits()
 
 
@@ -185,15 +195,7 @@ class Session:
             case "mass":
                 return may.body_mass or (may.geom_density and self.may_read(item, "size"))
             case _:
-                return {
-                    "type": may.geom_type,
-                    "density": may.geom_density,
-                    "position": may.body_pos,
-                    "orientation": may.body_quat,
-                    "angle": may.angle,
-                    "velocity": may.velocity,
-                    "spin": may.spin is True,
-                }[attribute]
+                return getattr(may, _PERMISSION[attribute]) is True
 
     def _is_ball(self, item: LabObject) -> bool:
         """Whether its size follows from its radius and the other way round."""

@@ -50,8 +50,10 @@ logger = logging.getLogger(__name__)
 
 MAX_BODY = 64_000
 """Largest accepted request body [bytes]: three times the largest call that a tool looks at."""
-_SESSIONS = 1000
-"""Most sessions that an episode may have open [about 40 kB each]: one for each call of a client that ends none."""
+_SESSIONS = 200
+"""Most sessions that an episode may have open: one for each call of a client that ends none.
+
+Each takes about 40 kB, and 120 objects among which the garbage collector searches while all episodes wait."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for expired episodes [s]."""
 _GONE = (

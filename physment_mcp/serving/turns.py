@@ -5,6 +5,7 @@ long step, which runs in a thread, would compete with every request of others fo
 """
 
 import contextlib
+import math
 import time
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from typing import Any
@@ -13,14 +14,20 @@ import anyio
 
 PATIENCE_S = 0.02
 """Longest wall time that a request waits for the one before it [s]. That one may be a long step, which runs in a
-thread, and the request that waits may cancel it. A step that has taken so long gives way to other episodes."""
+thread, and the request that waits may cancel it. An episode that has stepped for so long gives way to others."""
+_REGAINED = 0.1
+"""Part of all wall time that an episode may step without giving way. Whoever breaks steps off thus gains nothing."""
+_MOST_SPENT_S = 1.0
+"""Most wall time of steps that is held against an episode [s]."""
 _AT_ONCE = 8
 """Most requests of an episode that are served at the same time, because each of them waits for something."""
 WAITS = 2.0
 """Longest wait of a long step for other episodes, as a multiple of the wall time that its last piece took. This bounds
 what many busy episodes can do to it."""
-_BRIEF_S = 0.005
+_BRIEF_S = 0.002
 """Wall time of a piece of a long step while other episodes are served [s]: such a piece delays them little."""
+_QUIET_S = 0.1
+"""Wall time without requests of other episodes after which pieces are as long as usual [s]."""
 
 
 class Traffic:
@@ -28,23 +35,30 @@ class Traffic:
 
     def __init__(self) -> None:
         """No episode is being served."""
-        self.begun = 0
-        """Requests so far."""
         self._served: set[object] = set()
         self._quiet = anyio.Event()
+        self._last: object = None
+        """The episode of the latest request."""
+        self._last_at = self._others_at = -math.inf
 
     def begin(self, episode: object) -> None:
         """A request of an episode is being served."""
         if not self._served:
             self._quiet = anyio.Event()
         self._served.add(episode)
-        self.begun += 1
+        if episode is not self._last:
+            self._last, self._others_at = episode, self._last_at
+        self._last_at = time.monotonic()
 
     def end(self, episode: object) -> None:
         """It no longer is, or it has taken long."""
         self._served.discard(episode)
         if not self._served:
             self._quiet.set()
+
+    def last_besides(self, episode: object) -> float:
+        """When the latest request of another episode began, by the monotonic clock [s]."""
+        return self._others_at if episode is self._last else self._last_at
 
     async def quiet(self) -> None:
         """Wait until no episode is being served."""
@@ -55,18 +69,25 @@ class Traffic:
 class Turns:
     """The turns of the requests of one episode."""
 
-    def __init__(self, traffic: Traffic | None = None, patience_s: float = PATIENCE_S) -> None:
+    def __init__(
+        self, traffic: Traffic | None = None, patience_s: float = PATIENCE_S, quiet_s: float = _QUIET_S
+    ) -> None:
         """Set up.
 
         Args:
             traffic: Shared by the episodes of a host; None for an episode alone.
             patience_s: As `PATIENCE_S`.
+            quiet_s: As `_QUIET_S`.
         """
         self._traffic = Traffic() if traffic is None else traffic
         self._patience_s = patience_s
+        self._quiet_s = quiet_s
         # Fast: a request that need not wait costs no turn of the event loop, which one for every message would.
         self._places = anyio.Semaphore(_AT_ONCE, fast_acquire=True)
         self._turn = anyio.Semaphore(1, fast_acquire=True)
+        self._spent_s = 0.0
+        """Wall time of the pieces of its steps, less what it has regained since."""
+        self._spent_at = time.monotonic()
 
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncGenerator[None]:
@@ -93,20 +114,26 @@ class Turns:
         Args:
             at_most: As `WAITS`.
         """
-        began_at = resumed_at = time.monotonic()
-        begun = self._traffic.begun
+        resumed_at = time.monotonic()
 
         async def give_way() -> float | None:
-            nonlocal resumed_at, begun
+            nonlocal resumed_at
             now = time.monotonic()
-            if now - began_at < self._patience_s:
+            piece_s = now - resumed_at
+            if self._spend(piece_s, now) < self._patience_s:
                 resumed_at = now
                 return None
             self._traffic.end(self)
-            with anyio.move_on_after(at_most * (now - resumed_at)) as waiting:
+            with anyio.move_on_after(at_most * piece_s) as waiting:
                 await self._traffic.quiet()
-            alone = begun == self._traffic.begun and not waiting.cancelled_caught
-            resumed_at, begun = time.monotonic(), self._traffic.begun
+            resumed_at = time.monotonic()
+            alone = resumed_at - self._traffic.last_besides(self) > self._quiet_s and not waiting.cancelled_caught
             return None if alone else _BRIEF_S
 
         return give_way
+
+    def _spend(self, piece_s: float, now: float) -> float:
+        """Count a piece; returns the wall time that the episode has spent [s]."""
+        kept = max(0.0, self._spent_s - _REGAINED * (now - self._spent_at))
+        self._spent_s, self._spent_at = min(kept + piece_s, _MOST_SPENT_S), now
+        return self._spent_s

@@ -1,7 +1,7 @@
 """The only entrance to the tools: a name and raw arguments in, a result out, or a refusal that changed nothing."""
 
 from collections.abc import Awaitable, Callable, Generator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import Any
 
 import anyio.lowlevel
@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from physment_mcp.errors import BadArgument, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
-from physment_mcp.tools.base import Pieces, Progress
+from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
 from physment_mcp.tools.bounds import excess
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
@@ -35,7 +35,11 @@ def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:
     Raises:
         RefusedCall: The call was refused; state, clock, loads and model are as before.
     """
-    with _begun(session, name, arguments) as work:
+    tool, checked = _checked(session, name, arguments)
+    if tool.reads_only:
+        return _read(session, tool, checked)
+    with _all_or_nothing(session, tool):
+        work = tool.run(session, checked)
         if isinstance(work, Result):
             return work
         while isinstance(made := _next(work), Progress):
@@ -51,7 +55,11 @@ async def call_async(
     Raises:
         RefusedCall: As for `call`.
     """
-    with _begun(session, name, arguments) as work:
+    tool, checked = _checked(session, name, arguments)
+    if tool.reads_only:
+        return _read(session, tool, checked)
+    with _all_or_nothing(session, tool):
+        work = tool.run(session, checked)
         if isinstance(work, Result):
             return work
         made = _next(work)
@@ -68,9 +76,8 @@ async def call_async(
         return made
 
 
-@contextmanager
-def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[Result | Pieces]:
-    """The result of a call, or its pieces still to do; the call is undone if it or the block fails."""
+def _checked(session: Session, name: str, arguments: dict[str, Any]) -> tuple[Tool[Any], Arguments]:
+    """Count a call, and check all that can be known before it runs."""
     session.check_open()
     session.count_call(answers=name == ANSWER.name)
     too_large = excess(name, arguments)
@@ -81,14 +88,32 @@ def _begun(session: Session, name: str, arguments: dict[str, Any]) -> Generator[
         raise BadArgument(f"there is no tool {quoted(name)}; the tools are {', '.join(_BY_NAME)}")
     if name in session.scene.public.disabled_tools:
         raise NotAvailable(f"{name} is not available in this scene")
-    checked = tool.parse(arguments)
-    # A tool that only reads changes nothing that could be restored.
-    with nullcontext() if tool.reads_only else session.all_or_nothing():
+    return tool, tool.parse(arguments)
+
+
+def _read(session: Session, tool: Tool[Any], checked: Arguments) -> Result:
+    """The result of a tool that only reads, so nothing has to be restored if it fails."""
+    try:
+        made = tool.run(session, checked)
+    except ValidationError:
+        raise _not_finite(tool) from None
+    assert isinstance(made, Result)
+    return made
+
+
+@contextmanager
+def _all_or_nothing(session: Session, tool: Tool[Any]) -> Generator[None]:
+    """Undo the call of a tool if the block fails or is cancelled."""
+    with session.all_or_nothing():
         try:
-            yield tool.run(session, checked)
+            yield
         except ValidationError:
-            # The only values a result model can refuse are NaN and infinities.
-            raise Unstable(f"{name}: the result is not a finite number, so the call was rolled back") from None
+            raise _not_finite(tool) from None
+
+
+def _not_finite(tool: Tool[Any]) -> Unstable:
+    # The only values a result model can refuse are NaN and infinities.
+    return Unstable(f"{tool.name}: the result is not a finite number, so the call was rolled back")
 
 
 def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:

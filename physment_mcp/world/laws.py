@@ -21,11 +21,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import mujoco
-import numpy as np
 
 from physment_mcp.errors import SceneError
 from physment_mcp.world.engines import passive_forces_act
 from physment_mcp.world.expressions import ExpressionError, Formulas
+from physment_mcp.world.inside import Addresses, add_passive_force, body_velocity
 from physment_mcp.world.readings import only_hinge
 
 TEXT = "laws"
@@ -40,7 +40,6 @@ _PLACE = ("x", "y", "z")
 _MOTION = ("wx", "wy", "wz", "vx", "vy", "vz")
 """In the order of `mj_objectVelocity`."""
 _HINGE = ("angle", "spin")
-_BODY = int(mujoco.mjtObj.mjOBJ_BODY)
 _ZERO = ("0", "0", "0")
 
 
@@ -65,6 +64,8 @@ class _Source(NamedTuple):
     """What a law reads of one body."""
 
     body: int
+    massive: bool
+    """Whether it has a centre of mass; a marker, for example, has none."""
     place: bool
     motion: bool
     hinge: tuple[int, int] | None
@@ -93,43 +94,44 @@ class BoundLaw:
         for prefix, body in bodies.items():
             groups = [[prefix + name for name in group] for group in (_PLACE, _MOTION, _HINGE)]
             place, motion, hinge = (not self._formulas.used.isdisjoint(group) for group in groups)
-            self._sources.append(_Source(body, place, motion, hinges[prefix] if hinge else None))
+            self._sources.append(
+                _Source(body, float(model.body_mass[body]) > 0, place, motion, hinges[prefix] if hinge else None)
+            )
             for group, needed in zip(groups, (place, motion, hinge), strict=True):
                 self._arguments += group if needed else []
         self._function = self._formulas.function(self._arguments)
 
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Add the law's force to the passive forces.
+    def act(self, at: Addresses, data: mujoco.MjData) -> None:
+        """Add the law's force to the passive forces. Safe inside a call of the engine.
+
+        Args:
+            at: Addresses of the model and of `data`.
+            data: Of the model, with positions and velocities up to date.
 
         Raises:
             ArithmeticError: It has no value in this state.
             ValueError: As above.
-
-        Source: MuJoCo `mj_applyFT`, `qfrc_passive`.
         """
-        load = np.array(self._function(*self._state(model, data)), dtype=np.float64)
-        force, torque = load[:3], load[3:]
-        mujoco.mj_applyFT(model, data, force, torque, data.xipos[self._body], self._body, data.qfrc_passive)
+        load = self._function(*self._state(at, data))
+        add_passive_force(at, data, self._body, load)
         if self._reaction is not None:
-            point = data.xipos[self._reaction]
-            mujoco.mj_applyFT(model, data, -force, np.zeros(3), point, self._reaction, data.qfrc_passive)
+            x, y, z = load[:3]
+            add_passive_force(at, data, self._reaction, (-x, -y, -z, 0.0, 0.0, 0.0))
 
     def fault(self, model: mujoco.MjModel, data: mujoco.MjData) -> str | None:
         """The field that has no finite value in this state, and why."""
-        return self._formulas.fault(self._arguments, self._state(model, data))
+        return self._formulas.fault(self._arguments, self._state(Addresses.of(model, data), data))
 
-    def _state(self, model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+    def _state(self, at: Addresses, data: mujoco.MjData) -> list[float]:
         """Values of the arguments, as Python's floats: with those of numpy, a division by zero would raise nothing."""
         values = [float(data.time)]
         for source in self._sources:
             if source.place:
-                # The engine gives no meaning to the centre of mass of a body without mass, such as a marker.
-                places = data.xipos if model.body_mass[source.body] > 0 else data.xpos
+                # The engine gives no meaning to the centre of mass of a body without mass.
+                places = data.xipos if source.massive else data.xpos
                 values += places[source.body].tolist()
             if source.motion:
-                velocity = np.zeros(6)
-                mujoco.mj_objectVelocity(model, data, _BODY, source.body, velocity, 0)
-                values += velocity.tolist()
+                values += body_velocity(at, source.body)
             if source.hinge is not None:
                 values += (data.qpos.item(source.hinge[0]), data.qvel.item(source.hinge[1]))
         return values

@@ -12,6 +12,7 @@ import weakref
 import mujoco
 import numpy as np
 
+from physment_mcp.world.inside import Addresses
 from physment_mcp.world.laws import BoundLaw
 
 _LAWS: dict[int, tuple[BoundLaw, ...]] = {}
@@ -29,11 +30,11 @@ def _add_laws(model_address: int, data_address: int) -> None:
     laws = _LAWS.get(model_address)
     if laws is None:
         return
-    data = _DATA[data_address]
+    data, at = _DATA[data_address], Addresses(model_address, data_address)
     acted = False
     try:
         for law in laws:
-            law.act(data.model, data)
+            law.act(at, data)
         acted = True
     except (ArithmeticError, ValueError):
         return

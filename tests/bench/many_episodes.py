@@ -1,7 +1,8 @@
 """Many conversations at a time on one machine: wall time relative to the ideal, and processor time per turn.
 
 The agent simulates a model: it waits for a fixed time, then calls two tools, and answers in its last turn. The ideal is
-the sum of the waiting times. The whole command `physment-eval run` is timed, with its start and its records:
+the sum of the waiting times of one. The conversations are timed, from the opening of the first to the end of the last,
+and so is the whole command `physment-eval run`, with its start, the grades and the report:
 python -m tests.bench.many_episodes [--episodes N] [--turns N] [--thinking S] [--workers N]
 """
 
@@ -13,6 +14,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import anyio
@@ -80,14 +82,18 @@ def main() -> None:
         wall = time.perf_counter() - clock
         if done.returncode not in (0, 1):  # 1: wrong answers, as here
             sys.exit(done.stderr)
-        episodes = RunFolder(out).episodes().values()
+        episodes = list(RunFolder(out).episodes().values())
         answered = sum(episode.outcome is Outcome.ANSWERED for episode in episodes)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    began = [(datetime.fromisoformat(episode.started_at), episode.duration_s) for episode in episodes]
+    ended = max(start + timedelta(seconds=duration_s) for start, duration_s in began)
+    talking = (ended - min(began)[0]).total_seconds()
     ideal, all_turns = options.turns * options.thinking, options.episodes * options.turns
     print(
         f"{answered} of {options.episodes} episodes answered by {options.workers} processes, {options.turns} turns each"
     )
-    print(f"wall time {wall:.1f} s, ideal {ideal:.1f} s: {wall / ideal:.3f} ×")
+    print(f"conversations {talking:.1f} s, ideal {ideal:.1f} s: {talking / ideal:.3f} ×")
+    print(f"whole command {wall:.1f} s: {wall / ideal:.3f} ×")
     print(f"processor time per turn, all processes: {(used.ru_utime + used.ru_stime) / all_turns * 1e3:.2f} ms")
 
 

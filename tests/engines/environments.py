@@ -21,6 +21,11 @@ def without_engine(lock: str) -> str:
     return re.sub(r"^mujoco==.*\n(?:[ \t]+.*\n)*", "", lock, flags=re.MULTILINE)
 
 
+def versions_of(lock: str) -> str:
+    """The packages of a lock file with their versions, each with the Pythons for which it is meant, without hashes."""
+    return "".join(f"{line.strip()}\n" for line in re.findall(r"^[\w.-]+==[^\\\n]+", lock, flags=re.MULTILINE))
+
+
 def environment_of(engine: str, python: str) -> Path:
     """The interpreter of an environment with an engine, which is created if it is missing or older than the lock.
 
@@ -44,7 +49,7 @@ def environment_of(engine: str, python: str) -> Path:
     _run(*pip, "--no-deps", "--require-hashes", "-r", str(locked))
     # Without a constraint pip could exchange locked packages for those that the engine would like better.
     versions = folder / "constraints.txt"
-    versions.write_text("\n".join(re.findall(r"^[\w.-]+==[^\s\\]+", locked.read_text(encoding="utf-8"), re.MULTILINE)))
+    versions.write_text(versions_of(locked.read_text(encoding="utf-8")), encoding="utf-8")
     _run(*pip, "-c", str(versions), f"mujoco=={engine}")
     # The package declares the engine on which it is certified, and the Pythons on which it was tried.
     _run(*pip, "--no-deps", "--no-build-isolation", "--ignore-requires-python", "-e", str(ROOT))

@@ -106,13 +106,16 @@ def main(argv: Sequence[str]) -> int:
     options = ["--seeds", args.seeds, "--jobs", args.jobs, *(["--scenes", args.scenes] if args.scenes else [])]
     rows: list[Row] = []
     base: Mapping[int, Found] = {}
-    for engine in (version("mujoco"), *args.engines):
-        begun, found = monotonic(), list[Found]()
+    pythons: dict[str, str | Path] = {version("mujoco"): sys.executable}
+    for engine in args.engines:
         try:
-            python = environment_of(engine, args.python) if base else sys.executable
+            with console.status(f"installing MuJoCo {engine}"):
+                pythons[engine] = environment_of(engine, args.python)
         except CannotInstall as error:
             console.print(f"MuJoCo {engine} cannot be installed: {error}", style="red", markup=False, soft_wrap=True)
             return 1
+    for engine, python in pythons.items():
+        begun, found = monotonic(), list[Found]()
         with console.status(f"MuJoCo {engine}") as status:
             for one in measure(python, options):
                 found.append(one)

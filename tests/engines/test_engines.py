@@ -7,7 +7,7 @@ import pytest
 
 from evaluator.certify.subject import Subject
 from scenes import find_pack
-from tests.engines.environments import LOCK, without_engine
+from tests.engines.environments import LOCK, versions_of, without_engine
 from tests.engines.measuring import measured
 from tests.engines.run import other_key, row_of
 
@@ -18,6 +18,17 @@ def test_an_environment_has_all_locked_packages_but_the_engine() -> None:
     rest = without_engine(lock)
     assert set(names.findall(lock)) - set(names.findall(rest)) == {"mujoco"}
     assert len(lock.splitlines()) - len(rest.splitlines()) > 2  # its hashes are gone too
+
+
+def test_a_package_that_is_locked_twice_keeps_the_pythons_of_each_version() -> None:
+    lock = (
+        "numpy==1.0 ; python_version < '3.12' \\\n    --hash=sha256:0\nnumpy==2.0 ; python_version >= '3.12'\npip==3\n"
+    )
+    assert versions_of(lock).splitlines() == [
+        "numpy==1.0 ; python_version < '3.12'",
+        "numpy==2.0 ; python_version >= '3.12'",
+        "pip==3",
+    ]
 
 
 def test_the_locked_engine_gives_the_stored_key_and_the_reference_finds_it() -> None:

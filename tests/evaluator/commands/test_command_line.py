@@ -203,6 +203,12 @@ def _keys(folder: Path) -> list[tuple[int, int]]:
     return [(key["scene"], key["seed"]) for key in (json.loads(line)["key"] for line in lines)]
 
 
+def _heed_signals() -> None:
+    """Undo what nohup and scripts do to what they start in their background: it ignores these signals."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def _start_and_stop(
     tmp_path: Path, server: str, how: signal.Signals, after: int, *more: str, background: bool = False
 ) -> int:
@@ -225,7 +231,7 @@ def _start_and_stop(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # noqa: PLW1509 - ignored under nohup
+        preexec_fn=_heed_signals,  # noqa: PLW1509 - no threads are started before it
     ) as process:
         assert process.stdout is not None
         for _ in range(after):

@@ -59,7 +59,12 @@ def test_an_interrupted_verify_keeps_what_it_has_proven(packs: Path) -> None:
     words = ("verify", "--scenes-dir", str(packs), "--seeds", "400", "--jobs", "2")
     edit(packs / "Scene7" / "solution.py", "yield [answer", "yield [answer[")  # certified at once: it cannot be read
     with subprocess.Popen(
-        [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*COMMAND, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - ignored in a background
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("[1/2] scene 7: NOT SOUND")

@@ -1,10 +1,13 @@
 """The requests of one episode are served one after another, but none waits long for one that takes long."""
 
 import math
+from types import SimpleNamespace
 
 import anyio
+import pytest
 from anyio.abc import TaskStatus
 
+from physment_mcp.serving import turns as turns_module
 from physment_mcp.serving.turns import Traffic, Turns
 
 
@@ -86,7 +89,7 @@ async def serving(turns: Turns, *, task_status: TaskStatus[anyio.Event]) -> None
 
 async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_brief_pieces() -> None:
     traffic = Traffic()
-    long, other = Turns(traffic, patience_s=0), Turns(traffic)
+    long, other = Turns(traffic, patience_s=0, quiet_s=1e9), Turns(traffic)
     resumed: list[float | None] = []
 
     async def give_way() -> None:
@@ -105,7 +108,35 @@ async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_br
             await anyio.wait_all_tasks_blocked()
             assert resumed[1] is not None
             await give_way()
-            assert resumed[2] is None
+            assert resumed[2] is not None
+
+
+async def test_pieces_are_as_long_as_usual_again_when_others_have_made_no_requests_for_a_while() -> None:
+    traffic = Traffic()
+    long, other = Turns(traffic, patience_s=0, quiet_s=0), Turns(traffic)
+    async with long.turn():
+        async with other.turn():
+            pass
+        assert await long.giving_way(at_most=1e9)() is None
+
+
+async def test_whoever_breaks_off_long_calls_gives_way_in_the_next_until_it_has_regained_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 0.0
+    monkeypatch.setattr(turns_module, "time", SimpleNamespace(monotonic=lambda: now))
+    traffic = Traffic()
+    episode, other = Turns(traffic, patience_s=0.02, quiet_s=1e9), Turns(traffic)
+    async with other.turn():
+        pass
+    resumed: list[float | None] = []
+    for pause_s in (0.0, 0.0, 0.0, 1.0):
+        now += pause_s
+        async with episode.turn():
+            give_way = episode.giving_way()
+            now += 0.012
+            resumed.append(await give_way())
+    assert [piece_s is None for piece_s in resumed] == [True, False, False, True]
 
 
 async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_not_stop_them() -> None:

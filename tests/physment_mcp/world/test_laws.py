@@ -345,6 +345,33 @@ world.step(10)
 """
 
 
+_WHERE_THE_ENGINE_GIVES_UP = """
+from physment_mcp.errors import Unstable
+from physment_mcp.world import World
+
+law = '[{"on": "b0", "constants": {"c": 0.001}, "force": ["-c*vx", "0", "0"]}]'
+boxes = "".join(
+    f"<body name='b{i}' pos='{0.15 * i} 0 {0.6 + 0.4 * i}'><freejoint/><geom type='box' size='.1 .1 .13'/></body>"
+    for i in range(6)
+)
+world = World(
+    f"<mujoco><size memory='30K'/><custom><text name='laws' data='{law}'/></custom>"
+    f"<worldbody><geom type='plane' size='5 5 .1'/>{boxes}</worldbody></mujoco>"
+)
+try:
+    world.step(2000)
+except Unstable:
+    print(f"refused at {world.time}")
+"""
+"""A model with a law whose memory is too small for its contacts: the engine ends such a step with an error."""
+
+
+def test_an_error_of_the_engine_in_a_step_with_laws_is_a_refusal_and_not_the_end_of_the_process() -> None:
+    words = [sys.executable, "-c", _WHERE_THE_ENGINE_GIVES_UP]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "refused at 0.0\n")
+
+
 def test_the_engine_calls_us_only_while_a_world_with_laws_lives() -> None:
     """In a process of its own, because worlds of other tests may live in this one."""
     worlds = [model(PAIR), model(PAIR, BOND), model(CART, {"on": "cart", "force": ["1/x", "0", "0"]})]

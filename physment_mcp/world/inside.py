@@ -1,0 +1,67 @@
+"""Functions of the engine that may be called while the engine is at work, as from its callback for passive forces.
+
+The functions of the Python package `mujoco` catch errors of the engine with a handler that each of them sets when it
+begins and removes when it ends. Such a function within another one removes the handler of the outer one, and an error
+of the engine after that would end the process. Here the same C functions are called without it.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import mujoco
+
+_FILES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
+"""Names of the engine's library on Linux, macOS and Windows."""
+_BODY = int(mujoco.mjtObj.mjOBJ_BODY)
+_POINTER, _INT = ctypes.c_void_p, ctypes.c_int
+_Six = ctypes.c_double * 6
+_TORQUE = 3 * ctypes.sizeof(ctypes.c_double)
+"""Where the torque begins in six numbers [bytes]."""
+_numbers_of = (ctypes.c_double * 0).from_buffer
+"""Where the numbers of a numpy array are, also of an empty one; in a third of the time of `array.ctypes`."""
+
+
+def _library() -> ctypes.PyDLL:
+    """The engine's library, which is loaded already; its functions keep the interpreter's lock, as they are brief."""
+    folder = Path(mujoco.__file__).parent
+    return ctypes.PyDLL(str(next(file for name in _FILES for file in sorted(folder.glob(name)))))
+
+
+_ENGINE = _library()
+_OBJECT_VELOCITY, _APPLY_FT = _ENGINE.mj_objectVelocity, _ENGINE.mj_applyFT
+_OBJECT_VELOCITY.argtypes = (_POINTER, _POINTER, _INT, _INT, _POINTER, _INT)
+_APPLY_FT.argtypes = (_POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _INT, _POINTER)
+_OBJECT_VELOCITY.restype = _APPLY_FT.restype = None
+
+
+class Addresses(NamedTuple):
+    """Where a model and its data are, as the engine gives them to a callback."""
+
+    model: int
+    data: int
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
+        """Those of Python objects."""
+        return cls(model._address, data._address)  # noqa: SLF001 - what the engine gives to a callback
+
+
+def body_velocity(at: Addresses, body: int) -> list[float]:
+    """Motion of a body at its centre of mass, world axes: rotation first (6,) [rad/s, m/s].
+
+    Source: MuJoCo `mj_objectVelocity`.
+    """
+    velocity = _Six()
+    _OBJECT_VELOCITY(at.model, at.data, _BODY, body, velocity, 0)
+    return velocity[:]
+
+
+def add_passive_force(at: Addresses, data: mujoco.MjData, body: int, load: Sequence[float]) -> None:
+    """Add a force [N] at the centre of mass of a body and a torque [N·m] (6,), world axes, to the passive forces.
+
+    Source: MuJoCo `mj_applyFT`, `qfrc_passive`.
+    """
+    force, point, sums = _Six(*load), _numbers_of(data.xipos[body]), _numbers_of(data.qfrc_passive)
+    _APPLY_FT(at.model, at.data, force, ctypes.byref(force, _TORQUE), point, body, sums)
