@@ -148,6 +148,15 @@ async def test_a_result_that_is_not_finite_is_refused() -> None:
         assert "rolled back" in await lab.refused("get_kinetic_energy", object_id=1, mass=1)
 
 
+async def test_a_result_that_is_not_finite_is_refused_by_a_tool_that_may_change_something() -> None:
+    lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "0.19 0 5"))
+    for name, speed in (("object_1", 1.5e308), ("object_2", -1.5e308)):
+        lab.session.world.set_velocity(name, np.array([speed, 0, 0]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        told = await lab.refused("detect_collision", obj1_id=1, obj2_id=2, elastic_response=False)
+    assert told == "detect_collision: the result is not a finite number, so the call was rolled back"
+
+
 async def test_limits_of_force_and_speed_do_not_break_the_world() -> None:
     lab = open_bench(
         ball_mjcf(1, "0 0 5", mass=1e-3) + '<body name="object_2"><geom type="plane" size="9 9 1"/></body>'
