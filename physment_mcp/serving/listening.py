@@ -11,12 +11,13 @@ import json
 import logging
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from typing import Any
 
 import anyio
 import uvicorn
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
+from uvicorn.protocols.http.flow_control import FlowControl
 
 from physment_mcp.serving.connections import REQUEST_S, Connections
 from physment_mcp.serving.host import Host
@@ -36,9 +37,9 @@ _ACCEPTED_AT_ONCE = 8
 _WAITING = 1024
 """Connections that may wait to be accepted."""
 
-_NEW_OBJECTS = (2_000, 5, 10)
+_NEW_OBJECTS = (2_000, 5, 50)
 """Thresholds of the garbage collector: it looks at so many objects at once, which takes 1 to 2 ms, at the survivors of
-five times so many (5 ms), and at all after ten times as many again, if they have become more by a quarter."""
+five times so many (5 ms), and at all after fifty times as many again, if they have become more by a quarter."""
 _M_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 """The parameter of glibc's `mallopt`, and the size from which memory is a mapping of its own [bytes]."""
 
@@ -184,6 +185,23 @@ def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> 
     return type("HostProtocol", (_BoundedProtocol,), {"open_connections": connections, "request_s": request_s})
 
 
+class _Reading(FlowControl):
+    """Reads no more of a connection while requests that were read wait for their turn.
+
+    uvicorn reads on whenever the application awaits a part of a request, so that all requests of the connection, which
+    may be thousands, would be parsed and kept.
+    """
+
+    def __init__(self, transport: asyncio.Transport, waiting: Sized) -> None:
+        super().__init__(transport)
+        self._waiting = waiting
+
+    def resume_reading(self) -> None:
+        """Read, unless requests wait."""
+        if not self._waiting:
+            super().resume_reading()
+
+
 class _BoundedProtocol(AutoHTTPProtocol):
     """One connection."""
 
@@ -202,6 +220,9 @@ class _BoundedProtocol(AutoHTTPProtocol):
         with contextlib.suppress(AttributeError):  # other event loops than asyncio's read as much as they like
             transport.max_size = _READ
         super().connection_made(transport)
+        waiting = getattr(self, "pipeline", None)  # uvicorn's other parser, h11, stops by itself
+        if waiting is not None:
+            self.flow = _Reading(transport, waiting)
         if self.open_connections.enter(address):
             self._address = address
             self._wait()

@@ -12,9 +12,12 @@ from typing import Any
 
 import anyio
 
-PATIENCE_S = 0.02
-"""Longest wall time that a request waits for the one before it [s]. That one may be a long step, which runs in a
-thread, and the request that waits may cancel it. An episode that has stepped for so long gives way to others."""
+PATIENCE_S = 0.1
+"""Longest wall time that a request waits for the one before it [s]. On a busy host a brief request takes a third of it:
+if the next did not wait for its end, many of an episode would be served side by side, each slower than before."""
+_ALLOWED_S = 0.02
+"""Wall time after which a step lets the next request of its episode in, because that may cancel it; and wall time that
+an episode may step before it gives way to others [s]."""
 _REGAINED = 0.1
 """Part of all wall time that an episode may step without giving way. Whoever breaks steps off thus gains nothing."""
 _MOST_SPENT_S = 1.0
@@ -70,21 +73,29 @@ class Turns:
     """The turns of the requests of one episode."""
 
     def __init__(
-        self, traffic: Traffic | None = None, patience_s: float = PATIENCE_S, quiet_s: float = _QUIET_S
+        self,
+        traffic: Traffic | None = None,
+        patience_s: float = PATIENCE_S,
+        allowed_s: float = _ALLOWED_S,
+        quiet_s: float = _QUIET_S,
     ) -> None:
         """Set up.
 
         Args:
             traffic: Shared by the episodes of a host; None for an episode alone.
             patience_s: As `PATIENCE_S`.
+            allowed_s: As `_ALLOWED_S`.
             quiet_s: As `_QUIET_S`.
         """
         self._traffic = Traffic() if traffic is None else traffic
         self._patience_s = patience_s
+        self._allowed_s = allowed_s
         self._quiet_s = quiet_s
         # Fast: a request that need not wait costs no turn of the event loop, which one for every message would.
         self._places = anyio.Semaphore(_AT_ONCE, fast_acquire=True)
         self._turn = anyio.Semaphore(1, fast_acquire=True)
+        self._holder: object = None
+        """Stands for the request that has the turn; None while it is free."""
         self._spent_s = 0.0
         """Wall time of the pieces of its steps, less what it has regained since."""
         self._spent_at = time.monotonic()
@@ -93,10 +104,11 @@ class Turns:
     async def turn(self) -> AsyncGenerator[None]:
         """Wait for a turn. It begins when the request before ends, or when that one has taken long."""
         async with self._places:
-            alone = False
+            request = object()
             with anyio.move_on_after(self._patience_s):
                 await self._turn.acquire()
-                alone = True
+                self._holder = request
+            alone = self._holder is request
             if alone:
                 self._traffic.begin(self)
             try:
@@ -104,30 +116,38 @@ class Turns:
             finally:
                 if alone:
                     self._traffic.end(self)
-                    self._turn.release()
+                if self._holder is request:
+                    self._let_next_in()
+
+    def _let_next_in(self) -> None:
+        if self._holder is not None:
+            self._holder = None
+            self._turn.release()
 
     def giving_way(self, at_most: float = WAITS) -> Callable[[], Coroutine[Any, Any, float | None]]:
-        """What a call that works in pieces awaits before each: if the call takes long, it waits for other episodes.
+        """What a call that works in pieces awaits before each: it lets others go first, if it takes long.
 
         It returns the wall time that the next piece may take [s]; None for the usual.
 
         Args:
             at_most: As `WAITS`.
         """
-        resumed_at = time.monotonic()
+        began_at = resumed_at = time.monotonic()
 
         async def give_way() -> float | None:
             nonlocal resumed_at
             now = time.monotonic()
             piece_s = now - resumed_at
-            if self._spend(piece_s, now) < self._patience_s:
-                resumed_at = now
-                return None
-            self._traffic.end(self)
-            with anyio.move_on_after(at_most * piece_s) as waiting:
-                await self._traffic.quiet()
+            if now - began_at >= self._allowed_s:
+                self._let_next_in()
+            in_vain = False
+            if self._spend(piece_s, now) >= self._allowed_s:
+                self._traffic.end(self)
+                with anyio.move_on_after(at_most * piece_s) as waiting:
+                    await self._traffic.quiet()
+                in_vain = waiting.cancelled_caught
             resumed_at = time.monotonic()
-            alone = resumed_at - self._traffic.last_besides(self) > self._quiet_s and not waiting.cancelled_caught
+            alone = resumed_at - self._traffic.last_besides(self) > self._quiet_s and not in_vain
             return None if alone else _BRIEF_S
 
         return give_way

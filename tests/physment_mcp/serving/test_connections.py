@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import re
 import socket
 import threading
 import time
@@ -15,6 +16,7 @@ import uvicorn
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from physment_mcp.serving.connections import BodyGate, Connections, EpisodesFirst
 from physment_mcp.serving.listening import PatientServer, bounded_protocol
@@ -132,6 +134,30 @@ def test_a_body_that_is_too_large_is_answered_with_413() -> None:
         refused = ask(dial(), b"x" * 1001)
         assert refused.startswith(b"HTTP/1.1 413")
         assert b"a request has at most 1000 bytes" in refused
+
+
+def test_requests_sent_ahead_are_answered_in_order_and_few_of_them_are_parsed_before_their_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    waiting: list[int] = []
+    begin = HttpToolsProtocol.on_message_begin
+
+    def counted(self: HttpToolsProtocol) -> None:
+        waiting.append(len(self.pipeline))
+        begin(self)
+
+    monkeypatch.setattr(HttpToolsProtocol, "on_message_begin", counted)
+    many = 500
+    ahead = b"".join(
+        b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\n\r\n%s" % (size, b"x" * size) for size in range(many)
+    )
+    with served(Connections(10, 10)) as dial:
+        eager = dial()
+        eager.sendall(ahead + b"GET / HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+        told = reply(eager)
+    assert [int(size) for size in re.findall(rb"\r\n(\d+) bytes", told)] == [*range(many), 0]
+    assert len(waiting) == many + 1
+    assert max(waiting) <= 2048 // 40  # no more than one read brings, at 40 bytes a request
 
 
 def test_a_broken_off_upload_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:

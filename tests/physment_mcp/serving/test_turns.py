@@ -46,6 +46,34 @@ async def test_a_request_overtakes_one_that_takes_long_and_the_turns_go_on_after
             pass
 
 
+async def test_a_long_call_lets_the_next_request_in_and_that_one_has_the_turn() -> None:
+    turns, order = Turns(patience_s=math.inf, allowed_s=0), list[str]()
+
+    async def serve(name: str, done: anyio.Event) -> None:
+        async with turns.turn():
+            order.append(f"{name} begins")
+            await done.wait()
+        order.append(f"{name} ends")
+
+    second, third = anyio.Event(), anyio.Event()
+    with anyio.fail_after(60):
+        async with anyio.create_task_group() as tasks:
+            async with turns.turn():
+                tasks.start_soon(serve, "second", second)
+                tasks.start_soon(serve, "third", third)
+                await anyio.wait_all_tasks_blocked()
+                assert order == []
+                await turns.giving_way()()
+                await anyio.wait_all_tasks_blocked()
+                assert order == ["second begins"]
+            await anyio.wait_all_tasks_blocked()
+            assert order == ["second begins"]  # the end of the long call has let nobody else in
+            second.set()
+            await anyio.wait_all_tasks_blocked()
+            assert order == ["second begins", "second ends", "third begins"]
+            third.set()
+
+
 async def test_a_request_that_is_cancelled_while_it_waits_leaves_the_turn_to_others() -> None:
     turns = Turns(patience_s=math.inf)
     with anyio.fail_after(60):
@@ -89,7 +117,7 @@ async def serving(turns: Turns, *, task_status: TaskStatus[anyio.Event]) -> None
 
 async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_brief_pieces() -> None:
     traffic = Traffic()
-    long, other = Turns(traffic, patience_s=0, quiet_s=1e9), Turns(traffic)
+    long, other = Turns(traffic, allowed_s=0, quiet_s=1e9), Turns(traffic)
     resumed: list[float | None] = []
 
     async def give_way() -> None:
@@ -113,11 +141,21 @@ async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_br
 
 async def test_pieces_are_as_long_as_usual_again_when_others_have_made_no_requests_for_a_while() -> None:
     traffic = Traffic()
-    long, other = Turns(traffic, patience_s=0, quiet_s=0), Turns(traffic)
+    long, other = Turns(traffic, allowed_s=0, quiet_s=0), Turns(traffic)
     async with long.turn():
         async with other.turn():
             pass
         assert await long.giving_way(at_most=1e9)() is None
+
+
+class WatchedTraffic(Traffic):
+    """Counts how often somebody waits for others."""
+
+    waits = 0
+
+    async def quiet(self) -> None:
+        self.waits += 1
+        await super().quiet()
 
 
 async def test_whoever_breaks_off_long_calls_gives_way_in_the_next_until_it_has_regained_time(
@@ -125,23 +163,21 @@ async def test_whoever_breaks_off_long_calls_gives_way_in_the_next_until_it_has_
 ) -> None:
     now = 0.0
     monkeypatch.setattr(turns_module, "time", SimpleNamespace(monotonic=lambda: now))
-    traffic = Traffic()
-    episode, other = Turns(traffic, patience_s=0.02, quiet_s=1e9), Turns(traffic)
-    async with other.turn():
-        pass
-    resumed: list[float | None] = []
+    traffic = WatchedTraffic()
+    episode, waits = Turns(traffic, allowed_s=0.02), list[int]()
     for pause_s in (0.0, 0.0, 0.0, 1.0):
         now += pause_s
         async with episode.turn():
             give_way = episode.giving_way()
             now += 0.012
-            resumed.append(await give_way())
-    assert [piece_s is None for piece_s in resumed] == [True, False, False, True]
+            await give_way()
+            waits.append(traffic.waits)
+    assert waits == [0, 1, 2, 2]
 
 
 async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_not_stop_them() -> None:
     traffic = Traffic()
-    first, second, busy = Turns(traffic, patience_s=0), Turns(traffic, patience_s=0), Turns(traffic)
+    first, second, busy = Turns(traffic, allowed_s=0), Turns(traffic, allowed_s=0), Turns(traffic)
     with anyio.fail_after(60):
         async with first.turn(), second.turn(), anyio.create_task_group() as tasks:
             one, two = first.giving_way(at_most=1e9), second.giving_way(at_most=1e9)
@@ -153,11 +189,11 @@ async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_no
             done.set()
 
 
-async def test_a_call_that_is_not_long_waits_for_nobody() -> None:
+async def test_a_call_that_is_not_long_waits_for_nobody_but_works_in_brief_pieces_beside_others() -> None:
     traffic = Traffic()
-    brief, other = Turns(traffic, patience_s=math.inf), Turns(traffic)
+    brief, other = Turns(traffic, allowed_s=math.inf), Turns(traffic)
     with anyio.fail_after(60):
         async with brief.turn(), anyio.create_task_group() as tasks:
             done = await tasks.start(serving, other)
-            assert await brief.giving_way(at_most=1e9)() is None
+            assert await brief.giving_way(at_most=1e9)() is not None  # brief pieces, so that others do not wait for it
             done.set()
