@@ -153,13 +153,13 @@ def _numbers(values: Iterable[object]) -> Iterator[float]:
 
 
 def _spellings(values: Iterable[float]) -> set[str]:
-    """How a text could show numbers: in full, or with six digits; without their sign."""
-    found: set[str] = set()
-    for value in values:
-        size = abs(value)
-        if len(repr(size).replace(".", "").lstrip("0").rstrip("0").split("e")[0]) >= _DIGITS:
-            found |= {repr(size), f"{size:.6g}"}
-    return found
+    """How a text could show numbers: in full, or with six digits; without their sign.
+
+    A spelling with fewer digits, as `12.85` of 12.850003, is left out: the clock, for example, may show it by chance.
+    """
+    sizes = [abs(value) for value in values]
+    spelled = {spelling for size in sizes for spelling in (repr(size), f"{size:.6g}")}
+    return {one for one in spelled if len(one.replace(".", "").lstrip("0").rstrip("0").split("e")[0]) >= _DIGITS}
 
 
 def _quoted(call: Call) -> Iterator[str]:

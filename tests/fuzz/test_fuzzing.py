@@ -21,6 +21,7 @@ from scenes.protocol import Call
 from tests.fuzz.drawing import draw_call, schemas
 from tests.fuzz.episodes import Failure, Tally, play_scene, replayed
 from tests.fuzz.invariants import Problem
+from tests.fuzz.private import _spellings
 from tests.fuzz.run import main, parse_scenes, play_all
 
 SCENES = (7, 20, 24, 25, 31, 41, 46, 60, 67, 72, 87, 91, 96, 104, 109, 111, 206)
@@ -251,3 +252,9 @@ def test_scenes_are_named_by_numbers_and_ranges() -> None:
         with pytest.raises(argparse.ArgumentTypeError):
             parse_scenes(wrong)
     assert Call("step") != Call("answer")
+
+
+def test_numbers_are_searched_for_with_so_many_digits_that_a_clock_does_not_show_them_by_chance() -> None:
+    assert _spellings([12.850003, -0.123456789, 1234567.0, 2.5]) == {
+        "12.850003", "0.123456789", "0.123457", "1234567.0", "1.23457e+06",
+    }  # fmt: skip
