@@ -95,7 +95,7 @@ class Turns:
         self._places = anyio.Semaphore(_AT_ONCE, fast_acquire=True)
         self._turn = anyio.Semaphore(1, fast_acquire=True)
         self._holder: object = None
-        """Stands for the request that has the turn; None while it is free."""
+        """Stands for the request that has the turn; None if none has it."""
         self._spent_s = 0.0
         """Wall time of the pieces of its steps, less what it has regained since."""
         self._spent_at = time.monotonic()
@@ -116,11 +116,11 @@ class Turns:
             finally:
                 if alone:
                     self._traffic.end(self)
-                if self._holder is request:
-                    self._let_next_in()
+                self._pass_on(request)
 
-    def _let_next_in(self) -> None:
-        if self._holder is not None:
+    def _pass_on(self, request: object) -> None:
+        """Give the turn to the next request, if this one still has it."""
+        if self._holder is request is not None:
             self._holder = None
             self._turn.release()
 
@@ -133,13 +133,14 @@ class Turns:
             at_most: As `WAITS`.
         """
         began_at = resumed_at = time.monotonic()
+        request = self._holder
 
         async def give_way() -> float | None:
             nonlocal resumed_at
             now = time.monotonic()
             piece_s = now - resumed_at
             if now - began_at >= self._allowed_s:
-                self._let_next_in()
+                self._pass_on(request)
             in_vain = False
             if self._spend(piece_s, now) >= self._allowed_s:
                 self._traffic.end(self)

@@ -6,7 +6,7 @@ from typing import Any, cast
 MAX_NAME = 64
 """Longest name of a tool, in characters."""
 MAX_CALL_BYTES = 20_000
-"""Most text in the arguments of a call, names included [bytes of UTF-8]."""
+"""Most text in the arguments of a call, names and integers of more than 64 bits included [bytes of UTF-8]."""
 MAX_ARGUMENTS = 32
 """Most arguments of a call."""
 MAX_VALUES = 4000
@@ -17,6 +17,8 @@ _SHORT = MAX_NAME
 """Length of a text that is not worth counting [characters, each at most 4 bytes]."""
 _FEW = 16
 """Numbers in a list that is not worth counting."""
+_LONG = 2**64
+"""Least size of an integer whose digits are counted as text; JSON allows thousands of them."""
 
 
 def excess(name: str, arguments: Mapping[str, Any]) -> str:
@@ -24,7 +26,7 @@ def excess(name: str, arguments: Mapping[str, Any]) -> str:
 
     Args:
         name: Name of the tool, as the client wrote it.
-        arguments: Values that JSON can hold; only texts, lists and objects are looked into.
+        arguments: Values that JSON can hold.
     """
     if len(name) <= MAX_NAME and len(arguments) <= MAX_ARGUMENTS:
         for key, value in arguments.items():
@@ -43,7 +45,7 @@ def _excess(name: str, arguments: Mapping[str, Any]) -> str:
     level: list[Any] = [arguments]
     values = size = 0
     for _ in range(MAX_NESTING + 1):
-        size += sum(len(value.encode("utf-8", "surrogatepass")) for value in level if isinstance(value, str))
+        size += sum(map(_text_of, level))
         level = [part for value in level for part in _parts(value)]
         values += len(level)
         if values > MAX_VALUES:
@@ -59,8 +61,20 @@ def _is_small(value: Any) -> bool:
     """Whether as many such values as a call may have are within the bounds: a number, a short text, a short vector."""
     if isinstance(value, list):
         items = cast("list[Any]", value)
-        return len(items) <= _FEW and all(isinstance(item, int | float) for item in items)
-    return value is None or isinstance(value, int | float) or (isinstance(value, str) and len(value) <= _SHORT)
+        return len(items) <= _FEW and all(map(_is_number, items))
+    return value is None or _is_number(value) or (isinstance(value, str) and len(value) <= _SHORT)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that takes no more memory than others."""
+    return isinstance(value, float) or (isinstance(value, int) and -_LONG < value < _LONG)
+
+
+def _text_of(value: Any) -> int:
+    """Text of a value without its parts [bytes]; that of a long integer from its bits, as its digits take long."""
+    if isinstance(value, str):
+        return len(value.encode("utf-8", "surrogatepass"))
+    return value.bit_length() * 3 // 10 if isinstance(value, int) and not -_LONG < value < _LONG else 0
 
 
 def _parts(value: Any) -> Sequence[Any]:

@@ -32,6 +32,8 @@ def nested(levels: int) -> Any:
         ("step", {str(number): 1 for number in range(MAX_ARGUMENTS + 1)}, "a call has at most 32 arguments, not 33"),
         ("step", {"x" * (MAX_CALL_BYTES + 1): 1}, "hold at most 20000 bytes of text"),
         ("step", {"duration": "\u00e9" * (MAX_CALL_BYTES // 2 + 1)}, "hold at most 20000 bytes of text"),
+        ("step", {str(number): 10**4000 for number in range(6)}, "hold at most 20000 bytes of text"),
+        ("step", {"duration": [-(10**4000)] * 6}, "hold at most 20000 bytes of text"),
         ("step", {"duration": [0] * (MAX_VALUES + 1)}, "hold at most 4000 values"),
         ("step", {"duration": [{"a": [0] * MAX_VALUES}]}, "hold at most 4000 values"),
         ("step", {"duration": nested(MAX_NESTING + 1)}, "nest at most 16 levels"),
@@ -57,6 +59,8 @@ def test_a_call_that_is_too_large_is_refused_in_one_sentence(
         {"answer": "x" * (MAX_CALL_BYTES - len("answer"))},
         {"answer": [0.5] * 1000, "steps": {f"s{number}": 1.0 for number in range(100)}},
         {"duration": nested(MAX_NESTING - 1)},
+        {"duration": [2**64 - 1] * 1000},
+        {"answer": 10**4000},
     ],
 )
 def test_what_a_tool_may_accept_is_not_too_large(arguments: dict[str, Any]) -> None:
