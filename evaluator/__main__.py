@@ -1,25 +1,30 @@
 """Command line of the evaluator: lists the commands, and turns their errors into exit codes.
 
-All modules of the evaluator are imported inside functions: this takes a second, in which Ctrl-C must be understood.
+All modules of the evaluator are imported inside functions: this takes a second, in which Ctrl-C must end the program.
 Only the module of the command that is asked for is imported, so that `--help` answers at once.
 """
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from importlib.metadata import version
 from typing import NoReturn
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: None) -> int:
+    """Run the command line; returns the exit code.
+
+    Args:
+        argv: Words of the command line; default: those of this process.
+        begin: Called when the modules of the command are loaded, before it does anything.
+    """
     from evaluator.commands.process import make_room  # noqa: PLC0415
     from evaluator.errors import InfrastructureError, StoreError, UsageError  # noqa: PLC0415
 
     make_room()
     try:
         args = parsed(sys.argv[1:] if argv is None else argv)
+        begin()
         return args.run(args)
     except (UsageError, StoreError) as error:
         return _fail(str(error), 2)
@@ -59,6 +64,8 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, dict[str, argparse.Ar
         command: Name of a command, of which alone the module is loaded. With any other word the commands have no
             options, which is enough to list them.
     """
+    from importlib.metadata import version  # noqa: PLC0415
+
     from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
 
     program = argparse.ArgumentParser(
@@ -82,13 +89,12 @@ def _fail(sentence: str, code: int) -> int:
 
 def entry() -> NoReturn:
     """Be the program `physment-eval`."""
-    try:
-        from evaluator.commands.process import end_as_by_ctrl_c  # noqa: PLC0415
+    from evaluator.commands.process import end_at_once, end_in_order  # noqa: PLC0415
 
-        end_as_by_ctrl_c()
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit(130)  # while modules were loaded: nothing has begun, so there is nothing to say
+    end_at_once()
+    code = main(begin=end_in_order)
+    end_at_once()
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -26,11 +26,9 @@ _NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pydantic", "simpleeval")
 _STARTER = '''\
 """Starts the laboratory on stdio."""
 
-import sys
+from physment_mcp.__main__ import entry
 
-from physment_mcp.__main__ import main
-
-sys.exit(main())
+entry()
 '''
 _MAIN = "main.py"
 _EPOCH = (1980, 1, 1, 0, 0, 0)

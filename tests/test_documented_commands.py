@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evaluator.__main__ import parsed
-from physment_mcp.__main__ import parser
+from physment_mcp.commands.program import parser
 from tests.builders.paths import DOCS, ROOT
 
 PAGES = (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))

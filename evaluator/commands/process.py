@@ -26,15 +26,32 @@ def make_room() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
-def end_as_by_ctrl_c() -> None:
-    """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
+def end_at_once() -> None:
+    """Let Ctrl-C, SIGTERM and SIGHUP end this process without a word: for the time in which nothing has begun.
+
+    An exception that a signal raises while modules are loaded may end anywhere: pydantic, as it builds a model, and an
+    extension in C, as it starts, put an error of their own in its place.
 
     A signal that is ignored, as HUP is under `nohup`, stays ignored.
     """
-    for name in ("SIGTERM", "SIGHUP"):
-        sign = getattr(signal, name, None)  # Windows has no SIGHUP
-        if sign is not None and signal.getsignal(sign) is signal.SIG_DFL:
-            signal.signal(sign, _interrupt)
+    for sign in _signs():
+        if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
+            signal.signal(sign, signal.SIG_DFL)
+
+
+def end_in_order() -> None:
+    """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
+
+    A signal that is ignored stays ignored.
+    """
+    for sign in _signs():
+        if signal.getsignal(sign) is signal.SIG_DFL:
+            signal.signal(sign, signal.default_int_handler if sign == signal.SIGINT else _interrupt)
+
+
+def _signs() -> list[signal.Signals]:
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    return [sign for name in names if (sign := getattr(signal, name, None)) is not None]  # Windows has no SIGHUP
 
 
 def _interrupt(_sign: int, _frame: FrameType | None) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
@@ -13,6 +14,12 @@ from scenes import PackError
 
 _MOST = 10_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
+
+
+def heed_ctrl_c() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt again: the modules of a command are loaded, and it begins its work."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Commands(Protocol):

@@ -1,5 +1,6 @@
 """The process of one worker of a host: serves the connections that the front passes, and ends with the front."""
 
+import contextlib
 import gc
 import json
 import logging
@@ -63,7 +64,8 @@ def main() -> None:
 
 
 def _ready() -> None:
-    print(flush=True)  # noqa: T201 - what the front waits for
+    with contextlib.suppress(BrokenPipeError):  # the front has ended meanwhile
+        os.write(sys.stdout.fileno(), b"\n")  # what it waits for
 
 
 def _end_with_front() -> None:

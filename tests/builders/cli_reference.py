@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 
 import evaluator.__main__ as physment_eval
-import physment_mcp.__main__
+import physment_mcp.commands.program
 from evaluator.commands.overview import COMMANDS
 from evaluator.markdown import markdown_table
 
@@ -23,7 +23,7 @@ Parsers = dict[str, tuple[str, argparse.ArgumentParser]]
 
 def cli_page() -> str:
     """The text of the page. Commands that `--help` of a program does not list are left out."""
-    laboratory, (evaluator, _) = physment_mcp.__main__.parser(), physment_eval.parser("--help")
+    laboratory, (evaluator, _) = physment_mcp.commands.program.parser(), physment_eval.parser("--help")
     commands = {name: (what, physment_eval.parser(name)[1][name]) for name, (_, what) in COMMANDS.items() if what}
     parts = [_HEAD, *_program(laboratory, listed(laboratory)), *_program(evaluator, commands)]
     return "\n\n".join(part.strip() for part in parts) + "\n"

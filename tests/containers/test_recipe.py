@@ -5,7 +5,7 @@ import re
 import pytest
 
 from evaluator.__main__ import parsed
-from physment_mcp.__main__ import parser
+from physment_mcp.commands.program import parser
 from tests.builders.paths import ROOT
 from tests.containers.recipe import Instruction, only, stages
 

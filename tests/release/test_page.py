@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from physment_mcp.__main__ import parser
+from physment_mcp.commands.program import parser
 from release.process import ReleaseError
 from release.server_json import write_server_json
 from release.versions import notes

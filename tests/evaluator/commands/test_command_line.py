@@ -405,40 +405,6 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("written\nclosed\ninterrupted True\n", "")
 
 
-def test_ctrl_c_is_understood_while_the_program_is_being_loaded() -> None:
-    code = """
-import sys
-from evaluator.__main__ import main
-
-class Pressing:
-    def find_spec(self, name, path, target=None):
-        if name == "evaluator.commands.run":
-            raise KeyboardInterrupt
-
-sys.meta_path.insert(0, Pressing())
-sys.exit(main(["--dry-run"]))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (130, "physment-eval: interrupted\n")
-
-
-def test_ctrl_c_while_modules_are_loaded_is_silent() -> None:
-    """The module that takes Ctrl-C is the first that the program imports."""
-    source = """
-import builtins, sys
-usual = builtins.__import__
-def interrupted(name, *rest):
-    if name == "evaluator.commands.process":
-        raise KeyboardInterrupt
-    return usual(name, *rest)
-builtins.__import__ = interrupted
-from evaluator.__main__ import entry
-entry()
-"""
-    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
-
-
 def test_help_needs_none_of_the_libraries_that_take_long_to_load() -> None:
     code = """
 import sys

@@ -12,7 +12,7 @@ from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.lint import lint
 from evaluator.records import Verdict
-from physment_mcp.__main__ import parser
+from physment_mcp.commands.program import parser
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call

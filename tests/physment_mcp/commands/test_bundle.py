@@ -17,7 +17,7 @@ from mcp import Client, StdioServerParameters
 
 import physment_mcp
 from physment_mcp import __version__
-from physment_mcp.__main__ import main
+from physment_mcp.commands.program import main
 from scenes import list_packs
 
 

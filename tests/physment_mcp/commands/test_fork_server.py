@@ -12,7 +12,7 @@ from typing import IO
 
 import pytest
 
-from physment_mcp.__main__ import main
+from physment_mcp.commands.program import main
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="sockets cannot be passed here")
 

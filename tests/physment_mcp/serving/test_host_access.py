@@ -12,7 +12,7 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from mcp.shared.exceptions import MCPError
 
-from physment_mcp.__main__ import main
+from physment_mcp.commands.program import main
 from physment_mcp.serving.gate import is_loopback
 from physment_mcp.serving.host import Host
 from tests.builders.laboratory import OpenHost, WritePack

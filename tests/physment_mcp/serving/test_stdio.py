@@ -14,7 +14,7 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import PromptReference
 
 from physment_mcp import __version__
-from physment_mcp.__main__ import main
+from physment_mcp.commands.program import main
 from tests.builders.laboratory import Command, WritePack
 
 

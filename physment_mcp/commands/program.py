@@ -1,0 +1,104 @@
+"""Command line of the laboratory: one episode on stdio, or one of the commands. The only reader of argv."""
+
+import argparse
+import gc
+import logging
+import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import NoReturn
+
+import anyio
+
+from physment_mcp.commands import bundle, config, export, fork_server, serve
+from physment_mcp.commands.base import common_options, observations, timestep
+from physment_mcp.errors import SceneError, UsageError
+from physment_mcp.serving.log_lines import PatientLines
+from physment_mcp.version import __version__, engine_version
+
+_DESCRIPTION = """\
+A physics laboratory over MCP: one MuJoCo scene per episode, 26 typed tools.
+
+Without a command it serves one episode on stdin and stdout, for an MCP client that starts it:
+  physment-mcp --scene 7             scene 7, as written
+  physment-mcp --scene 7 --seed 3    a variant of it, with other hidden values
+  physment-mcp                       starts idle; the MCP prompt `scene` opens a scene
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 2 usage or a scene that cannot be loaded."""
+    # The modules of the engine and open episodes live long. Collecting garbage after every 700 new objects, as is the
+    # default, looks at them again each time: a tenth of the time of a start, and of a call on a host of hundreds.
+    gc.set_threshold(10_000, 20, 20)
+    args = parser().parse_args(argv)
+    logging.basicConfig(
+        handlers=[PatientLines()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
+    )
+    try:
+        return args.run(args)
+    except (SceneError, UsageError) as error:
+        print(f"physment-mcp: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line: what stdio takes, and the commands."""
+    words = argparse.ArgumentParser(
+        "physment-mcp",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        parents=[common_options()],
+    )
+    words.add_argument("--version", action=_Versions, nargs=0, help="show the versions of this package and of MuJoCo")
+    words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
+    words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
+    observations(words)
+    timestep(words)
+    words.set_defaults(run=_stdio)
+    commands = words.add_subparsers(metavar="COMMAND")
+    for command in (serve, export, config, bundle):
+        command.add(commands)
+    fork_server.add(commands, main)
+    return words
+
+
+class _Versions(argparse.Action):
+    """Prints the versions and ends. Only then are they asked for, because that would slow every start."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(f"physment-mcp {__version__}, MuJoCo {engine_version()}")
+        parser.exit()
+
+
+def _stdio(args: argparse.Namespace) -> int:
+    from mcp.server.stdio import stdio_server  # noqa: PLC0415
+
+    from physment_mcp.scene import list_scenes, load_scene, scene_ids  # noqa: PLC0415
+    from physment_mcp.serving.frames import watching  # noqa: PLC0415
+    from physment_mcp.serving.server import build_server  # noqa: PLC0415
+    from physment_mcp.serving.sight import looking  # noqa: PLC0415
+    from physment_mcp.serving.slot import EpisodeSlot  # noqa: PLC0415 - --help need not wait for the engine
+    from physment_mcp.session import Session  # noqa: PLC0415
+
+    watch, look = watching(args.observations, args.scenes_dir), looking(args.scenes_dir)
+
+    def reopen(scene_id: int) -> Session:
+        return Session(load_scene(scene_id, args.seed, args.scenes_dir, args.timestep))
+
+    if args.scene is None:
+        ids = scene_ids(args.scenes_dir)
+        listed = partial(list_scenes, args.scenes_dir)
+        slot = EpisodeSlot(reopen=reopen, scene_ids=ids, list_scenes=listed, watch=watch, look=look)
+    else:
+        slot = EpisodeSlot(reopen(args.scene), watch=watch, look=look)
+    server = build_server(slot)
+
+    async def run() -> None:
+        async with stdio_server() as (read, write):
+            await server.run(read, write, server.create_initialization_options())
+
+    anyio.run(run)
+    return 0
