@@ -1,97 +1,17 @@
-"""Command line of the evaluator: lists the commands, and turns their errors into exit codes.
+"""The program `physment-eval`. It loads everything else when signals end it, because this takes a second."""
 
-All modules of the evaluator are imported inside functions: this takes a second, in which Ctrl-C must end the program.
-Only the module of the command that is asked for is imported, so that `--help` answers at once.
-"""
-
-import argparse
+import signal
 import sys
-from collections.abc import Callable, Sequence
-from importlib import import_module
 from typing import NoReturn
-
-
-def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: None) -> int:
-    """Run the command line; returns the exit code.
-
-    Args:
-        argv: Words of the command line; default: those of this process.
-        begin: Called when the modules of the command are loaded, before it does anything.
-    """
-    from evaluator.commands.process import make_room  # noqa: PLC0415
-    from evaluator.errors import InfrastructureError, StoreError, UsageError  # noqa: PLC0415
-
-    make_room()
-    try:
-        args = parsed(sys.argv[1:] if argv is None else argv)
-        begin()
-        return args.run(args)
-    except (UsageError, StoreError) as error:
-        return _fail(str(error), 2)
-    except InfrastructureError as error:
-        return _fail(str(error), 1)
-    except KeyboardInterrupt:
-        print("physment-eval: interrupted", file=sys.stderr)
-        return 130
-
-
-def parsed(argv: Sequence[str]) -> argparse.Namespace:
-    """The options of a command line; its `run` executes the command.
-
-    Raises:
-        UsageError: The study file that the command line names cannot be used.
-        SystemExit: The command line is wrong, or asks for help.
-    """
-    from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
-
-    words = list(argv)
-    # `run` is the default command: insert it if the first word is not a command.
-    if not words or (words[0] not in COMMANDS and words[0] not in {"-h", "--help", "--version"}):
-        words.insert(0, "run")
-    program, commands = parser(words[0])
-    if words[0] == "run":
-        from evaluator.commands.run_options import long_options  # noqa: PLC0415
-        from evaluator.study.config import with_config  # noqa: PLC0415
-
-        words = ["run", *with_config(words[1:], long_options(commands["run"]))]
-    return program.parse_args(words)
-
-
-def parser(command: str) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The command line as far as a command needs it, and the parsers of its commands by name.
-
-    Args:
-        command: Name of a command, of which alone the module is loaded. With any other word the commands have no
-            options, which is enough to list them.
-    """
-    from importlib.metadata import version  # noqa: PLC0415
-
-    from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
-
-    program = argparse.ArgumentParser(
-        "physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
-    commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    if command in COMMANDS:
-        import_module(f"evaluator.commands.{COMMANDS[command][0]}").add(commands)
-    else:
-        for name, (_, what) in COMMANDS.items():
-            if what:
-                commands.add_parser(name, help=what)
-    return program, commands.choices
-
-
-def _fail(sentence: str, code: int) -> int:
-    print(f"physment-eval: {sentence}", file=sys.stderr)
-    return code
 
 
 def entry() -> NoReturn:
     """Be the program `physment-eval`."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # as SIGTERM and SIGHUP still are
     from evaluator.commands.process import end_at_once, end_in_order  # noqa: PLC0415
+    from evaluator.commands.program import main  # noqa: PLC0415
 
-    end_at_once()
     code = main(begin=end_in_order)
     end_at_once()
     sys.exit(code)

@@ -292,6 +292,6 @@ def test_every_module_has_a_docstring_and_a_telling_name() -> None:
 
 
 def test_the_evaluator_imports_without_the_engine() -> None:
-    code = "import sys; from evaluator.__main__ import parsed; parsed(['run']);"
+    code = "import sys; from evaluator.commands.program import parsed; parsed(['run']);"
     code += "sys.exit('mujoco' in sys.modules or 'physment_mcp' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

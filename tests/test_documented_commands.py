@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import parsed
+from evaluator.commands.program import parsed
 from physment_mcp.commands.program import parser
 from tests.builders.paths import DOCS, ROOT
 

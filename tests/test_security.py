@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main as evaluate
+from evaluator.commands.program import main as evaluate
 from physment_mcp.commands.program import main as laboratory
 from physment_mcp.scene import load_scene
 from scenes import find_pack

@@ -8,6 +8,8 @@ from types import FrameType
 
 _OPEN_FILES = 65_536
 """Connections and files that may be open at a time, if the system allows it."""
+_SIGNS = [sign for name in ("SIGINT", "SIGTERM", "SIGHUP") if (sign := getattr(signal, name, None)) is not None]
+"""Signals that end the program; Windows has no SIGHUP. SIGINT is first, because the others pass for it."""
 
 
 def make_room() -> None:
@@ -26,32 +28,25 @@ def make_room() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
-def end_at_once() -> None:
-    """Let Ctrl-C, SIGTERM and SIGHUP end this process without a word: for the time in which nothing has begun.
-
-    An exception that a signal raises while modules are loaded may end anywhere: pydantic, as it builds a model, and an
-    extension in C, as it starts, put an error of their own in its place.
-
-    A signal that is ignored, as HUP is under `nohup`, stays ignored.
-    """
-    for sign in _signs():
-        if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
-            signal.signal(sign, signal.SIG_DFL)
-
-
 def end_in_order() -> None:
     """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
 
-    A signal that is ignored stays ignored.
+    Until it is called, these signals end the process without a word, because nothing has begun: an exception that a
+    signal raises while modules are loaded may end anywhere. pydantic, as it builds a model, and an extension in C, as
+    it starts, put an error of their own in its place.
+
+    A signal that is ignored, as HUP is under `nohup`, stays ignored.
     """
-    for sign in _signs():
+    for sign in _SIGNS:
         if signal.getsignal(sign) is signal.SIG_DFL:
             signal.signal(sign, signal.default_int_handler if sign == signal.SIGINT else _interrupt)
 
 
-def _signs() -> list[signal.Signals]:
-    names = ("SIGINT", "SIGTERM", "SIGHUP")
-    return [sign for name in names if (sign := getattr(signal, name, None)) is not None]  # Windows has no SIGHUP
+def end_at_once() -> None:
+    """Let these signals end the process without a word again: all is done, and only Python has to end."""
+    for sign in reversed(_SIGNS):
+        if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
+            signal.signal(sign, signal.SIG_DFL)
 
 
 def _interrupt(_sign: int, _frame: FrameType | None) -> None:

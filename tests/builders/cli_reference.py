@@ -4,7 +4,7 @@ import argparse
 import re
 from collections.abc import Iterator
 
-import evaluator.__main__ as physment_eval
+import evaluator.commands.program as physment_eval
 import physment_mcp.commands.program
 from evaluator.commands.overview import COMMANDS
 from evaluator.markdown import markdown_table

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 
 
 @dataclass(frozen=True, slots=True)

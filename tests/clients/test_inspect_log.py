@@ -10,7 +10,7 @@ inspect_ai = pytest.importorskip(
     "inspect_ai", reason="inspect_ai is not installed here; `make inspect-test` runs this in an environment of its own"
 )
 
-from evaluator.__main__ import main  # noqa: E402 - after the check that the library is there
+from evaluator.commands.program import main  # noqa: E402 - after the check that the library is there
 from evaluator.records import Verdict  # noqa: E402 - as above
 from evaluator.store import RunFolder  # noqa: E402 - as above
 

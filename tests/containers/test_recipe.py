@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from evaluator.__main__ import parsed
+from evaluator.commands.program import parsed
 from physment_mcp.commands.program import parser
 from tests.builders.paths import ROOT
 from tests.containers.recipe import Instruction, only, stages

@@ -8,9 +8,9 @@ import pytest
 
 import evaluator
 from evaluator import UsageError, grade, load_run, play, score, summary
-from evaluator.__main__ import main
 from evaluator.agents.baselines import BlindAgent
 from evaluator.agents.reference import ReferenceAgent
+from evaluator.commands.program import main
 from evaluator.records import Verdict
 
 

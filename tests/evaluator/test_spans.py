@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.store import RunFolder
 
 EXPORTER = find_spec("opentelemetry.exporter") is not None and find_spec("opentelemetry.sdk") is not None

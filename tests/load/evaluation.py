@@ -30,6 +30,8 @@ _LAST_S = 15.0
 """Wall time that processes of a run get to end after it [s]."""
 _TRIES = 4
 """Most starts of a run until it has to be complete."""
+_HEEDING = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); from evaluator.__main__ import entry; entry()"
+"""The program, where Ctrl-C is ignored until Python has started: before that, Python itself shows a traceback."""
 _NOTE = re.compile(r"physment-eval: .*, line \d+ was damaged ")
 
 
@@ -49,7 +51,7 @@ class Evaluation:
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
     starts: int = 0
     background: bool = False
-    """Whether Ctrl-C is ignored."""
+    """Whether Ctrl-C is ignored, as by what a script starts in its background."""
 
     @property
     def episodes(self) -> int:
@@ -67,13 +69,12 @@ class Evaluation:
         words += ["--workers", str(self.workers), "--concurrency", "4", "--out", str(self.folder), "--resume"]
 
         def begin() -> None:
-            # It is ignored by what a script starts in its background.
-            signal.signal(signal.SIGINT, signal.SIG_IGN if self.background else signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
             if prepare is not None:
                 prepare()
 
         with subprocess.Popen(
-            [sys.executable, "-m", "evaluator", *words],
+            [sys.executable, *(("-m", "evaluator") if self.background else ("-c", _HEEDING)), *words],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,

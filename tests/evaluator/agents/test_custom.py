@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.agents.custom import load_agent
+from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.records import Outcome
 from evaluator.store import RunFolder

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from random import Random
 
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.commands.overview import COMMANDS
+from evaluator.commands.program import main
 from evaluator.commands.run_options import PROMPTINGS, PROTOCOLS
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
@@ -408,7 +408,7 @@ except KeyboardInterrupt:
 def test_help_needs_none_of_the_libraries_that_take_long_to_load() -> None:
     code = """
 import sys
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 try:
     main(["--help"])
 except SystemExit:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.records import Episode, Outcome
 from evaluator.store import RunFolder
 from tests.builders.commands import Done, physment_eval

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.failures.detect import failures_of
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scoring import grade_record

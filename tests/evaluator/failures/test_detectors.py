@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from pydantic import JsonValue
 
-from evaluator.__main__ import main
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.strict import AnswerKey
+from evaluator.commands.program import main
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.detect import failures_of
 from evaluator.failures.findings import Failure, FailureMode, expected_form, quote_at

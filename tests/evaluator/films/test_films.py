@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.films.reel import Instant, reel
 from evaluator.records import Episode
 from evaluator.report.films import FOLDER, film_file, filmed

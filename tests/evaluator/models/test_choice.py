@@ -139,7 +139,7 @@ def test_neither_facts_nor_repr_hold_the_key(dialect: Dialect) -> None:
 
 
 def physment_eval(*words: str, before: str = "pass", **environ: str) -> subprocess.CompletedProcess[str]:
-    code = f"import sys; {before}; from evaluator.__main__ import main; sys.exit(main({list(words)!r}))"
+    code = f"import sys; {before}; from evaluator.commands.program import main; sys.exit(main({list(words)!r}))"
     return subprocess.run(
         [sys.executable, "-c", code], env=environ, capture_output=True, text=True, check=False, timeout=300
     )
@@ -167,7 +167,7 @@ def test_without_the_extra_the_command_says_what_to_install() -> None:
 
 def test_the_command_line_loads_no_client_of_a_provider() -> None:
     code = (
-        "import sys, evaluator.__main__, evaluator.models.factory;"
+        "import sys, evaluator.commands.program, evaluator.models.factory;"
         "sys.exit(any(m in sys.modules for m in ('pydantic_ai', 'openai', 'anthropic', 'google.genai', 'mujoco')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=300).returncode == 0

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
 from tests.builders.paths import DOCS

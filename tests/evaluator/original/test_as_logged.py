@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.records import Episode, Outcome

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import JsonValue
 
-from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.original.logs import LoggedVerdict, find_logs
 from evaluator.original.play import scene_of

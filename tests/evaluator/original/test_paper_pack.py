@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from pydantic import JsonValue
 
-from evaluator.__main__ import main
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.lint import lint
+from evaluator.commands.program import main
 from evaluator.records import Verdict
 from physment_mcp.commands.program import parser
 from physment_mcp.scene import load_scene

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.pages.gallery import Card, gallery
 from scenes import default_folder
 from tests.builders.chromium import Page, chromium, installed

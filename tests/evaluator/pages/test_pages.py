@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.certify.compiled_model import started
 from evaluator.certify.transcript import play
 from evaluator.certify.visible import visible_parts
+from evaluator.commands.program import main
 from evaluator.pages.listing import Listing, Steps
 from evaluator.pages.scene_table import KINDS, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.program import main
 from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.report.pictures import pictures

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.report.agent_results import Run
 from evaluator.report.films import FOLDER, PLAYER, film_file, film_name, filmed
 from evaluator.report.page import PAGES, render, write_report

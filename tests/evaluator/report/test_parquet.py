@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.records import Episode
 from evaluator.report.parquet import COLUMNS, exchange_rows
 from evaluator.run_record import RunRecord

@@ -213,6 +213,6 @@ def test_a_flat_curve_is_described_with_its_certainty_unless_too_few_episodes_we
 
 
 def test_the_command_starts_without_loading_scipy_stats_or_special() -> None:
-    code = "import sys; from evaluator.__main__ import parsed; parsed(['run'])\n"
+    code = "import sys; from evaluator.commands.program import parsed; parsed(['run'])\n"
     code += "sys.exit(any(f'scipy.{x}' in sys.modules for x in ('stats', 'special')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.records import EpisodeKey, Outcome
 from evaluator.store import RunFolder

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.program import main
 from evaluator.episode.connect import HostLaboratory, ProcessLaboratory
 from evaluator.errors import InfrastructureError
 from evaluator.records import Verdict

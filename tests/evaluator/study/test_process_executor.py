@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.records import Outcome
 from evaluator.run_record import Plan, ServerRecord

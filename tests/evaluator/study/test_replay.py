@@ -7,10 +7,10 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.agents.recorded import RecordedAgent, load_recorded
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.commands.program import main
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError

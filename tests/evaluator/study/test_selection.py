@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.study.contenders import Team
 from evaluator.study.selection import parse_numbers, parse_scenes

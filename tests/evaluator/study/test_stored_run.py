@@ -15,9 +15,9 @@ from typing import Any
 import anyio
 import pytest
 
-from evaluator.__main__ import main
 from evaluator.agents.recorded import RecordedAgent
 from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.commands.program import main
 from evaluator.records import Episode, Exchange, ToolCall, Turn
 from evaluator.report.pictures import pictures
 from evaluator.run_record import RunRecord

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.records import Usage
 from evaluator.run_record import Plan

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 from evaluator.records import Episode, Frame
 from evaluator.store import RunFolder
 from evaluator.study.sealing import Sealing

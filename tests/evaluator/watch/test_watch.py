@@ -15,8 +15,8 @@ import pytest
 from pydantic import JsonValue
 
 from evaluator import durable
-from evaluator.__main__ import main
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.program import main
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage
 from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.store import RunFolder

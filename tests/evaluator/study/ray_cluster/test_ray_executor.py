@@ -18,7 +18,7 @@ from typing import IO, Any
 
 import pytest
 
-from evaluator.__main__ import main
+from evaluator.commands.program import main
 
 HAS_RAY = importlib.util.find_spec("ray") is not None
 needs_ray = pytest.mark.skipif(not HAS_RAY, reason="Ray is not installed; `make ray-test` installs it")
