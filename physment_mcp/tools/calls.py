@@ -21,6 +21,8 @@ ReportProgress = Callable[[float, float], Awaitable[float | None]]
 
 _SHORT_S = 1e-3
 """Pieces that are expected to take less wall time [s] than this are not worth a thread, which takes up to 0.3 ms."""
+_UNSHARED_S = 1.0
+"""Wall time of a piece [s] if no other episode waits; Ctrl-C is heeded after it."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
@@ -42,8 +44,9 @@ def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:
         work = tool.run(session, checked)
         if isinstance(work, Result):
             return work
-        while isinstance(made := _next(work), Progress):
-            pass
+        made = _next(work)
+        while isinstance(made, Progress):
+            made = _next(work, _UNSHARED_S)
         return made
 
 

@@ -52,7 +52,7 @@ def _step(session: Session, args: StepArguments) -> Pieces:
         piece = min(steps - done, max(1, int(_PIECE_S / pace_s)) if done and pace_s else _TRIED)
         most_s = yield Progress(done * world.timestep, length, piece * pace_s)
         if most_s is not None and pace_s:
-            piece = min(piece, max(1, int(most_s / pace_s)))
+            piece = min(steps - done, max(1, int(most_s / pace_s)))
         world.step(piece)
         done += piece
     yield Progress(length, length)
