@@ -1,4 +1,4 @@
-"""The program `physment-eval`. It loads everything else when signals end it, because this takes a second."""
+"""The program `physment-eval`. Loading everything else takes a second; a signal ends the process at once meanwhile."""
 
 import signal
 import sys

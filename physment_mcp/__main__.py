@@ -1,4 +1,4 @@
-"""The program `physment-mcp`. Everything else is imported inside its function: meanwhile, Ctrl-C ends the process."""
+"""The program `physment-mcp`. Loading everything else takes a second; Ctrl-C ends the process at once meanwhile."""
 
 import signal
 import sys
@@ -8,7 +8,7 @@ from typing import NoReturn
 def entry() -> NoReturn:
     """Be the program `physment-mcp`."""
     _end_at_once()
-    from physment_mcp.commands.program import main  # noqa: PLC0415 - after Ctrl-C is understood
+    from physment_mcp.commands.program import main  # noqa: PLC0415 - see above
 
     code = main()
     _end_at_once()

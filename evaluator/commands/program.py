@@ -1,6 +1,6 @@
 """Command line of the evaluator: lists the commands, and turns their errors into exit codes.
 
-The modules of the evaluator are imported inside functions: only that of the command that is asked for is needed, and
+Modules of the evaluator are imported inside functions, and of the commands only the one that is asked for, so that
 `--help` answers at once.
 """
 

@@ -405,6 +405,14 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("written\nclosed\ninterrupted True\n", "")
 
 
+def test_ctrl_c_before_the_first_episode_is_told_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    def press() -> None:
+        raise KeyboardInterrupt
+
+    assert main(["--dry-run"], begin=press) == 130
+    assert capsys.readouterr() == ("", "physment-eval: interrupted\n")
+
+
 def test_help_needs_none_of_the_libraries_that_take_long_to_load() -> None:
     code = """
 import sys
