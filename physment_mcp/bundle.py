@@ -114,13 +114,26 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 
 def _code() -> Iterator[tuple[str, bytes]]:
-    """All files of our package, and the modules of `scenes`, by their names in the bundle; no packs."""
+    """All files of our package, and the modules of `scenes` that it needs, by their names in the bundle; no packs."""
     root = Path(__file__).parent
     for path in root.rglob("*"):
         if path.is_file() and path.parent.name != "__pycache__":
             yield f"physment_mcp/{path.relative_to(root).as_posix()}", path.read_bytes()
-    for path in Path(scenes.__file__).parent.glob("*.py"):
-        yield f"scenes/{path.name}", path.read_bytes()
+    folder = Path(scenes.__file__).parent
+    for name in sorted(_modules_of_scenes(root, folder)):
+        yield f"scenes/{name}.py", (folder / f"{name}.py").read_bytes()
+
+
+def _modules_of_scenes(root: Path, folder: Path) -> set[str]:
+    """The modules of `scenes` that the laboratory imports. Those for reference protocols need further libraries."""
+    found, unread = set[str](), [folder / "__init__.py", *root.rglob("*.py")]
+    while unread:
+        named = set(
+            re.findall(r"^\s*from scenes\.(\w+) import", unread.pop().read_text(encoding="utf-8"), re.MULTILINE)
+        )
+        unread += [folder / f"{name}.py" for name in named - found]
+        found |= named
+    return found | {"__init__"}
 
 
 def _project() -> str:

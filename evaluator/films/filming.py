@@ -8,18 +8,20 @@ from typing import Any
 import mcp_types as types
 from mcp import Client
 from mcp.shared.exceptions import MCPError
+from pydantic import ValidationError
 
 from evaluator.certify.viewed_episode import START_URI, VIEW_KEY
 from evaluator.errors import UsageError
 from evaluator.films.reel import Instant, reel
 from evaluator.records import Episode, EpisodeKey, Exchange
+from evaluator.report.film_record import Film
 from evaluator.study.forking import described
 
 Opens = Callable[[EpisodeKey], AbstractAsyncContextManager[Client]]
 """What opens the laboratory of an episode for a client that is shown what is seen."""
 
 
-async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, revealed: bool) -> dict[str, Any]:
+async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, revealed: bool) -> Film:
     """The film of an episode.
 
     Args:
@@ -29,7 +31,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
         revealed: Whether the laboratory shows also what the agent could not see.
 
     Raises:
-        UsageError: The laboratory returns something else than what is stored.
+        UsageError: The laboratory returns something else than what is stored, or the film would be too large.
     """
     camera = _Camera()
     calls: list[list[int]] = [[] for _ in episode.turns]
@@ -48,13 +50,11 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
             calls[turn].append(len(camera.instants) - 1)
     if problem:
         raise UsageError(problem)
-    return {
-        "format": 1,
-        "episode": record_sha256,
-        **({"revealed": True} if revealed else {}),
-        "calls": calls,
-        **reel(camera.instants, camera.drawings),
-    }
+    seen = reel(camera.instants, camera.drawings)
+    try:
+        return Film.model_validate({"episode": record_sha256, "revealed": revealed, "calls": calls, **seen})
+    except ValidationError as error:
+        raise UsageError(f"{described(episode.key)} gives no film: {error.errors()[0]['msg']}") from error
 
 
 async def _played(client: Client, stored: Exchange) -> tuple[str, Mapping[str, Any] | None]:

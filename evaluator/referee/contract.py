@@ -11,19 +11,24 @@ from evaluator.records import Grade, Outcome
 MOST_CALLS = 10_000
 """Most tool calls of an episode; a host accepts no higher limit."""
 
+LARGEST = 2**64 - 1
+"""Largest magnitude of a whole number in a request, such as a random seed of 64 bits."""
+MOST_ITERATIONS = 1_000_000
+"""Most iterations that a trainer can report; each may cost a part of the reward, which is a float."""
+
 
 class WantedEpisode(BaseModel):
     """Body of `POST /episodes`: which variant, and how it is played. `variants` says what names a variant."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    scene: int | None = Field(default=None, ge=0)
-    seed: int | None = Field(default=None, ge=0)
+    scene: int | None = Field(default=None, ge=0, le=LARGEST)
+    seed: int | None = Field(default=None, ge=0, le=LARGEST)
     split: str | None = Field(default=None, max_length=100)
     """Name of a split, with or without its version, such as `train` or `train@1`."""
-    index: int | None = Field(default=None, ge=0)
+    index: int | None = Field(default=None, ge=0, le=LARGEST)
     """Place in the split."""
-    random_seed: int | None = None
+    random_seed: int | None = Field(default=None, ge=-LARGEST, le=LARGEST)
     """Draws a place in the split."""
     budget: int = Field(default=20, ge=1, le=1000)
     """Iterations that the opening prompt names. Whoever asks the model counts them."""
@@ -37,7 +42,7 @@ class EndedEpisode(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    iterations: int | None = Field(default=None, ge=0)
+    iterations: int | None = Field(default=None, ge=0, le=MOST_ITERATIONS)
     """Replies of the agent; None counts each call as one."""
     end: Literal["budget_exhausted", "agent_error"] | None = None
     """Ends an episode without an answer, and says why; None only asks."""

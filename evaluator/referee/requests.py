@@ -9,11 +9,11 @@ import contextlib
 import secrets
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 import anyio
 from pydantic import BaseModel, ValidationError
 from starlette.applications import Starlette
+from starlette.datastructures import Headers
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, UsageError
-from evaluator.loopback import LOOPBACK
+from evaluator.loopback import is_for_this_machine
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
 from evaluator.referee.episodes import Referee
 
@@ -32,6 +32,8 @@ _MAX_BODY = 16_000
 """Largest accepted body [bytes]."""
 _BODY_S = 15.0
 """Longest time that a body may take [s]."""
+_MOST_QUOTED = 64
+"""Most characters that a refusal repeats of a name in a request."""
 _SWEEP_S = 5.0
 """Longest wall time between two searches for episodes that are too old [s]."""
 
@@ -65,10 +67,9 @@ class _PageGate:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http":
-            headers = Request(scope).headers
-            name = urlsplit(f"//{headers.get('host', '')}").hostname
+            headers = Headers(scope=scope)
             # A page can let its own name resolve to our address; its requests then name that host.
-            if name not in LOOPBACK or "origin" in headers:
+            if not is_for_this_machine(headers) or "origin" in headers:
                 await _refusal(403, "web pages and other machines may not speak to a referee without a token")(
                     scope, receive, send
                 )
@@ -205,7 +206,7 @@ async def _body(request: Request, kind: type[M], example: str) -> M:
         return kind.model_validate_json(bytes(content) or b"{}")
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "body"
+        where = ".".join(str(part) for part in first["loc"])[:_MOST_QUOTED] or "body"
         raise RefusedRequest(400, f"{where}: {first['msg']}; send {example}") from error
 
 

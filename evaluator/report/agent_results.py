@@ -2,9 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from evaluator.records import EpisodeKey
+from evaluator.report.attachments import NOTHING, Attachments
 from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -24,12 +24,8 @@ class Run:
     rows: Sequence[ScoredEpisode]
     pictures: Mapping[int, bytes]
     """Scene → PNG of its start; scenes without a picture are left out."""
-    frames: str = "frames"
-    """Where the frames are, as an address relative to the page of the report."""
-    films: Mapping[EpisodeKey, str] = field(default_factory=dict[EpisodeKey, str])
-    """Episodes that have a film → hash of the record that it must show."""
-    films_at: str = "films"
-    """Where the films are, as an address relative to the page of the report."""
+    attachments: Attachments = NOTHING
+    """Its films and frames beside the page of the report."""
     seal: str = ""
     """What the seal of its records says; empty if it was not asked."""
 

@@ -13,6 +13,7 @@ from evaluator.errors import StoreError, UsageError
 from evaluator.failures.findings import FailureMode
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults
+from evaluator.report.attachments import own_folder
 from evaluator.report.tables import Share, Table
 from evaluator.scores.dimensions import WEIGHTS
 
@@ -51,11 +52,12 @@ def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> l
     }
     metadata: dict[str, str | None] = {"Date": None} if form == "svg" else {"CreationDate": None}
     written: list[Path] = []
+    own_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(settings):
             for name, figure in _figures(results):
                 written.append(folder / f"{name}.{form}")
+                written[-1].unlink(missing_ok=True)  # it may be a link
                 figure.savefig(written[-1], format=form, metadata=metadata, bbox_inches="tight")
     except OSError as error:
         raise StoreError(f"{folder} cannot be written: {error.strerror}") from error

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from evaluator.records import EpisodeKey, Exchange
+from evaluator.records import EpisodeKey, Exchange, Frame
 from evaluator.report.agent_results import AgentResults, Run
+from evaluator.report.attachments import FILMS, FRAMES, film_name
 from evaluator.report.call_rows import TurnCalls, calls_of
 from evaluator.report.charts import Chart
-from evaluator.report.films import film_name
 from evaluator.report.motion import motion_charts
 from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -73,8 +73,16 @@ class Entry:
     @property
     def film(self) -> str:
         """Address of its film; empty if there is none."""
-        key = self.row.key
-        return f"{self.run.films_at}/{film_name(key)}" if key in self.run.films else ""
+        return f"{FILMS}/{film_name(self.record_sha256)}" if self.record_sha256 else ""
+
+    @property
+    def record_sha256(self) -> str:
+        """Hash of the record that its film shows; empty if there is no film."""
+        return self.run.attachments.films.get(self.row.key, "")
+
+    def frame(self, frame: Frame) -> str:
+        """Address of a frame; empty if it is not there."""
+        return f"{FRAMES}/{frame.name}.png" if frame.name in self.run.attachments.frames else ""
 
     @property
     def forked_turns(self) -> int:

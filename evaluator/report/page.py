@@ -19,10 +19,10 @@ from evaluator.failures.findings import FailureMode
 from evaluator.records import Outcome
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults, Run, agent_results
+from evaluator.report.attachments import own_folder, write_anew, write_player
 from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.export import shown
-from evaluator.report.films import write_player
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
@@ -65,7 +65,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -
         _write_notebooks(folder.path / PAGES, report.notebooks)
     except OSError as error:
         raise StoreError(f"{folder.path / PAGES} cannot be written: {error.strerror}") from error
-    if any(run.films for run in runs):
+    if any(run.attachments.films for run in runs):
         write_player(folder.path)
     folder.write_text(folder.report_file, report.page)
     return folder.report_file
@@ -75,9 +75,10 @@ def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
     """Write the scripts as 1.js, 2.js …, and remove scripts that a larger, earlier report left."""
     written = 0
     for script in scripts:
-        pages.mkdir(exist_ok=True)
         written += 1
-        (pages / f"{written}.js").write_text(script, encoding="utf-8")
+        write_anew(own_folder(pages) / f"{written}.js", script.encode("utf-8"))
+    if pages.is_symlink():
+        return
     for stale in pages.glob("*.js"):
         if stale.stem.isdecimal() and int(stale.stem) > written:
             stale.unlink()

@@ -11,7 +11,8 @@ from typing import NoReturn
 import anyio
 
 from physment_mcp.commands import bundle, config, export, fork_server, serve
-from physment_mcp.commands.base import common_options, observations, timestep
+from physment_mcp.commands.base import common_options, observations, timestep, whole_number
+from physment_mcp.commands.parser import LaboratoryParser
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.serving.log_lines import PatientLines
 from physment_mcp.version import __version__, engine_version
@@ -31,11 +32,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The modules of the engine and open episodes live long. Collecting garbage after every 700 new objects, as is the
     # default, looks at them again each time: a tenth of the time of a start, and of a call on a host of hundreds.
     gc.set_threshold(10_000, 20, 20)
-    args = parser().parse_args(argv)
-    logging.basicConfig(
-        handlers=[PatientLines()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
-    )
     try:
+        args = parser().parse_args(sys.argv[1:] if argv is None else argv)
+        logging.basicConfig(
+            handlers=[PatientLines()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
+        )
         return args.run(args)
     except (SceneError, UsageError) as error:
         print(f"physment-mcp: {error}", file=sys.stderr)
@@ -46,15 +47,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line: what stdio takes, and the commands."""
-    words = argparse.ArgumentParser(
+    words = LaboratoryParser(
         "physment-mcp",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[common_options()],
     )
     words.add_argument("--version", action=_Versions, nargs=0, help="show the versions of this package and of MuJoCo")
-    words.add_argument("--scene", type=int, metavar="N", help="scene to open; default: start idle")
-    words.add_argument("--seed", type=int, default=0, metavar="S", help="variant of the scene (default 0: as written)")
+    words.add_argument("--scene", type=whole_number, metavar="N", help="scene to open; default: start idle")
+    words.add_argument(
+        "--seed", type=whole_number, default=0, metavar="S", help="variant of the scene (default 0: as written)"
+    )
     observations(words)
     timestep(words)
     words.set_defaults(run=_stdio)

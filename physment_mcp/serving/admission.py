@@ -19,13 +19,17 @@ from physment_mcp.session import Session
 logger = logging.getLogger(__name__)
 
 
+_LARGEST = 2**64 - 1
+"""Largest magnitude of a whole number: a larger one is no scene and no seed, and errors and logs would repeat it."""
+
+
 class EpisodeRequest(BaseModel):
     """A request for an episode: the body of `POST /episodes`, or the first line on a socket."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    scene: int
-    seed: int = 0
+    scene: int = Field(ge=-_LARGEST, le=_LARGEST)
+    seed: int = Field(default=0, ge=-_LARGEST, le=_LARGEST)
     max_calls: int | None = Field(default=None, ge=1, le=10_000)
     """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
     guarded: bool = False

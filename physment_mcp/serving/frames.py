@@ -1,6 +1,7 @@
 """Frames for results: pictures of what may be seen now in an episode, drawn by a separate process.
 
-`sight` says what may be seen, and the separate process receives only that. When it fails, results come without a frame.
+`sight` says what may be seen and `views` where the instruments read it. The separate process receives only that. When
+it fails, results come without a frame.
 """
 
 import base64
@@ -16,9 +17,10 @@ from threading import Lock, Timer
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_variants
 from physment_mcp.serving.sight import sight_of
+from physment_mcp.serving.views import bodies_of
 from physment_mcp.session import Session
 from physment_mcp.world.pictures.framing import View
-from physment_mcp.world.pictures.showing import view_of_shown
+from physment_mcp.world.pictures.showing import picture_model, view_of_shown
 
 logger = logging.getLogger(__name__)
 
@@ -94,12 +96,12 @@ class Frames:
 
         The camera stays where it is as long as the same things are seen.
         """
-        seen = self._sight.seen(self._session)
-        mjcf = self._session.world.shown_model(seen.bodies, seen.parts, seen.turns)
+        bodies = bodies_of(self._session, self._sight)
+        mjcf, seen = picture_model(bodies), frozenset(body.name for body in bodies)
         if not mjcf:
             return None
-        if self._view is None or seen.bodies != self._seen:
-            self._view, self._seen = view_of_shown(mjcf), seen.bodies
+        if self._view is None or seen != self._seen:
+            self._view, self._seen = view_of_shown(mjcf), seen
         return self._painter.draw(mjcf, self._view)
 
 

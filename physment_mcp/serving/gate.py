@@ -4,9 +4,9 @@ Knows HTTP headers. Knows no episodes, no MCP and no scenes.
 """
 
 import ipaddress
+import re
 import secrets
 from collections.abc import Iterable
-from urllib.parse import urlsplit
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse
@@ -16,6 +16,10 @@ from physment_mcp.errors import quoted
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """Names by which only this machine can be reached."""
+
+_PLACE = re.compile(r"(?:\[(?P<ip6>[0-9a-f:.]+)\]|(?P<name>[a-z0-9._-]+))(?::[0-9]{1,5})?", re.ASCII | re.IGNORECASE)
+"""A name or an address, with or without a port: all that a Host header may contain (RFC 9110, 7.2)."""
+_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*://", re.ASCII | re.IGNORECASE)
 
 
 class AddressGate:
@@ -47,24 +51,23 @@ class AddressGate:
     def _refusal(self, request: Request) -> JSONResponse | None:
         address = (request.scope.get("server") or (None,))[0]
         known = self._names if address is None else self._names | {address.lower()}
-        host = request.headers.get("host", "")
-        if _host_of(f"//{host}") not in known:
-            return refuse(400, f"this host does not go by the name {quoted(host)}; --allow-host adds one")
-        origin = request.headers.get("origin")
-        if origin is not None and _host_of(origin) not in known:
-            return refuse(403, f"pages of {quoted(origin)} may not speak to this host")
+        hosts, origins = request.headers.getlist("host"), request.headers.getlist("origin")
+        if len(hosts) != 1 or _name_of(hosts[0]) not in known:
+            return refuse(400, f"this host does not go by the name {quoted(', '.join(hosts))}; --allow-host adds one")
+        for origin in origins:
+            scheme = _SCHEME.match(origin)
+            if scheme is None or _name_of(origin[scheme.end() :]) not in known:
+                return refuse(403, f"pages of {quoted(origin)} may not speak to this host")
         return None
 
 
-def _host_of(url: str) -> str | None:
-    """The host of a URL, in lower case and without brackets; None if the URL has none or has more than a host."""
-    try:
-        parts = urlsplit(url)
-        _ = parts.port  # raises ValueError if the port is not a number
-    except ValueError:
-        return None
-    bare = not (parts.path or parts.query or parts.fragment or "@" in parts.netloc)
-    return parts.hostname if bare else None
+def _name_of(place: str) -> str | None:
+    """The name or address in a Host header or an origin, lower case without brackets; None if it is anything more.
+
+    Parsers of URLs are lenient, and each in its own way: they find 127.0.0.1 in `evil.example@127.0.0.1`.
+    """
+    found = _PLACE.fullmatch(place)
+    return (found["ip6"] or found["name"]).lower() if found else None
 
 
 def is_loopback(address: str) -> bool:

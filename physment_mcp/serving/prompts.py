@@ -83,16 +83,24 @@ def opening_prompt(session: Session, options: PromptOptions = PromptOptions()) -
         blocks.append(
             "# Format\n\nWrite your reasoning as prose, then exactly one JSON list of calls in a ```json block:\n\n"
             '```json\n[{"tool": "step", "parameters": {"duration": 0.1}}]\n```\n\n'
-            "Calls run in order. A call that fits no tool stops the list: the calls before it stand, the call and those"
-            " after it are not run. A reply without a list that can be read runs nothing and still counts as an"
-            " iteration."
+            f"{_BATCH} A reply without a list that can be read, or with more than one list, runs nothing and still"
+            " counts as an iteration."
         )
     if options.budget is not None:
         blocks.append(
             f"# Budget\n\nYou have {options.budget} iterations. An iteration is one reply of yours, with as many tool"
             " calls as you like. If you have not answered when they are used up, the task counts as failed."
+            # A client that names no budget, such as a desktop application, runs calls in its own way.
+            + ("" if text else f" {_BATCH}")
         )
     return "\n\n".join(blocks)
+
+
+_BATCH = (
+    "The calls of a reply run in order. A call that fits no tool ends them: the calls before it stand, the call and"
+    " those after it are not run. A call that the laboratory refuses does not end them."
+)
+"""How the evaluator's loop runs the calls of an iteration, in both protocols."""
 
 
 def _objects(session: Session) -> str:

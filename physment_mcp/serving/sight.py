@@ -2,7 +2,9 @@
 
 A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
 type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
-orientation at the start, and only if its position says where all of it is. Whoever draws receives only these parts.
+orientation at the start, and only if its position says where all of it is. So the only attribute that may be seen and
+not read is the orientation that such an object, or one that cannot move, has at the start of every variant. Where an
+object is drawn, `views` says: where the instruments read it. Whoever draws receives only these parts and places.
 """
 
 import functools

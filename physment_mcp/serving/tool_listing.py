@@ -16,8 +16,9 @@ def _entry(tool: Tool[Any]) -> str:
     arguments, results = tool.input_schema(), tool.output_schema()
     required = set(arguments.get("required", ()))
     fields: Mapping[str, Any] = arguments.get("properties", {})
+    defined: Mapping[str, Any] = arguments.get("$defs", {}) | results.get("$defs", {})
     signature = ", ".join(
-        f"{name}: {_type(field)}" + ("" if name in required else f" = {json.dumps(field.get('default'))}")
+        f"{name}: {_type(field, defined)}" + ("" if name in required else f" = {json.dumps(field.get('default'))}")
         for name, field in fields.items()
     )
     lines = [f"- `{tool.name}({signature})`: {tool.description}"]
@@ -27,7 +28,7 @@ def _entry(tool: Tool[Any]) -> str:
         if field.get("description") and name != _OBJECT
     ]
     returned = [
-        f"`{name}: {_type(field)}`" + (f" {field['description']}" if field.get("description") else "")
+        f"`{name}: {_type(field, defined)}`" + (f" {field['description']}" if field.get("description") else "")
         for name, field in results.get("properties", {}).items()
         if name not in _EVERYWHERE
     ]
@@ -40,15 +41,27 @@ _EVERYWHERE = {"sim_time", "results"}
 """Fields of all results, or of none that says anything."""
 
 
-def _type(field: Mapping[str, Any]) -> str:
-    """The type of a field, as `number`, `[number × 3]` or `string or integer`."""
+def _type(field: Mapping[str, Any], defined: Mapping[str, Any]) -> str:
+    """The type of a field, as `number`, `[number × 3]`, `{x: number, y: number}` or `string or integer`.
+
+    Args:
+        field: Its JSON Schema.
+        defined: The schemas that a `$ref` may name, from `$defs`.
+
+    Raises:
+        KeyError: The schema names no type; each argument and result must have one.
+    """
+    if "$ref" in field:
+        return _type(defined[field["$ref"].removeprefix("#/$defs/")], defined)
     if "anyOf" in field:
-        return " or ".join(_type(option) for option in field["anyOf"])
+        return " or ".join(_type(option, defined) for option in field["anyOf"])
     if "enum" in field:
         return " or ".join(map(json.dumps, field["enum"]))
-    if field.get("type") == "array":
+    if field["type"] == "array":
         size = (
             f" × {field['minItems']}" if field.get("minItems") == field.get("maxItems") and "minItems" in field else ""
         )
-        return f"[{_type(field.get('items', {}))}{size}]"
-    return str(field.get("type", "any"))
+        return f"[{_type(field['items'], defined)}{size}]"
+    if field.get("properties"):
+        return "{" + ", ".join(f"{name}: {_type(part, defined)}" for name, part in field["properties"].items()) + "}"
+    return str(field["type"])

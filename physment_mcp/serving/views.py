@@ -1,7 +1,7 @@
-"""Views: what a viewer draws, as JSON in SI units. What may be seen now, where it is, how it moved in the last step.
+"""What may be seen now: bodies with their shapes, each where the instruments read it; and views, their form in JSON.
 
-A drawing holds shapes in the frames of their bodies, poses are as the instruments read them, so a view holds no more
-than `get_position` returns. To make one changes nothing and is no call.
+Pictures and viewers are made from these bodies alone. Shapes are given in the frames of their bodies and poses are
+readings, so neither shows a place more finely than `get_position` returns it. Looking changes nothing and is no call.
 """
 
 from collections.abc import Generator, Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from physment_mcp.serving.sight import Seen, Sight
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools.episode import STEP
 from physment_mcp.world import Pose
-from physment_mcp.world.pictures.showing import Frame, ShownPart
+from physment_mcp.world.pictures.showing import Frame, ShownBody, ShownPart
 from physment_mcp.world.readings import Array
 
 MOST_INSTANTS = 120
@@ -48,35 +48,45 @@ def view_of(session: Session, sight: Sight, states: Sequence[Array] = ()) -> dic
         the objects that moved. Fixtures have no pose, because their parts are given in the world frame.
     """
     seen = sight.seen(session)
-    shown = _shown(session, seen)
-    # The place of an object of which nothing may be drawn can depend on the seed.
-    drawn = [item for item in seen.objects if item.body in shown]
-    drawing = _drawing(session, drawn, shown)
-    poses = {item.object_id: _numbers(session, item, session.world.pose(item.body)) for item in drawn}
-    view = {"time": session.world.time, "drawing": drawing, "poses": poses}
-    return view | ({"motion": _motion(session, drawn, states)} if states else {})
+    bodies = _bodies(session, seen)
+    view = {
+        "time": session.world.time,
+        "drawing": {"bodies": [_drawing(body) for body in bodies]},
+        "poses": {body.name: body.pose for body in bodies if body.pose},
+    }
+    return view | ({"motion": _motion(session, _drawn(seen, bodies), states)} if states else {})
 
 
-def _shown(session: Session, seen: Seen) -> dict[str, list[ShownPart]]:
-    """The parts of each body, in its own frame as far as the agent may read its orientation."""
+def bodies_of(session: Session, sight: Sight) -> list[ShownBody]:
+    """The bodies that may be seen now, with the parts of them that may be seen: fixtures first.
+
+    Objects have their ids as names. Fixtures have numbers, because their own names may tell too much; a colon keeps
+    them apart from the names that agents give.
+    """
+    return _bodies(session, sight.seen(session))
+
+
+def _bodies(session: Session, seen: Seen) -> list[ShownBody]:
     frames: dict[str, Frame] = dict.fromkeys(seen.fixtures, "world")
     frames |= {item.body: "body" if session.may_read(item, "orientation") else "origin" for item in seen.objects}
-    return session.world.shown_parts(frames, seen.parts, seen.turns)
+    shown = session.world.shown_parts(frames, seen.parts, seen.turns)
+    fixtures = [parts for body, parts in shown.items() if body in seen.fixtures]
+    found = [ShownBody(f"fixture:{number}", False, (), parts) for number, parts in enumerate(fixtures, 1)]
+    for item in seen.objects:
+        # The place of an object of which nothing may be drawn can depend on the seed.
+        if item.body in shown:
+            pose = _numbers(session, item, session.world.pose(item.body))
+            found.append(ShownBody(item.object_id, session.world.is_movable(item.body), pose, shown[item.body]))
+    return found
 
 
-def _drawing(session: Session, drawn: Sequence[LabObject], shown: Mapping[str, list[ShownPart]]) -> dict[str, Any]:
-    """Only objects have their own names; those of fixtures may tell too much."""
-    names = {item.body: item.object_id for item in drawn}
-    fixtures = [parts for body, parts in shown.items() if body not in names]
-    bodies: list[dict[str, Any]] = [
-        {"id": f"fixture_{number}", "object": False, "movable": False, "parts": _parts(parts)}
-        for number, parts in enumerate(fixtures, 1)
-    ]
-    bodies += [
-        {"id": name, "object": True, "movable": session.world.is_movable(body), "parts": _parts(shown[body])}
-        for body, name in names.items()
-    ]
-    return {"bodies": bodies}
+def _drawn(seen: Seen, bodies: Sequence[ShownBody]) -> list[LabObject]:
+    names = {body.name for body in bodies}
+    return [item for item in seen.objects if item.object_id in names]
+
+
+def _drawing(body: ShownBody) -> dict[str, Any]:
+    return {"id": body.name, "object": bool(body.pose), "movable": body.movable, "parts": _parts(body.parts)}
 
 
 def _parts(parts: Iterable[ShownPart]) -> list[dict[str, Any]]:

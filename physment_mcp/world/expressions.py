@@ -81,9 +81,10 @@ class Formulas:
         self, names: Collection[str], constants: Mapping[str, float], let: Mapping[str, str], results: Mapping[str, str]
     ) -> None:
         known = {"pi": ast.Constant(math.pi), **{name: ast.Name(name, ast.Load()) for name in names}}
-        for name, value in constants.items():
+        for name in constants:
             _refuse_name(f"constants.{name}", name, known)
-            known[name] = ast.Constant(value)
+            known[name] = ast.Name(name, ast.Load())
+        self._constants = {name: float(value) for name, value in constants.items()}
         self._let: dict[str, ast.expr] = {}
         for name, text in let.items():
             self._let[name] = _parse(f"let.{name}", text, known)
@@ -102,18 +103,18 @@ class Formulas:
         """
         wanted = tuple(arguments)
         if wanted not in self._functions:
-            self._functions[wanted] = _compiled(wanted, self._let, tuple(self._results.values()))
+            self._functions[wanted] = _compiled(wanted, self._constants, self._let, tuple(self._results.values()))
         return self._functions[wanted]
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
         """The first field that has no finite value at `values`, and why; None if all have one."""
         before: dict[str, ast.expr] = {}
         for name, tree in self._let.items():
-            if reason := _reason(_compiled(arguments, before, (tree,)), values):
+            if reason := _reason(_compiled(arguments, self._constants, before, (tree,)), values):
                 return f"let.{name}: {reason}"
             before[name] = tree
         for field, tree in self._results.items():
-            if reason := _reason(_compiled(arguments, before, (tree,)), values):
+            if reason := _reason(_compiled(arguments, self._constants, before, (tree,)), values):
                 return f"{field}: {reason}"
         return None
 
@@ -155,9 +156,15 @@ def _parse(field: str, text: str, known: Mapping[str, ast.expr]) -> ast.expr:
         raise ExpressionError(f"{field}: it is nested too deeply") from error
 
 
-def _compiled(arguments: Sequence[str], let: Mapping[str, ast.expr], results: Sequence[ast.expr]) -> Function:
+def _compiled(
+    arguments: Sequence[str],
+    constants: Mapping[str, float],
+    let: Mapping[str, ast.expr],
+    results: Sequence[ast.expr],
+) -> Function:
+    """The function of the results. Constants are its last arguments, so its code is the same whatever was drawn."""
     with PARSING:
-        source = ast.parse(f"def law({', '.join(arguments)}): pass")
+        source = ast.parse(f"def law({', '.join((*arguments, *constants))}): pass")
     function = source.body[0]
     assert isinstance(function, ast.FunctionDef)
     function.body = [
@@ -167,6 +174,7 @@ def _compiled(arguments: Sequence[str], let: Mapping[str, ast.expr], results: Se
     namespace: dict[str, Any] = {"__builtins__": {}, **_CALLABLE}
     # Nothing but nodes that `_Checker` made, and names that `_refuse_name` let pass, is executed.
     exec(compile(ast.fix_missing_locations(source), "<law>", "exec"), namespace)  # noqa: S102 - as just said
+    namespace["law"].__defaults__ = tuple(constants.values())
     return namespace["law"]
 
 

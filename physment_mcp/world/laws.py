@@ -4,10 +4,12 @@ The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list 
 
     {"on": "object_1", "with": {"other": "partner"}, "constants": {"k": 3.2},
      "let": {"r": "hypot(x - other_x, y - other_y)"},
-     "force": ["-k*(x-other_x)/r**2.5", "-k*(y-other_y)/r**2.5", "0"], "torque": ["0", "0", "0"], "reaction": "other"}
+     "force": ["-k*(x-other_x)/r**2.5", "-k*(y-other_y)/r**2.5", "0"], "torque": ["0", "0", "0"], "reaction": "other",
+     "factor": 1.0}
 
 `force` [N] and `torque` [N·m], world axes, act at the centre of mass of the body `on`. `reaction` is the key in `with`
-of the body on whose centre of mass the opposite force acts; a torque has no reaction. Names are `t` [s]; `x y z` [m]
+of the body on whose centre of mass the opposite force acts; a torque has no reaction. `factor` multiplies force and
+torque; a draw that leaves a law out gives it the factor 0, and it is still evaluated. Names are `t` [s]; `x y z` [m]
 and `vx vy vz` [m/s] of the centre of mass; `wx wy wz` [rad/s]; for a body with exactly one hinge `angle` [rad] and
 `spin` [rad/s]; the same with `other_` before them; constants; what `let` defines.
 
@@ -53,6 +55,8 @@ class WrittenLaw(NamedTuple):
     results: Mapping[str, str]
     """`force[0]` to `torque[2]` → expression."""
     reaction: str | None
+    factor: float
+    """Multiplies force and torque: 0 for a law that the draw leaves out, otherwise 1."""
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -81,6 +85,7 @@ class BoundLaw:
 
     def __init__(self, written: WrittenLaw, model: mujoco.MjModel) -> None:
         self._body = int(model.body(written.on).id)
+        self._factor = written.factor
         self._reaction = int(model.body(written.others[written.reaction]).id) if written.reaction else None
         bodies = {"": self._body, **{f"{key}_": int(model.body(name).id) for key, name in written.others.items()}}
         hinges = {prefix: only_hinge(model, body) for prefix, body in bodies.items()}
@@ -112,7 +117,8 @@ class BoundLaw:
             ArithmeticError: It has no value in this state.
             ValueError: As above.
         """
-        load = self._function(*self._state(at, data))
+        # The same arithmetic for every factor: the time that a step takes must not tell which laws were drawn.
+        load = [self._factor * part for part in self._function(*self._state(at, data))]
         add_passive_force(at, data, self._body, load)
         if self._reaction is not None:
             x, y, z = load[:3]
@@ -209,17 +215,15 @@ def refuse_faults(laws: tuple[BoundLaw, ...], model: mujoco.MjModel, data: mujoc
 
 
 def _written(where: str, law: Any) -> WrittenLaw:
-    fields = {"on", "with", "constants", "let", "force", "torque", "reaction"}
+    fields = {"on", "with", "constants", "let", "force", "torque", "reaction", "factor"}
     if not isinstance(law, dict) or not set(law) <= fields or not isinstance(law.get("on"), str):
         raise SceneError(f"{where} must be an object with `on` and some of {', '.join(sorted(fields - {'on'}))}")
-    others, let, constants = law.get("with", {}), law.get("let", {}), law.get("constants", {})
+    others, let = law.get("with", {}), law.get("let", {})
     for field, value in (("with", others), ("let", let)):
         if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
             raise SceneError(f"{where}.{field} must be an object whose values are texts")
     if any(not key.isascii() or not key.isidentifier() for key in others):
         raise SceneError(f"{where}.with: a key must be a plain name, because it becomes a prefix")
-    if not isinstance(constants, dict) or not all(map(_is_number, constants.values())):
-        raise SceneError(f"{where}.constants must be an object whose values are finite numbers")
     if "force" not in law and "torque" not in law:
         raise SceneError(f"{where} has neither `force` nor `torque`")
     results: dict[str, str] = {}
@@ -231,8 +235,18 @@ def _written(where: str, law: Any) -> WrittenLaw:
     reaction = law.get("reaction")
     if reaction is not None and reaction not in others:
         raise SceneError(f"{where}.reaction must be a key of `with`")
-    numbers = {name: float(value) for name, value in constants.items()}
-    return WrittenLaw(law["on"], others, numbers, let, results, reaction)
+    constants, factor = _numbers(where, law)
+    return WrittenLaw(law["on"], others, constants, let, results, reaction, factor)
+
+
+def _numbers(where: str, law: Mapping[str, Any]) -> tuple[dict[str, float], float]:
+    """The constants of a law, and its factor."""
+    constants, factor = law.get("constants", {}), law.get("factor", 1.0)
+    if not isinstance(constants, dict) or not all(map(_is_number, constants.values())):
+        raise SceneError(f"{where}.constants must be an object whose values are finite numbers")
+    if not _is_number(factor):
+        raise SceneError(f"{where}.factor must be a finite number")
+    return {name: float(value) for name, value in constants.items()}, float(factor)
 
 
 def _is_number(value: object) -> bool:

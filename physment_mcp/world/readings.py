@@ -91,12 +91,26 @@ def turn(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> HingeMotion |
     return hinge and HingeMotion(float(data.qpos[hinge[0]]), float(data.qvel[hinge[1]]))
 
 
+def hinge_axis(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array | None:
+    """Axis (3,) of the only hinge between a body and its parent, world axes; None if there is not exactly one.
+
+    Source: MuJoCo `xaxis`.
+    """
+    joint = _only_hinge_joint(model, body)
+    return None if joint is None else data.xaxis[joint].copy()
+
+
 def only_hinge(model: mujoco.MjModel, body: int) -> tuple[int, int] | None:
     """Index in `qpos` and in `qvel` of the only hinge between a body and its parent; None if it is not the only one."""
+    joint = _only_hinge_joint(model, body)
+    return None if joint is None else (int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint]))
+
+
+def _only_hinge_joint(model: mujoco.MjModel, body: int) -> int | None:
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
     hinges = [joint for joint in joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE]
-    return (int(model.jnt_qposadr[hinges[0]]), int(model.jnt_dofadr[hinges[0]])) if len(hinges) == 1 else None
+    return hinges[0] if len(hinges) == 1 else None
 
 
 def inertia(model: mujoco.MjModel, body: int, quaternion: Array) -> Array:

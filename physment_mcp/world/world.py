@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from physment_mcp.errors import NoDifference, NotPossible
-from physment_mcp.world import editing, motion, passive, readings
+from physment_mcp.world import clearance, editing, motion, passive, readings
 from physment_mcp.world.editing import JointKind
 from physment_mcp.world.loading import STATE
 from physment_mcp.world.pictures import showing
@@ -17,6 +17,7 @@ from physment_mcp.world.pictures.looks import Part
 from physment_mcp.world.pictures.showing import Frame, ShownPart
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
 from physment_mcp.world.readout import EXACT, Readout
+from physment_mcp.world.sensors import Sensors
 from physment_mcp.world.simulation import Simulation, settle
 
 OVERLAP_LIMIT = 1e-3
@@ -46,7 +47,7 @@ class World(Simulation):
 
     def pose(self, body: str) -> Pose:
         """Pose of the body frame, world coordinates."""
-        return self._read_pose(self._now(), body, self._step_number)
+        return self._sensors().pose(body)
 
     def poses_at(self, states: Sequence[Array], bodies: Sequence[str]) -> dict[str, list[Pose]]:
         """What `pose` read at states of this model, which `recorded` noted, for each body."""
@@ -55,42 +56,29 @@ class World(Simulation):
         for state in states:
             mujoco.mj_setState(self._model, data, state, STATE)
             mujoco.mj_kinematics(self._model, data)
+            sensors = Sensors(self._readout, self._model, data, self._number_of(state))
             for body, poses in found.items():
-                poses.append(self._read_pose(data, body, self._number_of(state)))
+                poses.append(sensors.pose(body))
         return found
 
-    def _read_pose(self, data: mujoco.MjData, body: str, step: int) -> Pose:
-        true = readings.pose(self._model, data, self._id(body))
-        return Pose(
-            self._readout.read("position", true.position, body, step),
-            self._readout.read_quaternion(true.quaternion, body, step),
-        )
+    def _sensors(self) -> Sensors:
+        return Sensors(self._readout, self._model, self._now(), self._step_number)
 
     def centre(self, body: str) -> Array:
-        """Centre of mass (3,) [m], world coordinates. Source: MuJoCo `xipos`."""
-        true = self._now().xipos[self._id(body)].copy()
-        return self._readout.read("position", true, body, self._step_number)
+        """Centre of mass (3,) [m], world coordinates."""
+        return self._sensors().centre(body)
 
     def twist(self, body: str) -> Twist:
         """Spin, and velocity of the centre of mass, world axes."""
-        true, step = readings.twist(self._model, self._now(), self._id(body)), self._step_number
-        return Twist(
-            self._readout.read("spin", true.angular, body, step),
-            self._readout.read("velocity", true.linear, body, step),
-        )
+        return self._sensors().twist(body)
 
     def velocity(self, body: str) -> Array:
         """Velocity of the centre of mass (3,) [m/s], world axes."""
-        true = readings.twist(self._model, self._now(), self._id(body)).linear
-        return self._readout.read("velocity", true, body, self._step_number)
+        return self._sensors().velocity(body)
 
     def turn(self, body: str) -> HingeMotion | None:
         """Joint angle and joint speed of a body with exactly one hinge among its own joints; None for other bodies."""
-        true, step = readings.turn(self._model, self._now(), self._id(body)), self._step_number
-        return true and HingeMotion(
-            self._readout.read_number("angle", true.angle, f"{body}:joint", step),
-            self._readout.read_number("spin", true.spin, f"{body}:joint", step),
-        )
+        return self._sensors().turn(body)
 
     def acceleration(self, body: str) -> Array:
         """Change of the centre of mass's velocity over the last time step, divided by the time step (3,) [m/s²].
@@ -98,17 +86,13 @@ class World(Simulation):
         Raises:
             NoDifference: No time has passed yet, or none since the body was moved, created or given a velocity.
         """
-        index = self._id(body)
         if self._before_step is None or body in self._disturbed:
             raise NoDifference("there is no velocity difference yet; call step first")
-        before, state = self._before_step
-        earlier = passive.data_of(before) if before is not self._model else self._live()
-        settle(before, earlier, state)
-        step = self._step_number
-        old = readings.twist(before, earlier, before.body(body).id).linear
-        new = readings.twist(self._model, self._now(), index).linear
-        read = self._readout.read
-        return (read("velocity", new, body, step) - read("velocity", old, body, step - 1)) / self.timestep
+        model, state = self._before_step
+        earlier = passive.data_of(model) if model is not self._model else self._live()
+        settle(model, earlier, state)
+        old = Sensors(self._readout, model, earlier, self._step_number - 1).velocity(body)
+        return (self.velocity(body) - old) / self.timestep
 
     def mass(self, body: str) -> float:
         """Mass of the body alone, without its jointed children [kg]."""
@@ -141,17 +125,7 @@ class World(Simulation):
 
     def contact(self, first: str, second: str) -> Contact | None:
         """The contact between two bodies, or None."""
-        true = readings.contact(self._model, self._now(), self._id(first), self._id(second))
-        source, step = f"{first}:{second}", self._step_number
-        return true and Contact(
-            self._readout.read("position", true.point, source, step),
-            self._readout.read_direction(true.normal, source, step),
-            self._readout.read_number("velocity", true.approach_speed, source, step),
-        )
-
-    def shown_model(self, bodies: Collection[str], parts: Collection[Part], turns: Mapping[str, Array]) -> str:
-        """A model that contains only what may be seen now; see `showing.shown_model`."""
-        return showing.shown_model(self._model, self._now(), bodies, parts, turns, self._revealed)
+        return self._sensors().contact(first, second)
 
     def shown_parts(
         self, frames: Mapping[str, Frame], parts: Collection[Part], turns: Mapping[str, Array]
@@ -191,8 +165,8 @@ class World(Simulation):
         Args:
             body: The body.
             target: World position (3,) [m]; rounded to the resolution of positions.
-            obstacles: Bodies that it may not overlap by more than 1 mm, or than it already does, each with the name
-                that a refusal gives it.
+            obstacles: Bodies that it may not overlap by more than 1 mm, or than it already does, as far as instruments
+                show (`clearance`); each with the name that a refusal gives it.
 
         Returns:
             True if it has arrived there, False if its joints did not let it move all the way.
@@ -203,14 +177,11 @@ class World(Simulation):
         index = self._id(body)
         now, old = self._now(), self._motion()
         tree = [self._id(name) for name in self.with_children(body)]
-        before = readings.overlaps(self._model, now, tree)
-        qpos = now.qpos.copy()
+        sensors, qpos = self._sensors(), now.qpos.copy()
+        before = clearance.depths(sensors, qpos, tree)
         target = self._readout.on_grid(target)
         motion.place(self._model, now, qpos, index, target)
-        trial = self._live()
-        trial.qpos[:] = qpos
-        mujoco.mj_fwdPosition(self._model, trial)
-        for pair, depth in readings.overlaps(self._model, trial, tree).items():
+        for pair, depth in clearance.depths(sensors, qpos, tree).items():
             mine, other = (self._model.body(index).name for index in pair)
             # Hidden bodies that ride along are no obstacles: a refusal would reveal them. Neither are soft ones.
             if mine in obstacles and other in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
@@ -221,8 +192,11 @@ class World(Simulation):
         return np.allclose(self._now().xpos[index], target, rtol=0, atol=1e-9)
 
     def shift(self, body: str, shift: Array, obstacles: Mapping[str, str]) -> bool:
-        """As `place`, at a displacement (3,) [m] from where the body is."""
-        return self.place(body, self._now().xpos[self._id(body)] + shift, obstacles)
+        """As `place`, at a displacement (3,) [m] from where instruments show the body.
+
+        From its true place, a refusal would tell that place: the target would be the next one on the grid.
+        """
+        return self.place(body, self.pose(body).position + shift, obstacles)
 
     def set_velocity(self, body: str, velocity: Array) -> None:
         """Give the centre of mass a velocity [m/s], as near as the body's joints allow.
@@ -271,8 +245,7 @@ class World(Simulation):
             raise NotPossible("so light a sphere cannot be simulated; give it a larger density or radius")
         position = self._readout.on_grid(position)
         self._replace(editing.with_ball(self._spec, body, position, density, radius, rgba))
-        depths = readings.overlaps(self._model, self._now(), [self._id(body)])
-        for (_, other), depth in depths.items():
+        for (_, other), depth in clearance.depths(self._sensors(), self._now().qpos, [self._id(body)]).items():
             name = self._model.body(other).name
             if name in obstacles and depth > OVERLAP_LIMIT:
                 self.restore(saved)

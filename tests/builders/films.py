@@ -13,11 +13,14 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.certify.in_memory import MemoryLaboratory
 from evaluator.episode.loop import play_episode
 from evaluator.records import EpisodeKey, ToolCall
-from evaluator.report.films import film_file
+from evaluator.report.agent_results import Run
+from evaluator.report.attachments import attached, film_file
 from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.store import RunFolder
+from evaluator.study.forking import line_hashes
 from scenes import find_pack, pack_hash
-from tests.builders.records import VERSIONS, episode_key
+from tests.builders.records import RIGHT, VERSIONS, episode_key
+from tests.builders.scored import scored
 
 Turns = Sequence[Sequence[ToolCall]]
 
@@ -46,9 +49,26 @@ def key_of(scene: int, turns: Turns, seed: int = 0) -> EpisodeKey:
     return episode_key(scene, seed=seed, budget=len(turns))
 
 
+def record_of(run: RunFolder, key: EpisodeKey) -> str:
+    """SHA-256 of the record of an episode, which its film carries."""
+    return line_hashes(run)[key]
+
+
+def file_of(run: RunFolder, key: EpisodeKey) -> Path:
+    """The file of the film of an episode."""
+    return film_file(run.path, record_of(run, key))
+
+
+def attached_run(run: RunFolder, target: Path | None = None) -> Run:
+    """A run as a report shows it, with its films and frames beside the page."""
+    rows = [scored(episode, RIGHT) for episode in run.episodes().values()]
+    target = target or run.path
+    return Run(run.path.name, run.read_run(), rows, {}, attached(run, [row.episode for row in rows], target))
+
+
 def read_film(run: RunFolder, key: EpisodeKey) -> dict[str, Any]:
     """A film as its file has it."""
-    text = film_file(run, key).read_text(encoding="utf-8")
+    text = file_of(run, key).read_text(encoding="utf-8")
     found = re.fullmatch(r"physmentFilm\((.*)\);\n", text)
     assert found
     return json.loads(found[1])

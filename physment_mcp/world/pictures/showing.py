@@ -1,11 +1,11 @@
-"""What may be seen of a model, for who draws it: shapes, places and colours of chosen geoms, and nothing else.
+"""What may be seen of a model: shapes and colours of chosen geoms, in the frames of their bodies, and nothing else.
 
-The process that draws pictures receives them as a model of their own, a viewer as parts of bodies. Neither can draw
-anything else.
+A viewer receives them as they are, the process that draws pictures as a model of their own (`picture_model`), in which
+bodies stand where the caller says. Neither can draw anything else.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Generator, Iterable, Mapping
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -32,6 +32,16 @@ class ShownPart(NamedTuple):
     """Red, green, blue and opacity (4,), 0 to 1."""
 
 
+class ShownBody(NamedTuple):
+    """A body, as far as it may be seen."""
+
+    name: str
+    movable: bool
+    pose: Sequence[float]
+    """Where it is shown: origin [m] and quaternion, 7 numbers; empty if its parts are given in the world frame."""
+    parts: Sequence[ShownPart]
+
+
 Frame = Literal["body", "origin", "world"]
 """The frame in which the parts of a body are given: its own, world axes about its origin, or that of the world."""
 
@@ -50,9 +60,9 @@ def shown_parts(
         model: The scene.
         data: Its settled state.
         frames: Bodies whose geoms are shown, as far as these are among the parts, with the frame to give them in.
-        parts: As for `shown_model`.
-        turns: As for `shown_model`.
-        revealed: As for `shown_model`.
+        parts: Geoms that may be shown.
+        turns: For some bodies, the orientation in which their geoms are shown instead of their own: quaternions (4,).
+        revealed: Bodies that are shown opaque.
     """
     found: dict[str, list[ShownPart]] = {}
     for geom, part, rgba in _seen(model, frames, parts, revealed):
@@ -68,50 +78,22 @@ def shown_parts(
     return found
 
 
-def shown_model(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    bodies: Collection[str],
-    parts: Collection[Part],
-    turns: Mapping[str, Array],
-    revealed: Collection[str] = (),
-) -> str:
-    """MJCF of some geoms where they are now; empty if all of them are transparent.
-
-    Args:
-        model: The scene.
-        data: Its settled state.
-        bodies: Bodies whose geoms are shown, as far as these are among the parts.
-        parts: Geoms that may be shown.
-        turns: For some bodies, the orientation in which their geoms are shown instead of their own: quaternions (4,).
-        revealed: Bodies that are shown opaque.
-    """
+def picture_model(bodies: Iterable[ShownBody]) -> str:
+    """MJCF of bodies where they are shown; empty if there are none."""
     root = ET.Element("mujoco")
     world = ET.SubElement(root, "worldbody")
-    owners: dict[str, ET.Element] = {"world": world}
-    shown = 0
-    for geom, part, rgba in _seen(model, bodies, parts, revealed):
-        if part[0] not in owners:
-            owners[part[0]] = ET.SubElement(world, "body", name=part[0])
-            if model.body_weldid[model.geom_bodyid[geom]] != 0:
-                ET.SubElement(owners[part[0]], "freejoint")
-                ET.SubElement(owners[part[0]], "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
-        turn = turns.get(part[0])
-        if turn is None:
-            turn = _turn(data, geom)
-        ET.SubElement(
-            owners[part[0]],
-            "geom",
-            type=mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower(),
-            size=_text(model.geom_size[geom]),
-            pos=_text(data.geom_xpos[geom]),
-            quat=_text(turn),
-            rgba=_text(rgba),
-            contype="0",
-            conaffinity="0",
-        )
-        shown += 1
-    return ET.tostring(root, encoding="unicode") if shown else ""
+    for body in bodies:
+        place = {"pos": _text(body.pose[:3]), "quat": _text(body.pose[3:])} if body.pose else {}
+        owner = ET.SubElement(world, "body", {"name": body.name} | place)
+        if body.movable:
+            ET.SubElement(owner, "freejoint")
+            # Nothing is simulated here, but MuJoCo refuses a body that can move and has no mass.
+            ET.SubElement(owner, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+        for part in body.parts:
+            placed = {"size": part.size, "pos": part.position, "quat": part.quaternion, "rgba": part.rgba}
+            texts = {name: _text(values) for name, values in placed.items()}
+            ET.SubElement(owner, "geom", {"type": part.shape, "contype": "0", "conaffinity": "0"} | texts)
+    return ET.tostring(root, encoding="unicode") if len(world) else ""
 
 
 def _seen(
@@ -127,7 +109,7 @@ def _seen(
 
 
 def view_of_shown(mjcf: str) -> View:
-    """The view of a model that `shown_model` wrote."""
+    """The view of a model that `picture_model` wrote."""
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

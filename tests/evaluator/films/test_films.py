@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from evaluator.commands.program import main
 from evaluator.films.reel import Instant, reel
 from evaluator.records import Episode
-from evaluator.report.films import FOLDER, film_file, filmed
+from evaluator.report.attachments import FILMS
 from evaluator.store import RunFolder
-from tests.builders.films import course, decoded, key_of, read_film, stored_run
+from tests.builders.films import attached_run, course, decoded, file_of, key_of, read_film, stored_run
 from tests.builders.records import call
 
 LOOK = call("get_position", object_id="object_1")
@@ -85,11 +85,11 @@ def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are
     run.episodes_file.write_text(f"{text}\n{found[FIND_KEY].model_dump_json()}\n", encoding="utf-8")
     assert main(["film", str(run.path)]) == 1
     assert "scene 7, seed 0, x, budget 4, epoch 1, turn 2, call 1 (step): " in capsys.readouterr().err
-    assert list(filmed(run)) == [FIND_KEY]
+    assert list(attached_run(run).attachments.films) == [FIND_KEY]
 
 
 def test_only_films_that_are_missing_or_of_another_record_are_made(run: RunFolder) -> None:
-    file = film_file(run, FALL_KEY)
+    file = file_of(run, FALL_KEY)
     before, content = file.stat().st_mtime_ns, file.read_text(encoding="utf-8")
     assert main(["film", str(run.path), "--episodes", "scene=7"]) == 0
     assert file.stat().st_mtime_ns == before
@@ -106,7 +106,7 @@ def test_what_cannot_be_filmed_is_refused_in_one_sentence(
 ) -> None:
     assert main(["film", str(run.path if words else tmp_path), *words]) == 2
     assert sentence in capsys.readouterr().err
-    assert not (tmp_path / FOLDER).exists()
+    assert not (tmp_path / FILMS).exists()
 
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=1, max_size=40))

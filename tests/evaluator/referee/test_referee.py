@@ -26,6 +26,7 @@ from evaluator.referee.rewards import RewardRule, Worth
 from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import grade_record, grade_run
 from evaluator.store import RunFolder
+from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.records import VERSIONS, episode_key
 from tests.builders.referee_client import referee_client
 from tests.clients.playing import canonical, exchanges_of
@@ -37,6 +38,7 @@ RECORD = RunRecord(
     packs={"7": "p", "23": "p"},
     versions={"physment-mcp": "0"},
 )
+HUGE = "9" * 4000
 GIVE_UP = {"end": "budget_exhausted"}
 
 
@@ -146,6 +148,18 @@ async def test_the_token_of_the_player_does_not_open_the_reward(host_url: str) -
         ('{"scene": 7, "seed": -1}', 400, "seed: Input should be greater than or equal to 0"),
         ('{"scene": 7, "knobs": 1}', 400, "knobs: Extra inputs are not permitted"),
         ("{", 400, "body: Invalid JSON"),
+        (f'{{"scene": {HUGE}}}', 400, "scene: Input should be less than or equal to 18446744073709551615"),
+        (f'{{"scene": 7, "seed": {HUGE}}}', 400, "seed: Input should be less than or equal to"),
+        (f'{{"scene": 7, "seed": {HUGE}{HUGE}}}', 400, "body: Invalid JSON: number out of range"),
+        (f'{{"split": "train", "index": {HUGE}}}', 400, "index: Input should be less than or equal to"),
+        (f'{{"split": "train", "random_seed": -{HUGE}}}', 400, "random_seed: Input should be greater than or equal to"),
+        (f'{{"split": "train", "random_seed": {HUGE}}}', 400, "random_seed: Input should be less than or equal to"),
+        ('{"scene": 1e400}', 400, "scene: Input should be a valid integer"),
+        ('{"scene": NaN}', 400, "scene: Input should be a valid integer"),
+        ('{"scene": 7, "budget": -Infinity}', 400, "budget: Input should be a valid integer"),
+        (f'{{"scene": {"[" * 7000}{"]" * 7000}}}', 400, "body: Invalid JSON: recursion limit exceeded"),
+        ('{"a":' * 2000 + "1" + "}" * 2000, 400, "body: Invalid JSON"),
+        (f'{{"{"k" * 15_000}": 1}}', 400, "kkkk: Extra inputs are not permitted"),
         ("", 400, "names no variant"),
         (f'{{"scene": 7, "prompting": "{"x" * 20_000}"}}', 413, "a request has at most 16000 bytes"),
     ],
@@ -157,7 +171,21 @@ async def test_what_cannot_be_opened_is_refused_in_one_sentence(
         refused = await trainer.http.post("/episodes", content=body)
         assert refused.status_code == status
         assert says in sentence(refused)
+        assert len(refused.text) < 600
         assert trainer.referee.open_episodes == 0
+
+
+@pytest.mark.parametrize("iterations", ["-1", "1000001", HUGE, "1e400", "NaN", "7.5", "[[[[1]]]]"])
+async def test_a_number_of_iterations_that_cannot_be_is_refused_in_one_sentence(host_url: str, iterations: str) -> None:
+    async with refereeing(host_url, rule=RewardRule(per_iteration=0.1)) as trainer:
+        opened = await trainer.open()
+        headers = {"Authorization": f"Bearer {opened['owner_token']}"}
+        body = f'{{"iterations": {iterations}, "end": "budget_exhausted"}}'
+        refused = await trainer.http.post(f"/episodes/{opened['episode_id']}/reward", content=body, headers=headers)
+        assert refused.status_code == 400
+        assert sentence(refused).startswith("iterations: Input should be ")
+        assert len(refused.text) < 300
+        assert (await trainer.reward(opened, GIVE_UP | {"iterations": 1})).status_code == 200
 
 
 async def test_an_episode_that_never_was_is_refused_in_one_sentence(host_url: str) -> None:
@@ -217,8 +245,11 @@ async def test_an_episode_that_its_host_lost_is_not_the_agents_fault(host_url: s
 
 async def test_without_a_token_web_pages_and_other_machines_are_refused(host_url: str) -> None:
     async with refereeing(host_url) as trainer:
-        for headers in ({"Origin": "http://127.0.0.1"}, {"Host": "lab.example"}):
-            assert (await trainer.http.get("/healthz", headers=headers)).status_code == 403
+        assert (await trainer.http.get("/healthz", headers={"Origin": "http://127.0.0.1"})).status_code == 403
+        for name in FOREIGN_HOSTS:
+            refused = await trainer.http.get("/healthz", headers=[(b"Host", name.encode("latin-1"))])
+            assert refused.status_code == 403, name
+        assert (await trainer.http.get("/healthz", headers={"Host": "LOCALHOST:80"})).status_code == 200
 
 
 async def test_a_referee_with_a_token_opens_and_checks_only_with_it(host_url: str) -> None:

@@ -9,11 +9,11 @@ from PIL import Image
 
 from evaluator.commands.program import main
 from evaluator.report.agent_results import Run
-from evaluator.report.films import FOLDER, PLAYER, film_file, film_name, filmed
+from evaluator.report.attachments import FILMS, PLAYER
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.store import RunFolder
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
-from tests.builders.films import key_of, stored_run
+from tests.builders.films import attached_run, file_of, key_of, stored_run
 from tests.builders.records import RIGHT, call
 from tests.builders.scored import scored
 
@@ -38,8 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 def report(run: RunFolder, inline: int = 300) -> Path:
-    rows = [scored(episode, RIGHT) for episode in run.episodes().values()]
-    return write_report(run, [Run("run", run.read_run(), rows, {}, films=filmed(run))], inline)
+    return write_report(run, [attached_run(run)], inline)
 
 
 @pytest.fixture(params=[(300, SOFTWARE_WEBGL), (1, ("--disable-3d-apis",))], ids=["webgl", "outline, notebooks beside"])
@@ -71,7 +70,7 @@ def red(browser: Page, file: Path) -> int:
     return int((colours[..., 0] - colours[..., 1:].max(axis=2) > 60).sum())
 
 
-def test_a_film_plays_from_disk_and_asks_nobody(shown: tuple[Page, Path], tmp_path: Path) -> None:
+def test_a_film_plays_from_disk_and_asks_nobody(shown: tuple[Page, Path], run: RunFolder, tmp_path: Path) -> None:
     browser, page = shown
     opened(browser, page, 2)
     browser.wait(f"parseFloat({CLOCK}) > 0.3")
@@ -83,7 +82,7 @@ def test_a_film_plays_from_disk_and_asks_nobody(shown: tuple[Page, Path], tmp_pa
     assert outline == (browser.run("document.querySelector('.film-box canvas') === null"))
     assert [one for one in browser.complaints if "GPU stall" not in one] == []
     folder = page.parent.resolve().as_uri()
-    expected = {f"{folder}/report.html", f"{folder}/{PLAYER}", f"{folder}/{FOLDER}/{film_name(KEY)}"}
+    expected = {f"{folder}/report.html", f"{folder}/{PLAYER}", f"{folder}/{FILMS}/{file_of(run, KEY).name}"}
     beside = {f"{folder}/{PAGES}/2.js"} if (page.parent / PAGES).is_dir() else set[str]()
     assert {address.split("#")[0] for address in browser.requests} == expected | beside
 
@@ -127,7 +126,7 @@ def test_calls_turns_and_times_follow_the_keyboard_and_the_charts_follow_the_fil
 def test_a_film_of_another_record_a_missing_film_and_a_damaged_one_are_told_in_a_sentence(
     run: RunFolder, browser: Page
 ) -> None:
-    page, file = report(run), film_file(run, KEY)
+    page, file = report(run), file_of(run, KEY)
     content = file.read_text(encoding="utf-8")
     said = "document.querySelector('.film-said').textContent"
     try:
@@ -142,7 +141,7 @@ def test_a_film_of_another_record_a_missing_film_and_a_damaged_one_are_told_in_a
             assert browser.run("document.querySelector('.film-panel')") is None
         file.unlink()
         opened(browser, page, 2)
-        assert f"The film is missing: {FOLDER}/{film_name(KEY)}" in browser.run(said)
+        assert f"The film is missing: {FILMS}/{file.name}" in browser.run(said)
     finally:
         file.write_text(content, encoding="utf-8")
 

@@ -81,7 +81,7 @@ def test_two_forks_are_two_episodes(forks: Forks) -> None:
     ("first", "said"),
     [
         (words("--scene", "9999"), "scene 9999"),
-        (words("--nonsense"), "unrecognized arguments: --nonsense"),
+        (words("--nonsense"), "there is no option --nonsense"),
         (b"no list\n", "JSONDecodeError"),
     ],
 )

@@ -5,6 +5,7 @@ import os
 import struct
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Iterator
 from typing import Any
@@ -16,11 +17,15 @@ from mcp import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
 
 from physment_mcp.errors import UsageError
-from physment_mcp.scene import load_scene, load_variants
+from physment_mcp.scene import load_scene, load_variants, scene_ids
 from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
+from physment_mcp.serving.sight import sight_of
 from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.views import bodies_of
 from physment_mcp.session import Session
+from physment_mcp.tools.calls import call
+from physment_mcp.world.pictures.showing import picture_model
 from tests.builders.laboratory import OpenLab, WritePack
 
 pytestmark = pytest.mark.anyio
@@ -113,26 +118,18 @@ def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
     before = frames.draw()
     planted = {item.body for item in session.state.objects.values() if not item.known}
     assert planted
-    assert not any(f'"{body}"' in _given(session, frames) for body in planted)
+    variants = load_variants(21)
+    assert not any(f'"{body}"' in given(session, *variants) for body in planted)
     session.reveal()
-    assert all(f'"{body}"' in _given(session, frames) for body in planted)
+    assert all(f'"{body}"' in given(session, *variants) for body in planted)
     after = frames.draw()
     assert after is not None
     assert after != before
 
 
-def _given(session: Session, frames: Frames) -> str:
+def given(session: Session, *variants: str) -> str:
     """The model that the painter receives."""
-    given: list[str] = []
-
-    class Watched:
-        def draw(self, mjcf: str, _view: object) -> None:
-            given.append(mjcf)
-
-    real, frames._painter = frames._painter, Watched()  # type: ignore[assignment]
-    frames.draw()
-    frames._painter = real
-    return given[0] if given else ""
+    return picture_model(bodies_of(session, sight_of(session.scene, variants)))
 
 
 @pytest.mark.parametrize(
@@ -164,25 +161,105 @@ def test_turning_shows_only_if_the_orientation_may_be_read(
     pack["object_permissions"]["object_8_permissions"]["body_quat"] = readable
     session = Session(load_scene(7, 0, write_pack(pack, xml.replace('gravity="0 0 -9.81"', 'gravity="0 0 0"'))))
     frames = Frames(session, [session.scene.mjcf], painter)
-    before, given = frames.draw(), _given(session, frames)
-    assert '"object_2"' in given
+    before, model = frames.draw(), given(session)
+    assert '"object_2"' in model
     # The geom of the lower link is away from its origin, so its place reveals its orientation.
-    assert ('"object_8"' in given) is readable
+    assert ('"object_8"' in model) is readable
     session.world.push("object_2", torque=np.array([0.0, 5.0, 0.0]))
     session.world.step(100)
     assert not np.allclose(session.world.pose("object_2").quaternion, [1, 0, 0, 0], atol=0.02)
     assert (frames.draw() != before) is readable
 
 
-def test_what_the_seed_changes_is_not_shown(
-    painter: Painter, pack: dict[str, Any], xml: str, write_pack: WritePack
-) -> None:
+def test_what_the_seed_changes_is_not_shown(pack: dict[str, Any], xml: str, write_pack: WritePack) -> None:
     session = Session(load_scene(7, 0, write_pack(pack, xml)))
     other = xml.replace('name="object_9" pos="6 0 1"', 'name="object_9" pos="6 0 1.01"')
     assert other != xml
-    assert '"object_2"' in _given(session, Frames(session, [other], painter))
-    same, changed = (_given(session, Frames(session, [variant], painter)) for variant in (xml, other))
+    assert '"object_2"' in given(session, other)
+    same, changed = (given(session, variant) for variant in (xml, other))
     assert changed.count("<geom") == same.count("<geom") - 1
+
+
+def nudged(session: Session, shift: float) -> None:
+    """Move every joint by a little, without a call: to another state of the same moment."""
+    saved = session.world.save()
+    state = saved.state.copy()
+    state[1 : 1 + saved.model.nq] += shift * np.random.default_rng(0).uniform(-1, 1, saved.model.nq)
+    session.world.restore(saved._replace(state=state))
+
+
+def read(session: Session) -> list[Any]:
+    """What the agent may read of where things are, as `get_position` and `describe` give it."""
+    places = [session.world.pose(item.body) for item in session.known()]
+    return [[session.world.time, place.position.tolist(), place.quaternion.tolist()] for place in places]
+
+
+INSTRUMENTED = [scene for scene in scene_ids() if load_scene(scene).public.instruments is not None]
+
+
+def test_scenes_with_a_resolution_are_among_those_tried() -> None:
+    assert {86, 88, 90, 202, 205, 206} <= set(INSTRUMENTED)
+
+
+@pytest.mark.parametrize("scene", INSTRUMENTED)
+def test_states_that_read_the_same_give_the_same_picture(scene: int) -> None:
+    session = Session(load_scene(scene, 3))
+    session.reveal()
+    if not session.world.save().model.nq:
+        sphere = {"density": 100, "radius": 0.05, "rgba": [1, 0, 0, 1]}
+        call(session, "create_objects", {"name": "probe", "pos": [0, 0, 9], **sphere})
+    session.world.step(40)
+    before = (read(session), given(session))
+    true = session.world.save().state.copy()
+    for shift in (1e-5, 1e-6, 1e-7):
+        nudged(session, shift)
+        if read(session) == before[0]:
+            break
+        session.world.restore(session.world.save()._replace(state=true))
+    else:
+        pytest.fail("no other state was found that reads the same")
+    assert not np.array_equal(session.world.save().state, true)
+    assert given(session) == before[1]
+
+
+@pytest.mark.parametrize("scene", scene_ids())
+def test_every_object_is_drawn_where_it_is_read_and_the_rest_stays_as_it_was(scene: int) -> None:
+    session = Session(load_scene(scene, 3))
+    session.reveal()
+    before = pictured(session)
+    session.world.step(40)
+    after = pictured(session)
+    assert after.keys() == before.keys()
+    for item in session.known():
+        if item.object_id not in after:
+            continue
+        place = session.world.pose(item.body)
+        *position, w, x, y, z = after[item.object_id][0]
+        assert position == pytest.approx(place.position, abs=1e-6)
+        turn = place.quaternion if session.may_read(item, "orientation") else [1, 0, 0, 0]
+        assert [w, x, y, z] == pytest.approx(turn, abs=1e-5)
+    assert {name: shapes for name, (_, shapes) in after.items()} == {
+        name: shapes for name, (_, shapes) in before.items()
+    }
+
+
+def pictured(session: Session) -> dict[str, tuple[list[float], list[str]]]:
+    """Body → its pose and its shapes in its own frame, as the painter receives them."""
+    model = given(session)
+    found: dict[str, tuple[list[float], list[str]]] = {}
+    for body in ET.fromstring(model).iter("body") if model else ():
+        pose = [float(number) for name in ("pos", "quat") for number in body.get(name, "").split()]
+        found[body.get("name", "")] = (pose, [ET.tostring(geom, encoding="unicode") for geom in body.iter("geom")])
+    return found
+
+
+@pytest.mark.parametrize("scene", [88, 90])
+def test_a_motion_below_the_resolution_does_not_show(scene: int, painter: Painter) -> None:
+    session, frames = frames_of(scene, 3, painter)
+    before, readings = frames.draw(), read(session)
+    nudged(session, 1e-6)
+    assert read(session) == readings
+    assert frames.draw() == before is not None
 
 
 def test_a_painter_that_dies_is_replaced(painter: Painter) -> None:

@@ -145,6 +145,8 @@ async def test_a_scene_that_fails_to_open_does_not_count_towards_the_limit(insid
         (b'{"scene": "7"}', 400, "scene"),
         (b'{"scene": true}', 400, "scene"),
         (b'{"scene": 7.5}', 400, "scene"),
+        (b'{"scene": %s}' % (b"9" * 4000), 400, "scene"),
+        (b'{"scene": 7, "seed": -%s}' % (b"9" * 4000), 400, "seed"),
         (b'{"scene": 7, "seed": "x"}', 400, "seed"),
         (b'{"scene": 7, "answer": 1}', 400, "answer"),
         (b'{"scene": 7, "pad": "' + b"x" * MAX_BODY + b'"}', 413, ""),

@@ -15,6 +15,7 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp.commands.program import main
 from physment_mcp.serving.gate import is_loopback
 from physment_mcp.serving.host import Host
+from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.laboratory import OpenHost, WritePack
 
 BASE = "http://127.0.0.1"
@@ -155,17 +156,21 @@ async def test_a_client_that_stays_connected_does_not_keep_an_unused_episode(ins
                 assert (await client.call_tool("step", {"duration": 0.1})).is_error
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["evil.example", "127.0.0.1.evil.example", "evil.example:8000", "10.0.0.2", "", "a@localhost", "localhost:port",
-     "localhost/x", "[::1", "[::2]", "0.0.0.0"],
-)  # fmt: skip
+@pytest.mark.parametrize("name", FOREIGN_HOSTS)
 async def test_a_request_for_another_name_is_refused(inside: OpenHost, name: str) -> None:
     async with inside() as (host, http):
         for method, path in (("POST", "/episodes"), ("GET", "/healthz"), ("POST", "/episodes/x/mcp")):
-            refused = await http.request(method, path, json={"scene": 7}, headers={"Host": name})
+            refused = await http.request(method, path, json={"scene": 7}, headers=[(b"Host", name.encode("latin-1"))])
             assert refused.status_code == 400
             assert "does not go by the name" in refused.json()["error"]
+        assert not host._episodes
+
+
+@pytest.mark.parametrize("names", [("localhost", "evil.example"), ("evil.example", "localhost"), ("localhost",) * 2])
+async def test_a_request_with_two_names_is_refused(inside: OpenHost, names: tuple[str, str]) -> None:
+    async with inside() as (host, http):
+        refused = await http.post("/episodes", json={"scene": 7}, headers=[("Host", name) for name in names])
+        assert refused.status_code == 400
         assert not host._episodes
 
 
@@ -210,7 +215,9 @@ async def test_a_host_answers_to_its_address_and_to_the_names_it_was_given(insid
     [
         ("http://localhost:6274", 200), ("https://127.0.0.1", 200), ("http://[::1]:3000", 200),
         ("http://evil.example", 403), ("null", 403), ("", 403), ("http://localhost.evil.example", 403),
-        ("http://localhost@evil.example", 403), ("file://", 403),
+        ("http://localhost@evil.example", 403), ("file://", 403), ("http://evil.example@localhost", 403),
+        ("localhost", 403), ("//localhost", 403), ("http:localhost", 403), ("http://[::1]evil", 403),
+        ("http://localhost/", 403), ("http://localhost.", 403), ("HTTP://LOCALHOST:80", 200),
     ],
 )  # fmt: skip
 async def test_a_page_of_another_site_is_refused(inside: OpenHost, origin: str, status: int) -> None:

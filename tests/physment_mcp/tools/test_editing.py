@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from physment_mcp.world.pictures.showing import ShownPart
 from tests.builders.bench import Bench, ball_mjcf, open_bench
 
 G = 9.81
@@ -179,7 +180,7 @@ async def test_finding_reveals_what_was_hidden_and_finding_again_returns_the_sam
     assert (after.state.tobytes(), after.model) == (before.state.tobytes(), before.model)  # no recompile
     assert await lab.position("2") == pytest.approx([1, 0, 5])
     await lab("create_objects", name="p", **SPHERE)
-    assert "1.000000000 0.000000000 0.000000000 1.000000000" in shown(lab, "object_2")  # still opaque
+    assert [part.rgba for part in shown(lab, "object_2")] == [[1, 0, 0, 1]]  # still opaque
 
 
 async def test_a_find_that_is_rolled_back_leaves_hidden_objects_transparent() -> None:
@@ -196,9 +197,9 @@ async def test_a_find_that_is_rolled_back_leaves_hidden_objects_transparent() ->
     assert not shown(lab, "object_2")
 
 
-def shown(lab: Bench, body: str) -> str:
-    """The model of this body for a picture; empty if it is transparent."""
-    return lab.session.world.shown_model({body}, {(body, 0)}, {})
+def shown(lab: Bench, body: str) -> list[ShownPart]:
+    """What is drawn of this body; nothing if it is transparent."""
+    return lab.session.world.shown_parts({body: "body"}, {(body, 0)}, {}).get(body, [])
 
 
 async def test_finding_where_nothing_is_hidden_says_so() -> None:

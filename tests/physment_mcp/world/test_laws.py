@@ -21,6 +21,7 @@ from scipy.integrate import quad
 import physment_mcp.world
 from physment_mcp.errors import NoDifference, SceneError, Unstable
 from physment_mcp.world import World
+from physment_mcp.world.laws import laws_at_start
 
 Law = Mapping[str, Any]
 NONE = ["0", "0", "0"]
@@ -278,6 +279,35 @@ def test_every_kind_of_missing_value_is_found_unstable(force: str) -> None:
         world.step(20)
 
 
+# Laws that a draw leaves out
+
+
+def test_a_law_with_factor_0_does_nothing_whatever_it_acts_on() -> None:
+    absent = {"on": "a", "with": {"o": "b"}, "force": ["3*(x - o_x)", "vy", "1"], "reaction": "o", "factor": 0.0}
+    turning = {"on": "b", "torque": ["1", "t", "-wx"], "factor": 0.0}
+    alone, beside = World(model(PAIR, BOND)), World(model(PAIR, absent, BOND, turning))
+    for _ in range(20):
+        assert state(run(alone, 0.1)) == state(run(beside, 0.1))
+
+
+def test_a_law_costs_the_same_arithmetic_whatever_was_drawn() -> None:
+    """The time that a step takes would tell otherwise which laws were drawn: the same instructions for every draw."""
+
+    def code(k: float, factor: float) -> tuple[bytes, tuple[object, ...]]:
+        law = {"on": "cart", "constants": {"k": k}, "force": ["-k*vx if k else 2*k", "k**2", "0"], "factor": factor}
+        world = World(model(CART, law))
+        (bound,) = laws_at_start(world._spec, world._model)
+        return bound._function.__code__.co_code, bound._function.__code__.co_consts
+
+    assert code(3.0, 1.0) == code(0.0, 1.0) == code(3.0, 0.0)
+
+
+def test_a_law_that_is_left_out_must_have_a_value_at_the_start_too() -> None:
+    assert "laws[0].force[0]: division by zero" in refusal(
+        CART, {"on": "cart", "force": ["1/x", "0", "0"], "factor": 0}
+    )
+
+
 # Where laws act
 
 
@@ -410,6 +440,8 @@ def refusal(bodies: str, *laws: Any, rest: str = "", qpos: str = "") -> str:
         ({"let": {"a": 1}}, "laws[1].let must be an object whose values are texts"),
         ({"constants": {"k": "1"}}, "laws[1].constants must be"),
         ({"constants": {"k": math.nan}}, "laws[1].constants must be"),
+        ({"factor": "1"}, "laws[1].factor must be a finite number"),
+        ({"factor": math.inf}, "laws[1].factor must be a finite number"),
         ({"force": ["0", "0"]}, "laws[1].force must be a list of three expressions"),
         ({"force": "000"}, "laws[1].force must be a list of three expressions"),
         ({"torque": [0, 0, 0]}, "laws[1].torque must be a list of three expressions"),

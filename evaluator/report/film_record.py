@@ -1,0 +1,144 @@
+"""The record of a film, and its form as a script that calls `physmentFilm` with the record and does nothing else.
+
+A page on disk may load scripts and may not fetch files, so a film is a script. A script from a stranger's run folder
+could do anything in the page. So a report never copies the file: it reads the record and writes it again.
+"""
+
+import base64
+import binascii
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from evaluator.records import Record, is_absent
+
+MOST_BYTES = 16_000_000
+"""Most bytes of a film."""
+MOST_NUMBERS = 16_000_000
+"""Most numbers that a player must unpack: times, and seven for each body at each instant."""
+
+_BEGIN, _END = b"physmentFilm(", b");\n"
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Triple = tuple[float, float, float]
+_Quaternion = tuple[float, float, float, float]
+_Index = Annotated[int, Field(ge=0)]
+_Step = Annotated[float, Field(gt=0)]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+
+
+class DrawnPart(Record):
+    """A shape in the frame of its body."""
+
+    shape: Literal["sphere", "box", "capsule", "cylinder", "ellipsoid", "plane"]
+    size: _Triple
+    """Radius and half lengths [m]; 0 for the endless directions of a plane."""
+    pos: _Triple
+    quat: _Quaternion
+    rgba: tuple[_Share, _Share, _Share, _Share]
+
+
+class DrawnBody(Record):
+    """A body that is drawn: an object, which has poses, or a fixture, which has none."""
+
+    id: Annotated[str, Field(pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,63}|fixture:[0-9]{1,6})$")]
+    object: bool
+    movable: bool
+    parts: tuple[DrawnPart, ...]
+
+    @model_validator(mode="after")
+    def _is_named_by_its_kind(self) -> Self:
+        if self.object == self.id.startswith("fixture:"):
+            raise ValueError("a body has the id of another kind")
+        return self
+
+
+class Drawing(Record):
+    """All bodies that are seen at a time."""
+
+    bodies: tuple[DrawnBody, ...]
+
+
+class Film(Record):
+    """What was seen in an episode. `reel` says how `data` is written."""
+
+    format: Literal[1] = 1
+    episode: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """SHA-256 of the line of the episode in its `episodes.jsonl`."""
+    revealed: bool = Field(default=False, exclude_if=is_absent)
+    """Whether it also shows what the agent could not see; absent if not."""
+    calls: tuple[tuple[_Index, ...], ...]
+    """For each call of each turn, the instant at which it had returned."""
+    drawings: tuple[Drawing, ...]
+    cuts: tuple[tuple[_Index, _Index], ...]
+    """From which instant on which drawing is shown."""
+    bodies: tuple[_Name, ...]
+    """Objects whose poses `data` holds, in its order."""
+    count: Annotated[int, Field(ge=1, le=MOST_NUMBERS)]
+    """Number of instants."""
+    step: _Step
+    """Step of positions [m]."""
+    turn: _Step
+    """Step of the components of quaternions."""
+    data: str
+    """Times and poses, as base64."""
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        faults = list(self._faults())
+        if faults:
+            raise ValueError(faults[0])
+        return self
+
+    def _faults(self) -> Iterator[str]:
+        if self.count * (1 + 7 * len(self.bodies)) > MOST_NUMBERS:
+            yield f"it holds more than {MOST_NUMBERS} numbers"
+        if any(instant >= self.count for turn in self.calls for instant in turn):
+            yield "a call returned after its end"
+        instants = [instant for instant, _ in self.cuts]
+        if instants[:1] != [0] or instants[-1] >= self.count or any(a >= b for a, b in pairwise(instants)):
+            yield "its cuts are in no order"
+        if any(drawing >= len(self.drawings) for _, drawing in self.cuts):
+            yield "a cut shows a drawing that is not there"
+        drawn = [Counter(body.id for body in drawing.bodies) for drawing in self.drawings]
+        objects = {body.id for drawing in self.drawings for body in drawing.bodies if body.object}
+        if any(times > 1 for ids in (*drawn, Counter(self.bodies)) for times in ids.values()):
+            yield "two of its bodies have one id"
+        if objects != set(self.bodies):
+            yield "what it draws and what it places are different objects"
+        try:
+            base64.b64decode(self.data, validate=True)
+        except binascii.Error:
+            yield "its numbers are no base64"
+
+
+def written(film: Film) -> bytes:
+    """The script of a film. It is ASCII, because every text of a film is a name, a hash or base64."""
+    return _BEGIN + film.model_dump_json().encode("ascii") + _END
+
+
+def read(script: bytes, episode: str) -> Film:
+    """The film of an episode in a script.
+
+    Args:
+        script: The content of its file.
+        episode: SHA-256 of the line of the episode.
+
+    Raises:
+        ValueError: It is not what `written` writes, or shows another record; the message repeats nothing of the script.
+    """
+    if len(script) > MOST_BYTES:
+        raise ValueError(f"it has more than {MOST_BYTES} bytes")
+    if not script.startswith(_BEGIN) or not script.endswith(_END):
+        raise ValueError("it is not one call of physmentFilm")
+    try:
+        film = Film.model_validate_json(script[len(_BEGIN) : -len(_END)])
+    except ValidationError as error:
+        raise ValueError(
+            f"it holds no film: {error.errors(include_url=False, include_input=False)[0]['msg']}"
+        ) from None
+    if film.episode != episode:
+        raise ValueError("it shows another record of its episode")
+    return film

@@ -1,0 +1,104 @@
+"""How deep bodies would overlap, as far as instruments show: so a refusal says no more than readings do.
+
+A refusal compares a depth with a limit. If the depth were true, whoever bisects the radius of a created ball would find
+a place to nanometres. To round the depth would not help: the threshold would stay as sharp. So overlaps are computed in
+a coarse copy of the world, in which every number is a multiple of a step:
+
+- Bodies are where `get_position` would say that they are, with its noise, whether or not an agent may read it. So a
+  refusal tells of a body what one reading of it tells.
+- What no instrument reads, such as sizes and places of geoms on their bodies, is rounded to `FLOOR`.
+- Fixtures are rounded to the resolution of positions, but to no less than `FLOOR` and no more than `COARSEST`.
+"""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from physment_mcp.world import passive, readings
+from physment_mcp.world.readings import Array, Pose
+from physment_mcp.world.readout import quaternion_of, rotation_vector
+from physment_mcp.world.sensors import Sensors
+
+FLOOR = 1e-4
+"""Step [m] of what is read to full precision, or by no instrument.
+
+It is the usual resolution of positions, and a tenth of the overlap that is allowed, so that rounding does not decide
+whether two bodies may touch.
+"""
+COARSEST = 1e-3
+"""Largest step [m] of fixtures: a coarser one would refuse places beside a floor or a wall that are free."""
+
+
+def depths(sensors: Sensors, qpos: Array, tree: list[int]) -> dict[tuple[int, int], float]:
+    """Depth [m] to which each body of a tree overlaps each other body in the coarse copy of the world.
+
+    Args:
+        sensors: Of the world as it is, settled.
+        qpos: Joint positions (nq,) at which the tree is looked at; those of other bodies are as they are.
+        tree: The body that is placed, and what is jointed to it.
+    """
+    resolution = sensors.readout.resolution("position")
+    model = _coarse(sensors.model, min(max(resolution, FLOOR), COARSEST))
+    data = passive.data_of(model)
+    data.qpos[:] = qpos
+    data.mocap_pos[:], data.mocap_quat[:] = sensors.data.mocap_pos, sensors.data.mocap_quat
+    mujoco.mj_kinematics(model, data)
+    for body in range(1, model.nbody):
+        # The agent knows where it puts a body, so the instruments add nothing to the tree but their resolution.
+        pose = readings.pose(model, data, body) if body in tree else sensors.pose(model.body(body).name)
+        _put(model, data, body, _rounded(pose, resolution or FLOOR, _extent(model, body)))
+    mujoco.mj_collision(model, data)
+    return readings.overlaps(model, data, tree)
+
+
+def _coarse(model: mujoco.MjModel, fixtures: float) -> mujoco.MjModel:
+    """A copy of a model whose sizes and places of geoms are multiples of steps [m]."""
+    coarse = copy.copy(model)
+    fixed = model.geom_bodyid == 0
+    step = np.where(fixed, fixtures, FLOOR)[:, None]
+    sizes = np.rint(model.geom_size / FLOOR) * FLOOR
+    coarse.geom_size[:] = np.where(sizes > 0, sizes, model.geom_size)
+    coarse.geom_pos[:] = np.rint(model.geom_pos / step) * step
+    for geom in range(model.ngeom):
+        angle = float(step[geom, 0]) / max(float(model.geom_rbound[geom]), FLOOR)
+        coarse.geom_quat[geom] = _turned(model.geom_quat[geom], angle)
+    # The engine's bounding volumes are those of the exact geoms, so they are widened by what the others may differ.
+    coarse.geom_margin[:] += 4 * (fixtures + FLOOR)
+    return coarse
+
+
+def _extent(model: mujoco.MjModel, body: int) -> float:
+    """How far the surface of a body is from its origin, at most [m]."""
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    reach = [
+        float(np.linalg.norm(model.geom_pos[geom])) + float(model.geom_rbound[geom])
+        for geom in range(first, first + count)
+    ]
+    return max(reach, default=FLOOR)
+
+
+def _rounded(pose: Pose, step: float, extent: float) -> Pose:
+    """A pose whose place, and whose surface at a distance `extent`, are known to a step [m]."""
+    return Pose(np.rint(pose.position / step) * step, _turned(pose.quaternion, step / max(extent, step)))
+
+
+def _turned(quaternion: Array, step: float) -> Array:
+    """The orientation (4,) whose rotation vector is the nearest multiple of a step [rad]."""
+    return quaternion_of(np.rint(rotation_vector(quaternion) / step) * step)
+
+
+def _put(model: mujoco.MjModel, data: mujoco.MjData, body: int, pose: Pose) -> None:
+    """Write the pose of a body, and of its geoms, into the results of the kinematics."""
+    axes, inner = np.zeros(9), np.zeros(9)
+    mujoco.mju_quat2Mat(axes, pose.quaternion)
+    turn = axes.reshape(3, 3)
+    data.xpos[body], data.xquat[body], data.xmat[body] = pose.position, pose.quaternion, axes
+    data.xipos[body] = pose.position + turn @ model.body_ipos[body]
+    mujoco.mju_quat2Mat(inner, model.body_iquat[body])
+    data.ximat[body] = (turn @ inner.reshape(3, 3)).ravel()
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    for geom in range(first, first + count):
+        data.geom_xpos[geom] = pose.position + turn @ model.geom_pos[geom]
+        mujoco.mju_quat2Mat(inner, model.geom_quat[geom])
+        data.geom_xmat[geom] = (turn @ inner.reshape(3, 3)).ravel()

@@ -1,0 +1,12 @@
+"""Host headers that name another machine, or that lenient parsers take for this one."""
+
+FOREIGN_HOSTS = (
+    *("", "evil.example", "evil.example:8000", "10.0.0.2", "0.0.0.0", "[::2]"),
+    *("127.0.0.1.evil.example", "localhost.", "127.0.0.1.", "127.1", "2130706433", "0x7f.0.0.1"),
+    *("a@localhost", "evil.example@127.0.0.1", "evil@localhost:80", "localhost:80@evil", "localhost\\\\@evil"),
+    *("[::1]evil", "[::1].evil.example", "evil[::1]", "::1", "[::1", "[::1%25lo]", "[localhost]", "[]"),
+    *("localhost:port", "localhost:", "localhost:1:2", "localhost:-1", "localhost:+1", "localhost:999999"),
+    *("localhost:\xb2", "local\thost", "localhost evil", "localhost,evil", "%6cocalhost"),
+    *("localhost/x", "localhost?x", "localhost#x", "//localhost", "http://localhost"),
+)
+"""None of them is a name of this machine, a colon and a port."""
