@@ -13,9 +13,10 @@ from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
-from physment_mcp.errors import RefusedCall
+from evaluator.errors import UsageError
+from physment_mcp.errors import RefusedCall, SceneError
 from physment_mcp.scene import load_scene
-from physment_mcp.serving.prompts import opening_prompt
+from physment_mcp.serving.prompts import CallProtocol, Prompting, PromptOptions, opening_prompt
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.calls import call_async
@@ -75,9 +76,26 @@ def session_of(files: PackFiles, mjcf: str, *, any_calls: bool = False) -> Sessi
     return Session(scene)
 
 
-def prompt_of(files: PackFiles, mjcf: str) -> str:
-    """The opening prompt of a pack with this model."""
-    return opening_prompt(session_of(files, mjcf))
+def prompt_of(
+    files: PackFiles, mjcf: str, prompting: str = "zero-shot", protocol: str = "native", budget: int | None = None
+) -> str:
+    """The opening prompt of a pack with this model.
+
+    Args:
+        files: The pack.
+        mjcf: The model with the drawn values in it.
+        prompting: As in `run --prompting`.
+        protocol: As in `run --protocol`.
+        budget: Iterations that the prompt names; None if it names none.
+
+    Raises:
+        UsageError: The laboratory refuses the pack or the model.
+    """
+    try:
+        session = session_of(files, mjcf)
+    except SceneError as error:
+        raise UsageError(f"scene {files.scene_id} cannot be opened: {error}") from error
+    return opening_prompt(session, PromptOptions(Prompting(prompting), CallProtocol(protocol), budget))
 
 
 def is_intervention(tool: str, arguments: Mapping[str, Any]) -> bool:

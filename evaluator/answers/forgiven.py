@@ -15,6 +15,7 @@ from evaluator.answers.forms import (
     PlainNumber,
     as_item,
     is_too_long,
+    labelled_items,
     lenient_items,
     lenient_number,
     plain_number,
@@ -22,6 +23,8 @@ from evaluator.answers.forms import (
     unlabel,
     unwrap,
 )
+from evaluator.answers.formula import one_side
+from evaluator.answers.formula_keys import compare_formulas
 from evaluator.answers.strict import (
     AnswerKey,
     Finding,
@@ -32,8 +35,8 @@ from evaluator.answers.strict import (
     strict_finding,
     wanted_number,
 )
-from evaluator.answers.words import is_object_id, named_object
-from evaluator.quantities.units import conversion, parse_unit
+from evaluator.answers.words import is_object_id, named_object, named_option
+from evaluator.quantities.units import conversion, parse_unit, same_quantity
 from evaluator.records import NormalisationClass
 from scenes.answer_spec import AnswerKind
 
@@ -46,7 +49,8 @@ _ANSWER_LABEL = frozenset({"the", "my", "final", "answer", "result"})
 
 def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
     """The finding that forgives a strictly wrong answer; None if nothing forgives it."""
-    while isinstance(answer, list) and len(answer) == 1 and not isinstance(key.value, tuple):
+    listed = isinstance(key.value, tuple)
+    while isinstance(answer, list) and len(answer) == 1 and (not listed or isinstance(answer[0], list)):
         answer = answer[0]
     if is_too_long(answer):
         return None
@@ -56,7 +60,8 @@ def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
 def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
     """Forgive each part by its form. The answer gets the first class, in the documented order, that a part needed."""
     findings: list[Finding] = []
-    for index, item in enumerate(lenient_items(answer, len(key.parts)) or ()):
+    items = labelled_items(answer, key.spec.labels) or lenient_items(answer, len(key.parts)) or ()
+    for index, item in enumerate(items):
         finding = _right_part(item, key, index)
         if finding is None:
             return None
@@ -87,6 +92,8 @@ def _right_part(item: Item, key: AnswerKey, index: int) -> Finding | None:
     finding = strict_finding(item, key, index)
     if finding.right:
         return finding
+    if key.spec.kind is AnswerKind.FORMULA:
+        return _forgive_formula(str(item), key)
     wanted = wanted_number(key, index)
     if wanted is None:
         return _forgive_words(str(item), key, index)
@@ -119,7 +126,7 @@ def _forgive_quantity(item: Item, wanted: PlainNumber, key: AnswerKey, index: in
         asked = key.spec.unit[index] if isinstance(key.spec.unit, tuple) else key.spec.unit
         asked_unit = None if asked is None else parse_unit(asked)
         factor = None if asked_unit is None else conversion(got.unit, asked_unit)
-        if factor is None:
+        if asked_unit is None or factor is None or not same_quantity(got.unit, asked_unit):
             return None
         value, converted = value * factor, f", in {asked}"
     finding = compare_numbers(value, wanted, key)
@@ -127,6 +134,12 @@ def _forgive_quantity(item: Item, wanted: PlainNumber, key: AnswerKey, index: in
         return None
     reason = f"{quoted(item)} says one number{converted}: {finding.reason}"
     return Finding(right=True, reason=reason, forgiven=NormalisationClass.ANSWER_FORMAT)
+
+
+def _forgive_formula(text: str, key: AnswerKey) -> Finding | None:
+    """Forgive a left side, as in `F = 2 x`, an answer's label, LaTeX, and variables that are run together."""
+    right, reason = compare_formulas(one_side(text, key.spec.variables), str(key.value), key.spec, run_together=True)
+    return Finding(right=True, reason=reason, forgiven=NormalisationClass.ANSWER_FORMAT) if right else None
 
 
 def _is_mislabelled(label: str, labels: Sequence[str], index: int) -> bool:
@@ -165,7 +178,10 @@ def _same_object(said: str, key: AnswerKey, index: int) -> Finding | None:
 def _same_words(said: str, key: AnswerKey, index: int) -> Finding | None:
     got, wanted = plain_number(said), plain_number(key.parts[index])
     same_number = got is not None and wanted is not None and got.value == wanted.value
-    if not same_number and not strict_finding(said, key, index).right:
+    same_option = key.spec.kind is AnswerKind.CHOICE and named_option(said, key.spec.options) == exact_text(
+        key.parts[index]
+    )
+    if not same_number and not same_option and not strict_finding(said, key, index).right:
         return None
     return Finding(
         right=True, reason=f"{quoted(said)} is the key in another form", forgiven=NormalisationClass.ANSWER_FORMAT

@@ -1,16 +1,17 @@
 """Parses the numbers and list parts of an answer. Knows no keys and no verdicts.
 
 There are two parsers. The strict one accepts only a plain number. The lenient one also accepts common notations of one
-number (a unit, a label, brackets, LaTeX, a fraction, thousands separators, powers of ten), but every character must
-have a meaning: `1 or 2`, `not 2`, `3 ± 1` and `4.9 m/s downward` are not numbers.
+number (a unit, a label, brackets, LaTeX, a fraction, a mixed number, full-width digits, thousands separators, powers of
+ten), but every character must have a meaning: `1 or 2`, `not 2`, `3 ± 1` and `4.9 m/s downward` are not numbers.
 """
 
+import json
 import math
 import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 from pydantic import JsonValue
 
@@ -61,7 +62,8 @@ def is_too_long(answer: JsonValue) -> bool:
     if isinstance(answer, str):
         return len(answer) > MAX_CHARS
     if isinstance(answer, (list, dict)):
-        return len(answer) > MAX_CHARS or sum(len(item) for item in answer if isinstance(item, str)) > MAX_CHARS
+        parts = answer if isinstance(answer, list) else [*answer, *answer.values()]
+        return len(answer) > MAX_CHARS or sum(len(part) for part in parts if isinstance(part, str)) > MAX_CHARS
     return False
 
 
@@ -108,6 +110,8 @@ def _all_items(parts: Iterable[Item | None]) -> list[Item] | None:
 
 # The lenient parser.
 
+_FRACTION_SLASH = "\N{FRACTION SLASH}"
+
 _LATEX = (
     (
         re.compile(
@@ -115,8 +119,11 @@ _LATEX = (
         ),
         " ",
     ),
+    (re.compile(r"\\(?:SI|qty)\s*\{([^{}]*)\}\s*\{([^{}]*)\}"), r" \1 \2 "),
     (re.compile(r"\^\s*\{([^{}]*)\}"), r"^\1"),
     (re.compile(r"_\s*\{([^{}]*)\}"), r"_\1"),
+    # `3\frac{1}{2}` is a product to some and 3.5 to others, so a typeset fraction is never part of a mixed number.
+    (re.compile(r"\\[dt]?frac\s*\{\s*([0-9.]+)\s*\}\s*\{\s*([0-9.]+)\s*\}"), rf" \1{_FRACTION_SLASH}\2"),
     (re.compile(r"\\[dt]?frac\s*\{([^{}]*)\}\s*\{([^{}]*)\}"), r" \1/\2"),
     (re.compile(r"\\(?:times|cdot)(?![a-z])"), "*"),
     (re.compile(r"\^?\\circ(?![a-z])"), "°"),
@@ -127,9 +134,9 @@ _LATEX = (
     (re.compile(r"([⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺]+)"), r"^\1"),
 )
 _SIGNS = str.maketrans(
-    "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺−\N{EN DASH}×·⋅\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}",
-    "0123456789-+--***   ",
-)
+    "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺−\N{EN DASH}×·⋅\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}０１２３４５６７８９．＋－",
+    "0123456789-+--***   0123456789.+-",
+) | {ord(sign): f" {text}" for sign, text in {"½": "1/2", "¼": "1/4", "¾": "3/4", "⅓": "1/3", "⅔": "2/3"}.items()}
 _PAIRS = (("**", "**"), ("(", ")"), ("[", "]"), ('"', '"'), ("'", "'"), ("`", "`"), ("“", "”"))
 _LABEL = re.compile(r"(?P<label>[^=:≈]{0,80}?)(?:[=:≈]|(?<![A-Za-z])(?:is|equals)(?![A-Za-z]))\s?(?P<rest>.*)")
 _ABOUT = re.compile(r"(?:approximately|approx\.?|about|roughly|around) ", re.IGNORECASE)
@@ -153,7 +160,9 @@ _LABEL_WORDS = frozenset(
 _GROUPED = r"[+-]? ?[1-9][0-9]{0,2}(?:(?:,[0-9]{3})+|(?: [0-9]{3})+)(?:\.[0-9]*)?(?![0-9])"
 _EXPONENT = r"\(?(?P<exponent>[+-]?[0-9]{1,2})(?![0-9.])\)?"
 _NUMBERS = (
-    re.compile(rf"(?P<top>[+-]? ?{_DIGITS}) ?/ ?(?P<bottom>{_DIGITS})"),
+    # `1 250/300` may be a quotient with a thousands separator, so the numerator has at most two digits.
+    re.compile(r"(?P<sign>[+-]? ?)(?P<whole>[0-9]+) (?P<top>[1-9][0-9]?) ?/ ?(?P<bottom>[1-9][0-9]{0,2})(?![0-9.])"),
+    re.compile(rf"(?P<top>[+-]? ?{_DIGITS}) ?[/{_FRACTION_SLASH}] ?(?P<bottom>{_DIGITS})"),
     re.compile(rf"(?P<sign>[+-]? ?)(?:(?P<mantissa>{_DIGITS}) ?[x*] ?)?10 ?(?:\^|\*\*) ?{_EXPONENT}"),
     re.compile(rf"(?P<grouped>{_GROUPED})"),
     re.compile(rf"(?P<plain>[+-]? ?{_DIGITS}(?:[eE][+-]?[0-9]{{1,2}}(?![0-9]))?)"),
@@ -175,6 +184,8 @@ def unwrap(text: str) -> str:
         for left, right in _PAIRS:
             if len(text) > len(left + right) and text.startswith(left) and text.endswith(right):
                 text = text[len(left) : -len(right)]
+                # Python writes a list of one number as `(7.85,)`.
+                text = text.removesuffix(",") if left in {"(", "["} else text
     return text.strip()
 
 
@@ -197,7 +208,9 @@ def unlabel(text: str, known: Sequence[str] = ()) -> tuple[str, str]:
 
 
 def _label_words(label: str) -> list[str]:
-    return re.sub(r"\bobject[_ ]?[0-9]{1,3}\b", "object", label).replace("_", " ").replace("-", " ").split()
+    """The words of a label. A hyphen is a bullet or joins two words; in `-v` and `x-v` it stays, as a minus sign."""
+    words = re.sub(r"\bobject[_ ]?[0-9]{1,3}\b", "object", label).replace("_", " ")
+    return re.sub(r"^- |(?<=[a-z]{2})-(?=[a-z]{2})", " ", words).split()
 
 
 def lenient_number(item: Item, known_labels: Sequence[str] = ()) -> LenientNumber | None:
@@ -219,10 +232,14 @@ def lenient_number(item: Item, known_labels: Sequence[str] = ()) -> LenientNumbe
 
 
 def _value(number: re.Match[str]) -> Fraction | None:
-    """Value of a match of one of `_NUMBERS`; None for a division by zero."""
+    """Value of a match of one of `_NUMBERS`; None for a division by zero, and for `2 3/2`, which is no mixed number."""
     groups = {
         name: text.replace(" ", "").replace(",", "") for name, text in number.groupdict().items() if text is not None
     }
+    if "whole" in groups:
+        top, bottom = int(groups["top"]), int(groups["bottom"])
+        size = int(groups["whole"]) + Fraction(top, bottom)
+        return None if top >= bottom else -size if groups["sign"] == "-" else size
     if "top" in groups:
         bottom = Fraction(groups["bottom"])
         return Fraction(groups["top"]) / bottom if bottom else None
@@ -250,6 +267,37 @@ def lenient_items(answer: JsonValue, count: int) -> list[Item] | None:
         if len(parts) == count and all(parts):
             return [part + unit for part in parts]
     return None
+
+
+def labelled_items(answer: JsonValue, labels: Sequence[str]) -> list[Item] | None:
+    """Parts of a JSON object, or of one in a string, whose names are the labels; in the order of the labels.
+
+    A label such as `A: speed under 40 N` may be shortened to `A`. None if a name is missing, strange or there twice.
+    """
+    named = _read_object(answer)
+    if named is None or not labels or len(named) != len(labels):
+        return None
+    found: list[Item | None] = []
+    for label in labels:
+        values = [value for name, value in named if _folded(name) in {_folded(label), _folded(label.partition(":")[0])}]
+        found.append(as_item(values[0]) if len(values) == 1 else None)
+    return _all_items(found)
+
+
+def _read_object(answer: JsonValue) -> list[tuple[str, JsonValue]] | None:
+    """The names and values of a JSON object, each as often as it is written."""
+    if isinstance(answer, str):
+        try:
+            # Python would silently keep the last of several values of one name.
+            read: Any = json.loads(answer, object_pairs_hook=tuple)
+        except (ValueError, RecursionError):
+            return None
+        return list(cast("tuple[tuple[str, JsonValue], ...]", read)) if isinstance(read, tuple) else None
+    return list(answer.items()) if isinstance(answer, dict) else None
+
+
+def _folded(name: str) -> str:
+    return " ".join(name.lower().replace("_", " ").split())
 
 
 def _common_unit(text: str) -> tuple[str, str]:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
+from evaluator.answers.forms import unlabel
 from scenes.answer_spec import Variable
 
 MAX_CHARS = 300
@@ -49,6 +50,20 @@ _TOKEN = re.compile(
 )
 
 
+_LATEX = (
+    (re.compile(r"\\(?:left|right)(?![a-z])|\\[()\[\]]"), ""),
+    (re.compile(r"\\[,;: ]"), " "),
+    (re.compile(r"\\(?:cdot|times)(?![a-z])"), "*"),
+    (re.compile(r"\\(pi|sin|cos|tan|exp|ln|log)(?![a-z])"), r" \1 "),
+    (re.compile(r"\\sqrt\s*\{([^{}]*)\}"), r" sqrt(\1)"),
+    (re.compile(r"\^\s*\{([^{}]*)\}"), r"^(\1)"),
+    (re.compile(r"_\s*\{(\w+)\}"), r"_\1"),
+    (re.compile(r"\\[dt]?frac\s*\{([^{}]*)\}\s*\{([^{}]*)\}"), r" ((\1)/(\2))"),
+)
+_ARGUMENTS = re.compile(r"^([^\W\d]\w{0,12}) ?\([\w, ]*\) ?=")
+"""The left side of `F(x, v) = 2 x v`."""
+
+
 class FormulaError(ValueError):
     """The text is no formula in the variables of the scene."""
 
@@ -63,8 +78,29 @@ class Node(NamedTuple):
     """The number or the name as written."""
 
 
-def parse_formula(text: str, variables: Collection[str]) -> Node:
+def one_side(text: str, variables: Collection[str]) -> str:
+    """What stands on the right of `F = 2 x` or `The answer is 2 x`, with the usual LaTeX as plain text.
+
+    A text whose left side is a variable of the scene is an equation, and stays as it is.
+    """
+    text = text.strip().removesuffix(".")
+    for mark in ("**", "`", "$$", "$"):
+        if len(text) > 2 * len(mark) and text.startswith(mark) and text.endswith(mark):
+            text = text[len(mark) : -len(mark)].strip()
+    for command, meaning in _LATEX:
+        text = command.sub(meaning, text)
+    label, rest = unlabel(_ARGUMENTS.sub(r"\1 =", text))
+    is_equation = "=" in rest or text.startswith("-") or label.lower() in {name.lower() for name in variables}
+    return text if is_equation else rest
+
+
+def parse_formula(text: str, variables: Collection[str], *, run_together: bool = False) -> Node:
     """Read a formula.
+
+    Args:
+        text: The formula.
+        variables: The names of the variables.
+        run_together: Whether `xv` is read as `x v`, if it is no variable itself and there is only one way to read it.
 
     Raises:
         FormulaError: It is none, has another name in it, or is too long.
@@ -72,7 +108,7 @@ def parse_formula(text: str, variables: Collection[str]) -> Node:
     if len(text) > MAX_CHARS:
         raise FormulaError(f"longer than {MAX_CHARS} characters")
     tokens = _tokens(_RAISED.sub(lambda found: f"^({found[0].translate(_LOWERED)})", text.translate(_SIGNS)))
-    reader = _Reader(tokens, variables)
+    reader = _Reader(_divided(tokens, variables) if run_together else tokens, variables)
     formula = reader.sum(0)
     reader.end()
     return formula
@@ -89,6 +125,30 @@ def _tokens(text: str) -> list[tuple[str, str]]:
         found.append((token.lastgroup, token[token.lastgroup]))
         at = token.end()
     return found
+
+
+def _divided(tokens: Sequence[tuple[str, str]], variables: Collection[str]) -> list[tuple[str, str]]:
+    """The tokens with each unknown name replaced by the variables of which it consists."""
+    found: list[tuple[str, str]] = []
+    in_exponent = False
+    for kind, text in tokens:
+        # `2^xv` could be 2^(x v) as well as 2^x v, so a name is not divided in an exponent.
+        is_known = text in variables or text in FUNCTIONS or text == "pi" or in_exponent
+        ways = [] if kind != "name" or is_known else _ways(text, {*variables, "pi"})
+        found += [("name", part) for part in ways[0]] if len(ways) == 1 else [(kind, text)]
+        in_exponent = text in {"^", "**"} or (in_exponent and text in {"+", "-"})
+    return found
+
+
+def _ways(text: str, names: Collection[str]) -> list[tuple[str, ...]]:
+    """At most two ways to write a text as names one after the other."""
+    ways: list[list[tuple[str, ...]]] = [[()], *([] for _ in text)]
+    for end in range(1, len(text) + 1):
+        for name in names:
+            start = end - len(name)
+            if start >= 0 and text[start:end] == name:
+                ways[end] = (ways[end] + [(*way, name) for way in ways[start]])[:2]
+    return ways[-1]
 
 
 class _Reader:

@@ -24,13 +24,14 @@ def check_key(key: str, variables: dict[str, Variable]) -> None:
             raise ValueError(f"the key {key!r} has no value at {_written(point)}")
 
 
-def compare_formulas(answer: str, key: str, spec: AnswerSpec) -> tuple[bool, str]:
+def compare_formulas(answer: str, key: str, spec: AnswerSpec, *, run_together: bool = False) -> tuple[bool, str]:
     """Whether a formula is within the tolerance of the key everywhere in the ranges of the variables, and why.
 
-    At each point |answer - key| <= abs_tol + rel_tol |key|, with at least 1e-9 |key| for rounding.
+    At each point |answer - key| <= abs_tol + rel_tol |key|, with at least 1e-9 |key| for rounding. `run_together` is
+    that of `parse_formula`.
     """
     try:
-        formula = parse_formula(answer, spec.variables)
+        formula = parse_formula(answer, spec.variables, run_together=run_together)
     except FormulaError as error:
         return False, f"no formula: {error}"
     wanted = parse_formula(key, spec.variables)

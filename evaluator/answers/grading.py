@@ -15,7 +15,7 @@ from evaluator.answers.words import is_object_id
 from evaluator.records import Episode, Grade, Outcome, Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
-GRADER_VERSION = "3"
+GRADER_VERSION = "4"
 """Stored with each grade; raised whenever a verdict can change."""
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
@@ -39,10 +39,11 @@ def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> Answer
     parts = answer if isinstance(answer, tuple) else (answer,)
     listed = isinstance(answer, tuple)
     numbers = [number.value for part in parts if (number := plain_number(part)) is not None]
-    if not numbers:
-        if all(is_object_id(str(part).strip().lower()) for part in parts):
-            return AnswerSpec(kind=AnswerKind.OBJECTS)
+    words = [str(part).strip().lower() for part in parts if plain_number(part) is None]
+    if not all(map(is_object_id, words)):
         return AnswerSpec(kind=AnswerKind.CHOICE if listed else AnswerKind.TEXT)
+    if not numbers:
+        return AnswerSpec(kind=AnswerKind.OBJECTS)
     if _is_whole(answer) and problem_type.strip().lower() not in _NUMERIC_TYPES:
         return AnswerSpec(kind=AnswerKind.CHOICE)
     return AnswerSpec(

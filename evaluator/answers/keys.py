@@ -18,6 +18,7 @@ class SceneFacts:
     """What reports show about a scene besides its verdicts."""
 
     name: str
+    task: str
     category: str
     problem_type: str
     disabled_tools: frozenset[str]
@@ -63,14 +64,17 @@ class KeyRing:
         value = stored if seed == 0 or not pack.knobs else _drawn_value(files, pack, seed)
         try:
             steps = step_values(files, pack, draw_knobs(files, pack, seed)) if pack.steps else {}
+            return AnswerKey(tuple(value) if isinstance(value, list) else value, spec, names, steps)
         except PackError as error:
             raise UsageError(str(error)) from error
-        return AnswerKey(tuple(value) if isinstance(value, list) else value, spec, names, steps)
+        except ValueError as error:
+            raise UsageError(f"{files.json}: no answer can be compared with its key at seed {seed}: {error}") from error
 
     def _facts(self, scene: int) -> SceneFacts:
         _, pack = self._open(scene)
         return SceneFacts(
             pack.metadata.scene_name,
+            pack.metadata.task,
             pack.category.value if pack.category else "uncategorised",
             pack.metadata.problem_type,
             frozenset(pack.disabled_tools),

@@ -1,7 +1,6 @@
 """Answer keys, and strict comparison with them: the answer must have the requested form and be within tolerance.
 
-An answer in words is right if it is the key, or if a wording fits that the pack gives for this key. Where the pack
-gives none, words of the key itself are right too.
+A free text, which only published packs ask for, is right if it is the key or consists of words of the key.
 """
 
 import re
@@ -14,16 +13,18 @@ from pydantic import JsonValue
 
 from evaluator.answers.forms import Item, PlainNumber, as_item, plain_number, strict_items
 from evaluator.answers.formula_keys import check_key, compare_formulas
-from evaluator.answers.wordings import expressions_of, first_wording
-from evaluator.answers.words import is_contained
+from evaluator.answers.words import is_contained, is_object_id
 from evaluator.records import NormalisationClass
-from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar, Wording
+from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
 ZERO_ABS_TOL = 0.01
 """Absolute tolerance for keys that are 0, in the unit of the answer, because 5 % of 0 is 0.
 
 It equals 5 % of the smallest other published key, 0.2 (scenes 93 and 99).
 """
+
+
+_NOUNS = {AnswerKind.NUMBERS: "list of numbers", AnswerKind.OBJECTS: "list of objects", AnswerKind.TEXT: "text"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,28 +44,28 @@ class AnswerKey:
 
     def __post_init__(self) -> None:
         listed = isinstance(self.value, tuple)
-        if not self.parts or (listed and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.TEXT, AnswerKind.FORMULA}):
-            raise ValueError(f"the key {self.value!r} is no {self.spec.kind.value}")
+        single = self.spec.kind in {AnswerKind.NUMBER, AnswerKind.TEXT, AnswerKind.FORMULA}
+        if not self.parts or (listed and single) or (not listed and self.spec.kind is AnswerKind.NUMBERS):
+            raise ValueError(f"the key {self.value!r} is no {_NOUNS.get(self.spec.kind, self.spec.kind.value)}")
         for part in self.parts:
             number = plain_number(part)
             if isinstance(part, bool) or not str(part).strip() or (number is None and not isinstance(part, str)):
                 raise ValueError(f"{part!r} cannot be the key of any answer")
-            if number is None and self.spec.kind is AnswerKind.NUMBER:
+            # A published list may hold the id of an object beside numbers.
+            is_named = self.spec.kind is AnswerKind.NUMBERS and is_object_id(str(part).strip().lower())
+            if number is None and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} and not is_named:
                 raise ValueError(f"the key {part!r} is no number")
-        if isinstance(self.spec.unit, tuple) and len(self.spec.unit) != len(self.parts):
-            raise ValueError(f"{len(self.spec.unit)} units for {len(self.parts)} numbers")
-        for pattern in [*self.spec.accept, *expressions_of(self.spec)]:
+        units = self.spec.unit if isinstance(self.spec.unit, tuple) else ()
+        for what, given in (("unit", units), ("label", self.spec.labels)):
+            if given and len(given) != len(self.parts):
+                raise ValueError(f"the key {self.value!r} needs one {what} for each of its parts, not {len(given)}")
+        for pattern in self.spec.accept:
             try:
                 re.compile(pattern)
             except re.error as error:
                 raise ValueError(f"the pattern {pattern!r} cannot be read: {error}") from error
         if self.spec.kind is AnswerKind.FORMULA:
             check_key(str(self.value), self.spec.variables)
-
-    @property
-    def wordings(self) -> tuple[Wording, ...]:
-        """What else says the same as this key."""
-        return self.spec.wordings.get(str(self.value), ())
 
     @property
     def parts(self) -> tuple[Scalar, ...]:
@@ -113,11 +114,7 @@ def _compare_words(item: Item, key: AnswerKey, index: int) -> Finding:
     accepted = {meant, f"object_{meant}"} if _is_numbered_object(key, meant) else {meant}
     if said in accepted:
         return Finding(right=True, reason=f"{quoted(item)} is the key")
-    if key.spec.kind is AnswerKind.TEXT and key.wordings:
-        wording = first_wording(str(item), key.wordings)
-        if wording is not None:
-            return Finding(right=True, reason=f"{quoted(item)} says what the key says, by {wording!r}")
-    elif key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
+    if key.spec.kind is AnswerKind.TEXT and is_contained(said, meant, key.spec.options):
         return Finding(right=True, reason=f"{quoted(item)} stands in the key as whole words")
     return Finding(right=False, reason=f"{quoted(item)} is not {quoted(key.parts[index])}")
 

@@ -25,6 +25,9 @@ _EMPTY_WORDS = frozenset(
     )
 )
 _OBJECT_ID = re.compile(r"object_(?P<number>[0-9]{1,6})")
+_LEADING_ZEROS = re.compile(r"^(object ?)0+(?=[1-9])")
+_OPTION = re.compile(r"(?:(?:case|option) ?#?|#) ?(0|[1-9][0-9]{0,2})", re.IGNORECASE)
+_ORDINAL = re.compile(r"(?:the )?([1-9][0-9]{0,2})(st|nd|rd|th)", re.IGNORECASE)
 _TWO_NAMES = re.compile(r"(?P<first>[^()]+) \((?P<second>[^()]+)\)")
 
 
@@ -72,8 +75,8 @@ def named_object(text: str, objects: Mapping[str, str]) -> str | None:
     """Id of the object that a text names; None if it names no object or could mean several.
 
     Args:
-        text: A number (`2`), an id (`object_2`, `Object 2`), a public name (`cart_2`), or two of these for the same
-            object, the second in brackets.
+        text: A number (`2`, `#2`), an id (`object_2`, `Object 2`, `object_02`), a public name (`cart_2`), or two of
+            these for the same object, the second in brackets.
         objects: Object id → public name.
     """
     folded = _folded(text)
@@ -93,6 +96,26 @@ def _notations(object_id: str, name: str) -> set[str]:
 
 
 def _folded(text: str) -> str:
-    if re.match(r"\s*[-\N{MINUS SIGN}]\s*\d", text):
+    if re.match(r"\s*[-\N{MINUS SIGN}]\s*#?\s*\d", text):
         return text  # a negative number is not an object id
-    return " ".join(re.split(r"[\s_-]+", text.lower().strip(" _-\t\r\n")))
+    folded = " ".join(re.split(r"[\s_-]+", text.lower().strip(" _-\t\r\n")))
+    return _LEADING_ZEROS.sub(r"\1", re.sub(r"^(object )?# ?(?=[0-9])", r"\1", folded))
+
+
+def named_option(text: str, options: Sequence[str]) -> str | None:
+    """The option that `case 7`, `option 7`, `#7` or `7th` names, by its own name; None if it names none.
+
+    An ordinal names an option only where the options are numbered 1, 2, …: the second of `0, 1, 2` is 1.
+    """
+    if (found := _OPTION.fullmatch(text)) is not None:
+        return found[1]
+    found = _ORDINAL.fullmatch(text)
+    counted = bool(options) and list(options) == [str(number) for number in range(1, len(options) + 1)]
+    if found is None or not counted:
+        return None
+    number = int(found[1])
+    teen = number % 100 in {11, 12, 13}
+    return found[1] if found[2].lower() == ("th" if teen else _SUFFIXES.get(number % 10, "th")) else None
+
+
+_SUFFIXES = {1: "st", 2: "nd", 3: "rd"}

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.episode.player import ANSWER
 from evaluator.original.logs import LoggedEpisode
 from evaluator.protocols.text import parse_reply
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
+from evaluator.records import UNREAD, Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
 
 _RETURN = re.compile(r"^([A-Za-z_]\w*)\((.*?)\) -> (.*)$", re.MULTILINE)
 _TIME = re.compile(r"^\[sim_time=([0-9.eE+-]+)\]", re.MULTILINE)
@@ -25,7 +25,8 @@ def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episod
     """The episode recorded in a log.
 
     The result of a call is the next line of the following prompt that names its tool. A call without such a line did
-    not run; this includes all calls of a reply that the authors' program could not parse. Calls before the answer in
+    not run; this includes all calls of a reply that the authors' program could not parse. A reply with several sets of
+    calls, of which that program ran the first, has no calls here. Calls before the answer in
     the last batch ran, but nobody saw their results. The log gives the simulated time once after each batch; here it is
     added to the result of the batch's last successful call.
 
@@ -71,7 +72,7 @@ def _turn(text: str, results: str, *, is_last: bool) -> Turn:
             answers = any(other.tool == ANSWER for other in reply.calls)
             exchanges.append(Exchange(call=call, returned=is_last and answers))
     time = _TIME.search(results)
-    note = reply.malformed or ("" if exchanges else "no call")
+    note = f"{UNREAD}: {reply.malformed}" if reply.malformed else "" if exchanges else "no call"
     return Turn(reasoning=reply.reasoning, exchanges=_timed(exchanges, time and time[1]), note=note)
 
 

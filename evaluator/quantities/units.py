@@ -15,6 +15,8 @@ MAX_UNIT_CHARS = 60
 """Longer text is not a unit."""
 
 _CYCLE = Fraction(2 * math.pi)
+_TORQUE_OR_ENERGY = (2, 1, -2)
+"""The dimensions that a torque and an energy share."""
 _DEGREE = Fraction(math.pi) / 180
 
 
@@ -29,6 +31,8 @@ class Unit(NamedTuple):
     """Exponent of angle."""
     angle_scale: Fraction = Fraction(1)
     """Factor of the angular part to the radian."""
+    energy: int = 0
+    """How often units of energy or power are factors, less how often units of force are: tells `J` from `N·m`."""
 
     def power(self, exponent: int) -> "Unit":
         """The unit raised to a whole power."""
@@ -38,6 +42,7 @@ class Unit(NamedTuple):
             (length * exponent, mass * exponent, time * exponent),
             self.angle * exponent,
             self.angle_scale**exponent,
+            self.energy * exponent,
         )
 
     def times(self, other: "Unit") -> "Unit":
@@ -48,6 +53,7 @@ class Unit(NamedTuple):
             (length + more_length, mass + more_mass, time + more_time),
             self.angle + other.angle,
             self.angle_scale * other.angle_scale,
+            self.energy + other.energy,
         )
 
 
@@ -66,13 +72,16 @@ _PREFIXED = {
     "m": (("metre", "meter"), Unit(Fraction(1), (1, 0, 0))),
     "g": (("gram",), Unit(Fraction(1, 1000), (0, 1, 0))),
     "s": (("second", "sec"), Unit(Fraction(1), (0, 0, 1))),
-    "N": (("newton",), Unit(Fraction(1), (1, 1, -2))),
-    "J": (("joule",), Unit(Fraction(1), (2, 1, -2))),
-    "W": (("watt",), Unit(Fraction(1), (2, 1, -3))),
+    "N": (("newton",), Unit(Fraction(1), (1, 1, -2), energy=-1)),
+    "J": (("joule",), Unit(Fraction(1), _TORQUE_OR_ENERGY, energy=1)),
+    "W": (("watt",), Unit(Fraction(1), (2, 1, -3), energy=1)),
     "Pa": (("pascal",), Unit(Fraction(1), (-1, 1, -2))),
     "Hz": (("hertz",), Unit(Fraction(1), (0, 0, -1), 1, _CYCLE)),
     "rad": (("radian",), Unit(Fraction(1), (0, 0, 0), 1)),
 }
+_FOOT = Unit(Fraction(3048, 10000), (1, 0, 0))
+_POUND_KG = Fraction("0.45359237")
+_STANDARD_GRAVITY = Fraction("9.80665")
 _PLAIN = {
     "1": _ONE,
     "%": Unit(Fraction(1, 100), (0, 0, 0)),
@@ -88,6 +97,19 @@ _PLAIN = {
     "litre": Unit(Fraction(1, 1000), (3, 0, 0)),
     "liter": Unit(Fraction(1, 1000), (3, 0, 0)),
     "kph": Unit(Fraction(1000, 3600), (1, 0, -1)),
+    "mps": Unit(Fraction(1), (1, 0, -1)),
+    "mph": Unit(Fraction("0.44704"), (1, 0, -1)),
+    "ft": _FOOT,
+    "foot": _FOOT,
+    "feet": _FOOT,
+    # A pound is a mass, as in SI tables; the force is always written lbf.
+    "lb": Unit(_POUND_KG, (0, 1, 0)),
+    "lbs": Unit(_POUND_KG, (0, 1, 0)),
+    "lbf": Unit(_POUND_KG * _STANDARD_GRAVITY, (1, 1, -2), energy=-1),
+    "kgf": Unit(_STANDARD_GRAVITY, (1, 1, -2), energy=-1),
+    # `Cal` is no unit here, because it may mean cal or kcal.
+    "cal": Unit(Fraction("4.184"), _TORQUE_OR_ENERGY, energy=1),
+    "kcal": Unit(Fraction(4184), _TORQUE_OR_ENERGY, energy=1),
     "°": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
     "deg": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
     "degree": Unit(Fraction(1), (0, 0, 0), 1, _DEGREE),
@@ -203,9 +225,22 @@ def parse_unit(text: str) -> Unit | None:
         return None
 
 
+def same_quantity(written: Unit, asked: Unit) -> bool:
+    """Whether two units can measure the same quantity: dimensions agree, and not one is of torque, the other of energy.
+
+    `N·m` and `J/rad` are units of torque, `J` and `N·m·rad` of energy. `kg·m²/s²` may be either.
+    """
+    if conversion(written, asked) is None:
+        return False
+    # One factor of angle turns an energy into a torque, which `energy` alone tells by the signs 1 and -1.
+    kinds = (unit.energy + 2 * unit.angle for unit in (written, asked))
+    return written.dimensions != _TORQUE_OR_ENERGY or math.prod(kinds) >= 0
+
+
 def conversion(written: Unit, asked: Unit) -> Fraction | None:
     """Factor that converts a number from one unit to the other; None if their dimensions differ.
 
+    A torque and an energy convert, because a work may be computed as force times way; `same_quantity` tells them apart.
     A unit without an angle (`1/s`, `N·m`) matches radians and cycles (`rad/s`, `Hz`) without conversion, as in SI. It
     never matches degrees.
     """

@@ -3,65 +3,35 @@
 import json
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_missing, infer_spec
+from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_missing, infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.quantities.units import conversion, parse_unit
 from evaluator.records import NormalisationClass, Outcome, Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
+from tests.builders.keys import (
+    CONCEPT,
+    FORMAT,
+    NOTATION,
+    ROUNDING,
+    STRICT,
+    WRONG,
+    Expected,
+    choice,
+    number,
+    numbers,
+    objects,
+    published,
+    text,
+    verdict_of,
+)
 from tests.builders.records import episode
-
-NOTATION = NormalisationClass.OBJECT_NOTATION
-ROUNDING = NormalisationClass.TRIVIAL_ROUNDING
-CONCEPT = NormalisationClass.CONCEPTUAL
-FORMAT = NormalisationClass.ANSWER_FORMAT
-
-STRICT = "strict"
-WRONG = "wrong"
-Expected = str | NormalisationClass
-"""`STRICT`, `WRONG`, or the class for which normalised grading forgives the answer."""
-
-
-def number(value: float, unit: str | None = None, *, abs_tol: float = 0.0, rel_tol: float = 0.05) -> AnswerKey:
-    return AnswerKey(value, AnswerSpec(kind=AnswerKind.NUMBER, unit=unit, abs_tol=abs_tol, rel_tol=rel_tol))
-
-
-def numbers(*values: Scalar, unit: str | tuple[str, ...] | None = None, labels: tuple[str, ...] = ()) -> AnswerKey:
-    return AnswerKey(values, AnswerSpec(kind=AnswerKind.NUMBERS, unit=unit, labels=labels))
-
-
-def objects(value: Scalar | tuple[Scalar, ...], **names: str) -> AnswerKey:
-    return AnswerKey(value, AnswerSpec(kind=AnswerKind.OBJECTS), names)
-
-
-def choice(value: Scalar, *options: str, accept: tuple[str, ...] = (), **names: str) -> AnswerKey:
-    return AnswerKey(value, AnswerSpec(kind=AnswerKind.CHOICE, options=options, accept=accept), names)
-
-
-def text(value: str, *options: str, accept: tuple[str, ...] = ()) -> AnswerKey:
-    return AnswerKey(value, AnswerSpec(kind=AnswerKind.TEXT, options=options, accept=accept))
-
-
-def published(value: Scalar | tuple[Scalar, ...], problem_type: str = "calculation", **names: str) -> AnswerKey:
-    return AnswerKey(value, infer_spec(value, problem_type), names)
-
-
-def verdict_of(answer: JsonValue, key: AnswerKey) -> Expected:
-    result = grade(answer, key)
-    assert result.reason
-    if result.strict is Verdict.CORRECT:
-        assert (result.normalised, result.normalisation, result.graded) == (Verdict.CORRECT, None, 1.0)
-        return STRICT
-    if result.normalised is Verdict.CORRECT:
-        assert result.normalisation is not None
-        return result.normalisation
-    assert result.normalisation is None
-    return WRONG
 
 
 @dataclass(frozen=True)
@@ -267,7 +237,10 @@ FORMS = [
     Case("list as text", "[3.3, 42]", numbers(3.3, 42), STRICT),
     Case("half right", [3.3, 7], numbers(3.3, 42), WRONG, graded=0.5),
     Case("list that is too long", [3.3, 42, 1], numbers(3.3, 42), WRONG, graded=0),
-    Case("nested list", [[3.3, 42]], numbers(3.3, 42), WRONG),
+    Case("nested list", [[3.3, 42]], numbers(3.3, 42), FORMAT, graded=0),
+    Case("two lists", [[3.3], [42]], numbers(3.3, 42), WRONG),
+    Case("list and number", [[3.3, 42], 3.3], numbers(3.3, 42), WRONG),
+    Case("lists in a text", "[[3.3], [42]]", numbers(3.3, 42), WRONG),
     Case("common unit", "(3.3, 42.0) m/s", numbers(3.3, 42, unit="m/s"), FORMAT),
     Case("and", "3.3 m/s and 42.0 m/s", numbers(3.3, 42, unit="m/s"), FORMAT),
     Case("lines", "v = 3.3\nh = 42", numbers(3.3, 42), FORMAT),
@@ -315,6 +288,8 @@ FORMS = [
     Case("too long to match a pattern", "a" * 400, choice(0, accept=("a+",)), WRONG),
     Case("too long to read", "2" + " " * 2000, choice(2), WRONG),
     Case("too long inside a list", [["2" + " " * 2000]], choice(2), WRONG),
+    Case("too long inside an object", {"speed": "2" + " " * 2000}, numbers(2, labels=("speed",)), WRONG),
+    Case("beyond all floats", "9" * 400 + " m", number(1, "m"), WRONG),
     Case("lone surrogate", "\ud800", number(1), WRONG),
 ]
 
@@ -422,6 +397,15 @@ SNIPPETS = st.lists(
             "not",
             "±",
             "×10",
+            "½",
+            " 1/2",
+            "７",
+            "mph",
+            "lb",
+            "\\SI{",
+            "#",
+            "case ",
+            "th",
             "m",
             "cm",
             "s",
@@ -584,6 +568,21 @@ def test_an_episode_is_graded_by_its_answer_or_outcome(outcome: Outcome, answer:
 
 # Answer keys.
 @pytest.mark.parametrize(
+    ("published_key", "read"),
+    [
+        ("4.0, 79.6", ("4.0", "79.6")),
+        ("[1, 0.2]", ("1", "0.2")),
+        ("it slides, then stops", "it slides, then stops"),
+        ("4.0", "4.0"),
+        (4.0, 4.0),
+        ((1, 2), (1, 2)),
+    ],
+)
+def test_a_published_key_with_numbers_in_one_string_is_a_list(published_key: Any, read: Any) -> None:
+    assert listed_numbers(published_key) == read
+
+
+@pytest.mark.parametrize(
     ("answer", "problem_type", "kind", "abs_tol"),
     [
         (3.27, "calculation", AnswerKind.NUMBER, 0),
@@ -601,6 +600,7 @@ def test_an_episode_is_graded_by_its_answer_or_outcome(outcome: Outcome, answer:
         ("object_2", "comparison", AnswerKind.OBJECTS, 0),
         (("object_2", "object_1"), "comparison", AnswerKind.OBJECTS, 0),
         (("up", "down"), "observation", AnswerKind.CHOICE, 0),
+        (("up", 2.5), "observation", AnswerKind.CHOICE, 0),
         ("it tips over", "observation", AnswerKind.TEXT, 0),
     ],
 )
@@ -621,7 +621,13 @@ def test_the_answer_type_of_a_published_key_is_inferred(
         (math.nan, AnswerSpec(kind=AnswerKind.NUMBER)),
         (True, AnswerSpec(kind=AnswerKind.NUMBER)),
         (" ", AnswerSpec(kind=AnswerKind.TEXT)),
+        ("about 8", AnswerSpec(kind=AnswerKind.NUMBER, unit="m")),
         ((1, 2), AnswerSpec(kind=AnswerKind.NUMBERS, unit=("m",))),
+        ((3.2, "x"), AnswerSpec(kind=AnswerKind.NUMBERS)),
+        ((3.2, True), AnswerSpec(kind=AnswerKind.NUMBERS)),
+        ((3.2,), AnswerSpec(kind=AnswerKind.NUMBERS, labels=("speed", "height"))),
+        ((3.2, 1, 2), AnswerSpec(kind=AnswerKind.NUMBERS, labels=("speed", "height"))),
+        (3.2, AnswerSpec(kind=AnswerKind.NUMBERS)),
         (1, AnswerSpec(kind=AnswerKind.CHOICE, accept=("(",))),
     ],
 )

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
+from evaluator.failures.findings import FailureMode
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.records import Episode, Outcome
 from evaluator.scores.grounding import grounding_of
+from evaluator.scores.scoring import grade_record, score_episode
 from evaluator.store import RunFolder
 from scenes import default_folder, find_pack, read_pack
 from tests.builders.records import VERSIONS, episode_key
@@ -78,6 +81,24 @@ def test_logged_episodes_can_be_kept_as_a_run_folder(tmp_path: Path) -> None:
     assert kept.turns[0].exchanges[2].content == {"velocity": [0.0, 0.0, -4.9], "sim_time": 0.5}
     assert kept.prompt.endswith("Find out.\n\n")
     assert kept.versions.pack
+
+
+def test_the_form_of_an_answer_to_an_older_question_is_not_judged(tmp_path: Path) -> None:
+    """The pack may have been reworded after the log, from words to a number."""
+    task = read_pack(find_pack(7, default_folder())).metadata.task
+    in_words = 'It gets faster.\n\n[{"tool": "answer", "parameters": {"answer": "faster"}}]'
+    keys = KeyRing()
+    for asked, judged in ((task, True), ("Does the ball get faster or slower?", False)):
+        folder = write(tmp_path / str(judged), [(f"Task: {asked}.", STEP_AND_LOOK), (READ, in_words)])
+        played = episode(folder)
+        shown = score_episode(played, grade_record(played, keys), keys).failures
+        assert (FailureMode.ANSWER_FORMAT in {failure.mode for failure in shown}) is judged
+
+
+def test_of_several_lists_in_a_logged_reply_none_is_taken(tmp_path: Path) -> None:
+    played = episode(write(tmp_path, [("Find out.", f"{LOOK}\n\nThen:\n\n{ANSWER}"), (READ, ANSWER)]))
+    assert (played.turns[0].exchanges, played.turns[0].is_unread) == ((), True)
+    assert [turn.is_unread for turn in played.turns] == [True, False]
 
 
 def test_as_logged_requires_keep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
