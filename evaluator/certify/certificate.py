@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.certify import compiled_model
 from evaluator.certify.attempts import check_unstageable
+from evaluator.certify.determined import check_determined
 from evaluator.certify.difficulty import check_difficulty
+from evaluator.certify.holds import check_holds
 from evaluator.certify.hypotheses import check_structure, check_tempting
 from evaluator.certify.in_memory import MemoryLaboratory
 from evaluator.certify.instrument import check_instrument
@@ -66,6 +68,10 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
                 check_structure(subject, episodes),
                 check_instrument(subject, episodes),
             ]
+        if subject.pack.catches:
+            checks.append(check_holds(subject, seeds))
+        if subject.pack.family:
+            checks.append(check_determined(subject, episodes))
     except InfrastructureError:
         raise
     except Exception as error:  # noqa: BLE001 - the pack's own code ran; any exception is a reason

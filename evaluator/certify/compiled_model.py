@@ -20,6 +20,18 @@ UNTOUCHED_S = 10.0
 """Simulated time without calls in which energy is checked [s]."""
 _GAIN, _GAIN_J = 1e-3, 1e-6
 """Allowed energy gain: as a share of the exchanged energy, and in absolute terms [J]."""
+_COUNTED = {
+    "bodies": "nbody",
+    "joints": "njnt",
+    "degrees of freedom": "nv",
+    "tendons": "ntendon",
+    "parts of tendons": "nwrap",
+    "equality constraints": "neq",
+    "actuators": "nu",
+    "activations of actuators": "na",
+    "sensors": "nsensor",
+}
+"""Kind of part → the engine's field with its number."""
 _CREATED_FRICTION = 1.0
 """Sliding friction of a created ball, MuJoCo's default."""
 
@@ -61,6 +73,22 @@ def deepest_contact(mjcf: str) -> float:
     """Depth of the deepest contact at the start [m]."""
     _, data = started(mjcf)
     return max([0.0, *(-float(contact.dist) for contact in data.contact)])
+
+
+def numbers_of_parts(mjcf: str) -> dict[str, int]:
+    """Kind of part → how many the model has, for those that cost time in each step.
+
+    Of geoms only those count that can collide. Rows of the constraint solver are counted at the start.
+
+    Raises:
+        ValueError: The model does not compile.
+    """
+    model, data = started(mjcf)
+    return {
+        **{kind: int(getattr(model, field)) for kind, field in _COUNTED.items()},
+        "geoms that can collide": int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)),
+        "rows of the constraint solver at the start": int(data.nefc),
+    }
 
 
 def energy_gain(mjcf: str) -> float:

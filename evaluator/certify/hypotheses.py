@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from evaluator.agents.protocol_player import reading_of
+from evaluator.agents.protocol_player import calls_and_readings
 from evaluator.certify.records import Check, check
 from evaluator.certify.shares import ENOUGH_SEEDS, at_least, at_most
 from evaluator.certify.subject import Subject, gap
 from evaluator.records import Episode
-from scenes.protocol import ANSWER, AnswerValue, Call, Exchanges
+from scenes.protocol import AnswerValue, Exchanges
 
 _OFF = 0.10
 """Relative error above which a shortcut is misleading."""
@@ -75,12 +75,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
         )
     others = misfits = fits = 0
     for seed, episode in enumerate(episodes):
-        exchanges = [
-            (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
-            for turn in episode.turns
-            for exchange in turn.exchanges
-            if exchange.call.tool != ANSWER
-        ]
+        exchanges = calls_and_readings(episode)
         fits += _explains(subject, seed, exchanges, labels[seed])
         if labels[seed] != commonest:
             others += 1

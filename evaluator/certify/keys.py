@@ -89,7 +89,7 @@ def check_constant(subject: Subject) -> Check:
     count = THEORY_DRAWS if subject.solution.theory else ENGINE_DRAWS
     keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
     share = best_constant(subject, keys)
-    options = subject.spec.options or tuple(subject.spec.wordings)
+    options = subject.spec.options
     allowed = 1 / len(options) + 0.10 if options else 0.20
     reasons = (
         [f"one constant answer is right on {share:.0%} of {count} draws; at most {allowed:.0%} may be: widen the knobs"]

@@ -10,8 +10,9 @@ from typing import Any, cast
 from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
-from evaluator.answers.wordings import first_wording
-from evaluator.certify import compiled_model
+from evaluator.certify import compiled_model, drawn_parts
+from evaluator.certify.answer_faults import answer_faults
+from evaluator.certify.determined import family_faults
 from evaluator.certify.difficulty import concept_faults
 from evaluator.certify.instrument import unstated
 from physment_mcp.errors import SceneError
@@ -20,8 +21,6 @@ from physment_mcp.session import Session
 from scenes import (
     CANARY,
     USUAL_TIMESTEP_S,
-    AnswerKind,
-    AnswerSpec,
     Pack,
     PackError,
     PackFiles,
@@ -30,7 +29,7 @@ from scenes import (
     read_pack,
 )
 from scenes.draw import step_values
-from scenes.protocol import load_solution
+from scenes.protocol import KIND, drawn_kind, load_solution
 
 REVEALING_WORDS = frozenset(
     {"hollow", "solid", "heavy", "light", "rough", "smooth", "elastic", "inelastic", "hidden", "long", "short"}
@@ -102,33 +101,8 @@ def _incomplete(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _answer(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
-    spec = pack.answer_spec
     step_values(files, pack, draw_knobs(files, pack, 0))
-    if spec and spec.wordings and str(pack.answer) not in spec.wordings:
-        yield f"answer_spec.wordings has none for the answer {pack.answer!r}"
-    if spec and spec.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS} and not spec.options:
-        yield "answer_spec.options is empty: an agent must see what it can choose from"
-    if spec and spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} and spec.unit is None:
-        yield 'answer_spec.unit is missing; write "1" for a pure number'
-    if spec and spec.kind is AnswerKind.FORMULA and not spec.variables:
-        yield "answer_spec.variables is empty: a formula needs the variables that it may use"
-    yield from _wording_faults(spec) if spec else ()
-    if spec and spec.options and str(pack.answer) not in spec.options:
-        yield f"the answer {pack.answer!r} is not among the options {list(spec.options)}"
-
-
-def _wording_faults(spec: AnswerSpec) -> Iterator[str]:
-    """Where a wording cannot be read, does not recognise its own answer, or recognises another one."""
-    try:
-        for answer, wordings in spec.wordings.items():
-            if first_wording(answer, wordings) is None:
-                yield f"answer_spec.wordings: none recognises {answer!r} itself"
-            for other in spec.wordings:
-                found = None if other == answer else first_wording(other, wordings)
-                if found is not None:
-                    yield f"answer_spec.wordings: {found!r} takes {other!r} for {answer!r}"
-    except re.error as error:
-        yield f"answer_spec.wordings: {error.pattern!r} cannot be read: {error}"
+    yield from answer_faults(pack)
 
 
 def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
@@ -140,8 +114,12 @@ def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     for name in ("solve", "measure", *(("structure", "fit", "naive", "batch") if pack.predicts else ())):
         if getattr(solution, name) is None:
             yield f"solution.py defines no {name}"
+    if solution.structure is drawn_kind and KIND not in {*pack.knobs, *pack.derive}:
+        yield f"solution.py defines no structure, and no drawn value is named {KIND}"
     if pack.predicts and not solution.stages:
         yield "solution.py defines no stage: write the most direct attempt to bring about what is asked"
+    if pack.family:
+        yield from family_faults(pack, solution)
 
 
 def _laboratory(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
@@ -249,6 +227,8 @@ def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         except (PackError, SceneError) as error:
             yield f"seed {seed} cannot be set up: {error}"
             return
+    if pack.predicts:
+        yield from drawn_parts.law_faults(files, pack)
 
 
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:

@@ -16,6 +16,11 @@ CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
 """The certificates of every scene, in the order in which they are checked."""
 PREDICTION_CERTIFICATES = ("unstageable", "tempting", "structure", "instrument")
 """The further certificates of scenes that ask for a prediction."""
+FAMILY_CERTIFICATES = ("determined",)
+"""The further certificates of scenes whose pack names the family of laws that its task states."""
+
+CATCH_CERTIFICATES = ("holds",)
+"""The further certificate of scenes that name a catch."""
 
 
 class Check(Record):
@@ -60,7 +65,12 @@ class Certificates(Record):
 
 def certificates_of(pack: Pack) -> tuple[str, ...]:
     """The certificates that a pack needs, in the order in which they are checked."""
-    return CERTIFICATES + (PREDICTION_CERTIFICATES if pack.predicts else ())
+    return (
+        CERTIFICATES
+        + (PREDICTION_CERTIFICATES if pack.predicts else ())
+        + (CATCH_CERTIFICATES if pack.catches else ())
+        + (FAMILY_CERTIFICATES if pack.family else ())
+    )
 
 
 def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> Check:

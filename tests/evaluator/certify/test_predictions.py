@@ -13,7 +13,7 @@ from evaluator.certify.hypotheses import check_structure, check_tempting
 from evaluator.certify.in_memory import MemoryLaboratory
 from evaluator.certify.instrument import check_instrument
 from evaluator.certify.lint import lint
-from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES, Check
+from evaluator.certify.records import CERTIFICATES, FAMILY_CERTIFICATES, PREDICTION_CERTIFICATES, Check
 from evaluator.certify.shares import at_least, at_most
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_twins
@@ -56,10 +56,11 @@ def only_reason(check: Check) -> str:
     return reason
 
 
-async def test_the_template_of_a_scene_with_a_prediction_has_all_ten_certificates(files: PackFiles) -> None:
+async def test_the_template_of_a_scene_with_a_prediction_has_all_certificates(files: PackFiles) -> None:
     certificate = await certify(files, SEEDS, MemoryLaboratory(files.folder.parent))
     assert [check for check in certificate.checks if not check.passed] == []
-    assert tuple(check.name for check in certificate.checks) == CERTIFICATES + PREDICTION_CERTIFICATES
+    names = tuple(check.name for check in certificate.checks)
+    assert names == CERTIFICATES + PREDICTION_CERTIFICATES + FAMILY_CERTIFICATES
     figures = {check.name: check.figures for check in certificate.checks}
     assert "wrong_by_rote" not in figures["difficulty"]
     assert figures["unstageable"]["stage_refused"] == SEEDS
@@ -147,15 +148,18 @@ def test_a_shortcut_to_a_choice_is_wrong_if_it_names_another_option(author: Auth
     assert dict(check.figures) == {"same_off": 0, "next_off": SEEDS}
 
 
+LABEL = "def structure(knobs):\n    "
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('return knobs["kind"]', 'return "one"', "20 seeds draw only 1 structures"),
-        ('return knobs["kind"]', 'return str(knobs["kind"])[:3]', "20 seeds draw only 2 structures"),
+        ("def fit(", f'{LABEL}return "one"\n\n\ndef fit(', "20 seeds draw only 1 structures"),
+        ("def fit(", f'{LABEL}return knobs["kind"][:3]\n\n\ndef fit(', "20 seeds draw only 2 structures"),
         ("TERMS[structure]", "(0, 1, 2)", "is wrong on only 0 of the 2 seeds with another structure"),
         ("TERMS[structure]", "(0,)", "fit with the true structure is right on only 0 of 3 seeds"),
         ("def fit(", "def fitted(", "solution.py defines no fit"),
-        ("def structure(", "def label(", "solution.py defines no structure"),
+        ("def fit(", "def fitted(", "solution.py defines no structure"),
     ],
 )
 def test_a_structure_that_need_not_be_found_is_detected(
@@ -218,10 +222,17 @@ def test_lint_reports_limits_and_instruments_that_are_not_stated(
     assert any(sentence in fault for fault in lint(files)), lint(files)
 
 
-@pytest.mark.parametrize("name", ["structure", "fit", "naive", "batch", "stage"])
+@pytest.mark.parametrize("name", ["fit", "naive", "batch", "stage"])
 def test_lint_reports_what_the_solution_of_a_prediction_lacks(name: str, author: Author, files: PackFiles) -> None:
     author.replace(files.solution, f"def {name}(", f"def other_{name}(")
     assert any(f"solution.py defines no {name}" in fault for fault in lint(files)), lint(files)
+
+
+def test_lint_reports_a_structure_that_is_neither_defined_nor_drawn(author: Author, files: PackFiles) -> None:
+    text = files.json.read_text(encoding="utf-8")
+    files.json.write_text(text.replace('"kind": {', '"sort": {').replace("if kind !=", "if sort !="), encoding="utf-8")
+    sentence = "solution.py defines no structure, and no drawn value is named kind"
+    assert any(sentence in fault for fault in lint(files)), lint(files)
 
 
 def test_lint_reports_an_object_that_may_be_absent(author: Author, files: PackFiles) -> None:
@@ -249,10 +260,17 @@ def test_lint_names_the_seed_at_which_a_law_cannot_be_evaluated(author: Author, 
     law = {"on": "object_1", "force": ["-quadratic * vx * hypot(vx, vy)", "0", "0"], "present": "k > 0"}
     author.edit(files, lambda pack: pack.update(laws=[law]))
     assert lint(files) == []
-    author.edit(files, lambda pack: pack.update(laws=[law | {"on": "nobody"}]))
+    author.edit(files, lambda pack: pack.update(laws=[law | {"force": ["sqrt(-k)", "0", "0"]}]))
     (fault,) = lint(files)
     assert fault.startswith("seed 1 cannot be set up: ")
-    assert "nobody" in fault
+    assert "laws[0].force[0]: a function or a power is not defined for its arguments at the start" in fault
+
+
+def test_lint_tries_a_law_in_motion_where_it_is_not_present(author: Author, files: PackFiles) -> None:
+    law = {"on": "object_1", "force": ["sqrt(0.0001 - x ** 2)", "0", "0"], "present": "k < 0"}
+    author.edit(files, lambda pack: pack.update(laws=[law]))
+    (fault,) = lint(files)
+    assert "at seed 0 a law that is not present has no finite value in motion" in fault
 
 
 async def test_twins_are_compared_in_everything_whatever_the_limit_of_calls(author: Author, files: PackFiles) -> None:

@@ -9,6 +9,8 @@ import pytest
 from evaluator.certify.records import (
     CERTIFICATES,
     CERTIFICATES_FILE,
+    FAMILY_CERTIFICATES,
+    PREDICTION_CERTIFICATES,
     SceneCertificate,
     certificates_of,
     check,
@@ -106,7 +108,9 @@ def test_proving_on_another_engine_leaves_the_first_engines_certificates_as_they
 def test_only_packs_that_ask_for_a_prediction_within_limits_need_the_further_certificates(tmp_path: Path) -> None:
     author = Author(tmp_path)
     files = author.write(Category.HARD_SINGLE)
-    assert len(certificates_of(read_pack(files))) == 10
+    assert certificates_of(read_pack(files)) == CERTIFICATES + PREDICTION_CERTIFICATES + FAMILY_CERTIFICATES
+    author.edit(files, lambda pack: pack.pop("family"))
+    assert certificates_of(read_pack(files)) == CERTIFICATES + PREDICTION_CERTIFICATES
     author.edit(files, lambda pack: pack.pop("limits"))
     assert certificates_of(read_pack(files)) == CERTIFICATES
     author.edit(files, lambda pack: pack.update(category="easy-single", limits={"calls": 9}))

@@ -39,4 +39,4 @@ def solve(task: str) -> Protocol:
     elif together <= upper * GRAVITY:
         yield [answer("both blocks move together")]
     else:
-        yield [answer("the small block slides back on the long one")]
+        yield [answer("the small block lags behind")]

@@ -1,0 +1,229 @@
+"""Watches the catches of a scene while it is driven: whether they hold, and whether its readings stay consistent."""
+
+import re
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator.answers.engine import Engine
+from evaluator.certify.subject import Draw, Subject
+from physment_mcp.world.expressions import ExpressionError, Formulas, Function
+from scenes import Catch, Pack
+from scenes.draw import evaluate
+
+_WINDOW, _DISAGREEMENT, _FLOOR = 40, 0.5, 2e-3
+"""Looks over which the way gone and the speeds are compared; share and way [m or rad] by which they may differ."""
+_JUMPS = 2
+"""Sudden changes of speed in a window, of which nobody knows when between two looks they happened."""
+_PLACE, _MOTION, _HINGE = ("x", "y", "z"), ("vx", "vy", "vz", "wx", "wy", "wz"), ("angle", "spin")
+_CAUGHT = "caught_"
+_PARTS = re.compile(
+    r"\b(?:(latch|net|rim|guard|pawl)(?:e?s)?|(?:an?|the|both|each) (catch)(?:es)?|(?:an?|the|soft|hard) (stop)s?)\b",
+    re.IGNORECASE,
+)
+"""What a catch may be called. The noun is the one group that matches."""
+_ACTS = re.compile(r"\b(?:catch(?:es)?|caught|stops|for good)\b", re.IGNORECASE)
+"""Words for what a catch does."""
+_OTHER_SENSES = re.compile(
+    r"\b(?:com\w+|came|brought|bring\w*|slow\w*) to (?:a|the) stop\b|\bafter the stop\b"
+    r"|\b(?:round|of) (?:its|the) rim\b",
+    re.IGNORECASE,
+)
+"""Words that tell of a motion or of a place on a wheel, and not of something that holds."""
+
+
+def undeclared_catches(pack: Pack) -> list[str]:
+    """The words of the prompt that tell of a latch, catch, net, rim, guard or stop which the pack does not name.
+
+    Each part must be among the words of a catch. If a pack names none, words for what a catch does count too.
+    """
+    task = _OTHER_SENSES.sub("", pack.metadata.task)
+    parts = dict.fromkeys(noun.lower() for match in _PARTS.finditer(task) for noun in match.groups() if noun)
+    named = " ".join(word.lower() for catch in pack.catches for word in catch.words)
+    acts = () if pack.catches else dict.fromkeys(match.group().lower() for match in _ACTS.finditer(task))
+    return [*(noun for noun in parts if noun not in named), *(word for word in acts if word not in parts)]
+
+
+def unknown_words(pack: Pack) -> list[str]:
+    """The words of the pack's catches that its prompt does not contain."""
+    task = pack.metadata.task.lower()
+    return [word for catch in pack.catches for word in catch.words if word.lower() not in task]
+
+
+class _State:
+    """The true state of bodies by the names of laws, such as `object_1_vx`; only what is asked for is read."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._of: dict[str, tuple[str, str]] = {}
+        for body in engine.bodies:
+            hinge = _HINGE if engine.turn(body) else ()
+            self._of |= {f"{body}_{name}": (body, name) for name in (*_PLACE, *_MOTION, *hinge)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names."""
+        return ("t", *self._of)
+
+    def values(self, names: Sequence[str]) -> dict[str, float]:
+        """The present values of some names."""
+        return {name: self._value(name) for name in names}
+
+    def _value(self, name: str) -> float:
+        if name == "t":
+            return self._engine.time
+        body, quantity = self._of[name]
+        if quantity in _PLACE:
+            return float(self._engine.centre(body)[_PLACE.index(quantity)])
+        if quantity in _MOTION:
+            twist = self._engine.twist(body)
+            return float([*twist.linear, *twist.angular][_MOTION.index(quantity)])
+        turn = self._engine.turn(body)
+        assert turn is not None
+        return turn.angle if quantity == "angle" else turn.spin
+
+
+@dataclass(frozen=True, slots=True)
+class _Bound:
+    """A bounded quantity of a catch."""
+
+    text: str
+    low: float
+    high: float
+
+
+class _Watched:
+    """A catch in one draw, and the state in which it acted."""
+
+    def __init__(self, catch: Catch, number: int, subject: Subject, draw: Draw, state: _State) -> None:
+        self.catch, self._state = catch, state
+        self._caught: dict[str, float] | None = None
+        self._caught_at = 0.0
+        field = f"catches.{number}.holds"
+        knobs = {name: value for name, value in draw.knobs.items() if isinstance(value, int | float)}
+        self._bounds = [
+            _Bound(text, *(float(evaluate(subject.files, field, edge, draw.knobs)) for edge in edges))
+            for text, edges in catch.holds.items()
+        ]
+        names = [*state.names, *(_CAUGHT + name for name in state.names)]
+        self._sprung = _function(names, knobs, {f"{number}.sprung": catch.sprung or "1"})
+        self._held = _function(names, knobs, {f"{number}.holds.{text}": text for text in catch.holds})
+        wanted = {name.removeprefix(_CAUGHT) for _, arguments in (self._sprung, self._held) for name in arguments}
+        self._wanted = sorted(wanted)
+
+    @property
+    def has_acted(self) -> bool:
+        """Whether it was sprung; True for what bounds at all times."""
+        return self._caught is not None
+
+    def look(self) -> tuple[float, str | None]:
+        """How near a bounded quantity is to its bounds (1 at one of them), and what is wrong with it."""
+        now = self._state.values(self._wanted)
+        if self._caught is None:
+            if not _evaluated(self._sprung, now)[0]:
+                return 0.0, None
+            self._caught, self._caught_at = now, self._state.values(["t"])["t"]
+        held_for = self._state.values(["t"])["t"] - self._caught_at
+        if held_for < self.catch.within:
+            return 0.0, None
+        values = _evaluated(self._held, {**now, **{_CAUGHT + name: value for name, value in self._caught.items()}})
+        worst = 0.0
+        for bound, value in zip(self._bounds, values, strict=True):
+            share = abs(value - (bound.low + bound.high) / 2) / ((bound.high - bound.low) / 2)
+            if not share <= 1:
+                span = f"{bound.low:g} to {bound.high:g}"
+                what = f"{self.catch.words[0]} lets go: {bound.text} is {value:.4g}, not {span}, {held_for:g} s after"
+                return share, what
+            worst = max(worst, share)
+        return worst, None
+
+
+def _function(
+    names: Sequence[str], knobs: Mapping[str, float], results: Mapping[str, str]
+) -> tuple[Function, tuple[str, ...]]:
+    """A compiled function and the names of its arguments."""
+    text = " ".join(results.values())
+    named = {name: value for name, value in knobs.items() if re.search(rf"\b{re.escape(name)}\b", text)}
+    formulas = Formulas(names, named, {}, results)
+    arguments = tuple(sorted(formulas.used))
+    return formulas.function(arguments), arguments
+
+
+def _evaluated(compiled: tuple[Function, tuple[str, ...]], values: Mapping[str, float]) -> tuple[float, ...]:
+    function, arguments = compiled
+    try:
+        return function(*(values[name] for name in arguments))
+    except (ArithmeticError, ValueError) as error:
+        raise ExpressionError(f"an expression has no value in a state that was reached: {error}") from error
+
+
+class _Consistency:
+    """Compares the way that a body has gone with what its speeds say, over a window of looks."""
+
+    def __init__(self) -> None:
+        self._last: tuple[NDArray[np.float64], float] | None = None
+        self._ways: deque[float] = deque(maxlen=_WINDOW)
+        self._by_speed: deque[float] = deque(maxlen=_WINDOW)
+        self._jumps: deque[float] = deque(maxlen=_WINDOW)
+
+    def look(self, place: NDArray[np.float64], speed: float, duration_s: float) -> str | None:
+        """What is wrong with a new reading of the place and of the speed, if anything is."""
+        if not (np.isfinite(place).all() and np.isfinite(speed)):
+            return "reads a number that is not finite"
+        last, self._last = self._last, (place, speed)
+        if last is None:
+            return None
+        self._ways.append(float(np.linalg.norm(place - last[0])))
+        self._by_speed.append((speed + last[1]) / 2 * duration_s)
+        self._jumps.append(abs(speed - last[1]) / 2 * duration_s)
+        way, by_speed, unknown = sum(self._ways), sum(self._by_speed), _JUMPS * max(self._jumps) + _FLOOR
+        if abs(way - by_speed) <= _DISAGREEMENT * max(way, by_speed) + unknown:
+            return None
+        span = len(self._ways) * duration_s
+        return f"went {way:.3g} in {span:.3g} s by its places, and {by_speed:.3g} by its speeds"
+
+
+class Watch:
+    """All catches of a scene, and the consistency of what can be read of its objects."""
+
+    def __init__(self, subject: Subject, draw: Draw, engine: Engine) -> None:
+        """Begin at the present state of the engine.
+
+        Raises:
+            ExpressionError: An expression of a catch is not allowed.
+        """
+        self._engine, self._then = engine, engine.time
+        state = _State(engine)
+        self.catches = [_Watched(catch, n, subject, draw, state) for n, catch in enumerate(subject.pack.catches)]
+        self._objects = [f"object_{listed.object_id}" for listed in subject.pack.objects.values()]
+        self._moves = {body: _Consistency() for body in self._objects if engine.is_movable(body)}
+        self._turns = {body: _Consistency() for body in self._moves if engine.turn(body)}
+        self.worst = 0.0
+        """Largest share of its bounds that a held quantity has used up so far."""
+
+    @property
+    def acted(self) -> int:
+        """How many catches have acted."""
+        return sum(catch.has_acted for catch in self.catches)
+
+    def look(self) -> str | None:
+        """What is wrong with the present state, if anything is."""
+        duration, self._then = self._engine.time - self._then, self._engine.time
+        for body, consistency in self._moves.items():
+            speed = float(np.linalg.norm(self._engine.twist(body).linear))
+            if fault := consistency.look(self._engine.centre(body), speed, duration):
+                return f"{body} {fault} m"
+        for body, consistency in self._turns.items():
+            turn = self._engine.turn(body)
+            assert turn is not None
+            if fault := consistency.look(np.array([turn.angle]), abs(turn.spin), duration):
+                return f"{body} {fault} rad"
+        for catch in self.catches:
+            share, fault = catch.look()
+            self.worst = max(self.worst, share)
+            if fault:
+                return fault
+        return None

@@ -1,0 +1,202 @@
+"""Certificate 11: what the prompt calls a latch, catch, net, rim, guard or stop holds against every allowed load.
+
+A pack names its catches. Scenes are driven with the loads of `loads` on every seed and on the draws that respond most
+and least to them: whatever springs a catch is followed by loads that could set free what it holds.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from evaluator.answers.engine import Engine
+from evaluator.certify.catches import Watch, unknown_words
+from evaluator.certify.loads import Attack, Pushes, attacks_on, handles_of, push, take_away, unbounded_tools
+from evaluator.certify.records import Check, check
+from evaluator.certify.subject import Draw, Subject
+from physment_mcp.errors import Unstable
+from physment_mcp.session import MAX_SIMULATED_S
+from physment_mcp.world.expressions import ExpressionError
+from scenes import Pack, PackError
+
+_CANDIDATES = 100
+"""Seeds among which the draws that respond most and least to the loads are looked for."""
+_EXTREME_SHARE = 3
+"""How many times the work of a seed each of these two draws gets."""
+_WORK_US = 18e6
+"""Estimated processor time of the certificate [µs]."""
+_STEP_US, _LAW_US, _LOOK_US = 12.0, 8.0, 90.0
+"""Estimated processor time of a stage of the integrator, of a law in it, and of a look [µs]."""
+_SEQUENCE = 7
+"""Attacks one after the other in a run, the one that springs the catch included."""
+_CHANGES = 70
+"""Most changes of the load in a run: an agent needs two of its 150 calls for each."""
+_STRIDE = 7
+"""Attacks between the first ones of two runs of a draw."""
+_REASONS = 5
+_LEAST_KG = 1e-9
+
+
+def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
+    """Check that each catch holds against the largest allowed loads, and that readings stay consistent.
+
+    Args:
+        subject: The scene.
+        seeds: Number of seeds, from 0 on. The draws among the first hundred that respond most and least to the
+            loads are driven too, and harder.
+        effort: Share of the usual number of looks, for which about 20 s of processor time suffice.
+    """
+    pack = subject.pack
+    reasons = [f"{tool} is enabled: no limit bounds what it does" for tool in unbounded_tools(pack)]
+    reasons += [f"no part of the prompt is named {word!r}" for word in unknown_words(pack)]
+    if reasons:
+        return check("holds", reasons)
+    lightest, heaviest = _extremes(subject)
+    draws = [(seed, 1) for seed in range(seeds)] + [(seed, _EXTREME_SHARE) for seed in (lightest, heaviest)]
+    looks = effort * _looks_in_all(subject) / sum(share for _, share in draws)
+    tally = _Tally([0] * len(pack.catches))
+    for number, (seed, share) in enumerate(draws):
+        try:
+            reason = _drive(subject, subject.draw(seed), number, round(share * looks), tally)
+        except (ExpressionError, PackError) as error:
+            return check("holds", [*reasons, f"field catches: {error}"])
+        except Unstable:
+            reason = "the engine becomes unstable in the first time steps under the largest load"
+        reasons += [f"seed {seed}: {reason}"] if reason else []
+        if len(reasons) == _REASONS:
+            break
+    never = [catch.words[0] for catch, count in zip(pack.catches, tally.sprung, strict=True) if not count]
+    reasons += [f"no load springs the {word}: its condition is never met" for word in never if not reasons]
+    return check(
+        "holds",
+        reasons,
+        loads=tally.loads,
+        lab_time_s=tally.time_s,
+        worst_share=tally.worst,
+        lightest_seed=lightest,
+        heaviest_seed=heaviest,
+    )
+
+
+def _extremes(subject: Subject) -> tuple[int, int]:
+    """The seeds whose draws respond most and least to the largest loads: the lightest and the heaviest apparatus."""
+    responses: list[float] = []
+    for seed in range(_CANDIDATES):
+        try:
+            responses.append(_response(Engine(subject.draw(seed).mjcf), subject.pack))
+        except Unstable:
+            responses.append(math.inf)
+    return int(np.argmax(responses)), int(np.argmin(responses))
+
+
+def _response(engine: Engine, pack: Pack) -> float:
+    """The speeds that the largest loads give, or where only balls load something, one over the mass of all bodies."""
+    handles = handles_of(engine, pack)
+    return sum(handles.values()) if handles else 1 / max(sum(engine.mass(body) for body in engine.bodies), _LEAST_KG)
+
+
+def _looks_in_all(subject: Subject) -> float:
+    """Number of looks for which the time suffices, by the number of laws and of the integrator's stages."""
+    stages = 4 if 'integrator="RK4"' in subject.draw(0).mjcf else 1
+    step = stages * (_STEP_US + _LAW_US * len(subject.pack.laws))
+    return _WORK_US / (step + _LOOK_US)
+
+
+@dataclass(slots=True)
+class _Tally:
+    """What was done in all runs."""
+
+    sprung: list[int]
+    """For each catch, in how many runs it acted."""
+    loads: int = 0
+    time_s: float = 0.0
+    worst: float = 0.0
+    """Largest distance of a bounded quantity from the middle of its bounds, over half their distance."""
+
+    def add(self, run: "_Run") -> None:
+        """Add what a run did."""
+        catches = run.watch.catches
+        self.sprung = [count + catch.has_acted for count, catch in zip(self.sprung, catches, strict=True)]
+        self.loads += len(run.history)
+        self.time_s += run.engine.time
+        self.worst = max(self.worst, run.watch.worst)
+
+
+def _drive(subject: Subject, draw: Draw, number: int, looks: int, tally: _Tally) -> str | None:
+    """Drive a draw with sequences of attacks; returns why it failed."""
+    start = Engine(draw.mjcf)
+    attacks = attacks_on(list(handles_of(start, subject.pack)), start, subject.pack)
+    limits = subject.pack.limits
+    most = round(((limits and limits.lab_time) or MAX_SIMULATED_S) / start.timestep)
+    runs = max(1, math.ceil(looks / most))
+    for run in range(runs):
+        sequence = _sequence(attacks, number + run * _STRIDE)
+        watched = _Run(Engine(draw.mjcf), subject, draw, min(looks // runs, most))
+        reason = watched.through(sequence)
+        tally.add(watched)
+        if reason:
+            return reason
+    return None
+
+
+def _sequence(attacks: Sequence[Attack], turn: int) -> list[Attack]:
+    """Attacks of a run; over the runs each of them comes first, and each meets each."""
+    first, pace = turn % len(attacks), turn // len(attacks) + 1
+    return [attacks[(first + pace * place) % len(attacks)] for place in range(_SEQUENCE)]
+
+
+class _Run:
+    """A draw that is loaded in many ways one after the other, as an agent could in one episode."""
+
+    def __init__(self, engine: Engine, subject: Subject, draw: Draw, looks: int) -> None:
+        self.engine, self.watch, self.left = engine, Watch(subject, draw, engine), looks
+        self.history: list[str] = []
+        self._made, self._limits = 0.0, subject.pack.limits
+        self._pushes: Pushes = {}
+        self._changes = 0
+
+    def through(self, sequence: Sequence[Attack]) -> str | None:
+        """Each attack for its share of the time, and after one that springs a catch its reverse; why it failed."""
+        pending = deque(sequence)
+        while pending and self.left > 0:
+            attack, acted = pending.popleft(), self.watch.acted
+            self._begin(attack)
+            for _ in range(max(1, self.left // (len(pending) + 1))):
+                if reason := self._look(attack):
+                    return f"{reason}; loads: {', '.join(self.history)}"
+                if self.watch.acted > acted:
+                    pending.appendleft(attack.reversed())
+                    break
+        return None
+
+    def _begin(self, attack: Attack) -> None:
+        take_away(self.engine)
+        self.history.append(f"{attack.name} from {self.engine.time:g} s")
+        most = (self._limits and self._limits.created_mass) or 0.0
+        if attack.ball is not None and self._made + attack.ball.mass <= most and attack.ball.put(self.engine):
+            self._made += attack.ball.mass
+        released = {of: np.zeros(3) for of in self._pushes}
+        self._set({**released, **attack.pushes(self.engine)})
+
+    def _look(self, attack: Attack) -> str | None:
+        """One time step under the attack; what is wrong after it."""
+        if attack.way != "constant" and self._changes < _CHANGES:
+            self._set(attack.pushes(self.engine))
+        self.left -= 1
+        try:
+            self.engine.step(1)
+        except Unstable:
+            return f"the engine becomes unstable at {self.engine.time:g} s"
+        reason = self.watch.look()
+        return reason and f"{reason} at {self.engine.time:g} s"
+
+    def _set(self, pushes: Pushes) -> None:
+        changed = {
+            of: load for of, load in pushes.items() if not np.array_equal(load, self._pushes.get(of, np.zeros(3)))
+        }
+        self._changes += bool(changed)
+        self._pushes = {**self._pushes, **pushes}
+        if changed:
+            push(self.engine, changed)

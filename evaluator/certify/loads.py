@@ -1,0 +1,250 @@
+"""The loads with which certificate 11 attacks a scene: the largest that an agent may apply, in many ways.
+
+Knows what a pack permits and how bodies move. What must hold is known to `holds`.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator.answers.engine import Engine
+from physment_mcp.errors import RefusedCall
+from scenes import Pack
+
+Vector = NDArray[np.float64]
+Kind = Literal["force", "torque"]
+Pushes = Mapping[tuple[str, Kind], Vector]
+"""Body and kind → what acts on it, in world axes [N, N·m]."""
+
+_KINDS: Sequence[Kind] = ("force", "torque")
+_FEELS = 1e-6
+"""Share of the greatest response from which on an axis counts as one along which a body can be moved."""
+_AXES = "xyz"
+BALL = "created:load"
+"""Body of the ball that loads something."""
+_DENSITY = 20000.0
+"""Density of balls [kg/m³], so that they are small."""
+_PARTS = (0.6, 0.1, 0.02)
+"""Masses of balls, over the mass that can be created."""
+_DROP_M, _TRIES = 3.0, 12
+"""Height from which a ball is dropped, and how often it is made a little higher where there is no room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Handle:
+    """A direction in which a body can be pushed or turned, and how hard."""
+
+    body: str
+    kind: Kind
+    axis: int
+    """0, 1, 2 for x, y, z in the world."""
+    size: float
+    """Largest allowed load [N or N·m]."""
+
+    def load(self, sign: float) -> Vector:
+        """The largest load along the axis."""
+        return sign * self.size * np.eye(3)[self.axis]
+
+    def __str__(self) -> str:
+        return f"{self.body} {self.size:g} {'N' if self.kind == 'force' else 'N·m'} {_AXES[self.axis]}"
+
+
+def motion(engine: Engine, body: str, kind: Kind) -> Vector:
+    """The velocity [m/s] or spin [rad/s] of a body (3,)."""
+    twist = engine.twist(body)
+    return twist.linear if kind == "force" else twist.angular
+
+
+def handles_of(engine: Engine, pack: Pack) -> dict[Handle, float]:
+    """What an agent can push, with the speeds that the largest load gives to all bodies in two time steps.
+
+    A body that is sealed or fixed has no handle, and a tool that is disabled gives none.
+    """
+    found: dict[Handle, float] = {}
+    start = engine.save()
+    engine.step(2)
+    untouched: dict[tuple[str, Kind], Vector] = {
+        (body, kind): motion(engine, body, kind) for body in engine.bodies for kind in _KINDS
+    }
+    engine.restore(start)
+    for key, listed in pack.objects.items():
+        body = f"object_{listed.object_id}"
+        if not pack.permissions_of(key).actuate or not engine.is_movable(body):
+            continue
+        for kind, size in largest(pack).items():
+            for axis in range(3):
+                handle = Handle(body, kind, axis, size)
+                push(engine, {(body, kind): handle.load(1.0)})
+                engine.step(2)
+                gained = [np.abs(motion(engine, *of) - before).sum() for of, before in untouched.items()]
+                found[handle] = float(sum(gained))
+                engine.restore(start)
+    least = _FEELS * max(found.values(), default=0.0)
+    return {handle: response for handle, response in found.items() if response > least}
+
+
+def largest(pack: Pack) -> dict[Kind, float]:
+    """The largest force [N] and torque [N·m] that the scene lets an agent apply, without those that it cannot apply."""
+    limits = pack.limits
+    if limits is None:
+        return {}
+    sizes: dict[Kind, float | None] = {"force": limits.force, "torque": limits.torque}
+    return {kind: size for kind, size in sizes.items() if size and f"apply_{kind}" not in pack.disabled_tools}
+
+
+def unbounded_tools(pack: Pack) -> list[str]:
+    """Tools that the pack leaves enabled and that change a motion without any limit, so that no catch can hold.
+
+    The elastic bounce of `detect_collision` is none of them: it only exchanges the momentum of what touches.
+    """
+    limits = pack.limits
+    always = ("move_object", "change_position", "set_velocity")
+    open_tools = [tool for tool in always if tool not in pack.disabled_tools]
+    for kind in _KINDS:
+        tool = f"apply_{kind}"
+        if tool not in pack.disabled_tools and (limits is None or getattr(limits, kind) is None):
+            open_tools.append(tool)
+    if "create_objects" not in pack.disabled_tools and (limits is None or limits.created_mass is None):
+        open_tools.append("create_objects")
+    return open_tools
+
+
+def push(engine: Engine, pushes: Pushes) -> None:
+    """Apply loads; all others stay as they are."""
+    for (body, kind), vector in pushes.items():
+        if kind == "force":
+            engine.push(body, force=vector)
+        else:
+            engine.push(body, torque=vector)
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """A ball that loads a body: joined to it, or dropped on it."""
+
+    body: str
+    share: float
+    """Place along the body's greatest extent, from -1 to 1."""
+    mass: float
+    """[kg]"""
+    height: float | None
+    """From which it falls [m]; None if it is joined to the body."""
+
+    def put(self, engine: Engine) -> bool:
+        """Make it, unless there is no room for it; returns whether it was made."""
+        radius = (3 * self.mass / (4 * math.pi * _DENSITY)) ** (1 / 3)
+        box = engine.shape(self.body).box
+        extent = np.zeros(3) if box is None else box
+        along = np.eye(3)[int(np.argmax(extent))] * self.share * extent.max() / 2
+        place = engine.pose(self.body).position + along + [0.0, 0.0, self.height or 0.0]
+        obstacles = {name: name for name in engine.bodies}
+        for _ in range(_TRIES):
+            try:
+                engine.add_ball(BALL, place, _DENSITY, radius, np.ones(4), obstacles)
+            except RefusedCall:
+                place[2] += max(radius, extent.max() / 10, 0.01)
+                continue
+            with suppress(RefusedCall):
+                if self.height is None:
+                    engine.join(BALL, self.body, "weld")
+            return True
+        return False
+
+
+def take_away(engine: Engine) -> None:
+    """Delete the ball, if there is one."""
+    if BALL in engine.bodies:
+        engine.remove(BALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Attack:
+    """A way of loading some handles, or a ball. Every other load is released."""
+
+    name: str
+    parts: tuple[tuple[Handle, float], ...]
+    """Handles, each with the share of its largest load with which it begins; negative for the other direction."""
+    way: Literal["constant", "pumped", "along"] = "constant"
+    """Pumped: each load reverses as soon as the motion along its axis does. Along: it has the direction of motion."""
+    ball: Ball | None = None
+    """A ball that is made at the beginning and deleted at the end."""
+
+    def reversed(self) -> "Attack":
+        """The opposite loads, constant; without a ball."""
+        return Attack(f"{self.name} reversed", tuple((handle, -sign) for handle, sign in self.parts))
+
+    def pushes(self, engine: Engine) -> Pushes:
+        """The loads for the present motion."""
+        loads: dict[tuple[str, Kind], Vector] = {}
+        for handle, sign in self.parts:
+            of = (handle.body, handle.kind)
+            load = handle.load(sign)
+            if self.way != "constant":
+                moving = motion(engine, *of)
+                speed = float(np.linalg.norm(moving)) if self.way == "along" else abs(float(moving[handle.axis]))
+                if speed > 0:
+                    along = moving if self.way == "along" else moving * np.eye(3)[handle.axis]
+                    load = handle.size * along / speed
+            loads[of] = load
+        return loads
+
+
+RELEASE = Attack("no load", ())
+
+
+def attacks_on(handles: Sequence[Handle], engine: Engine, pack: Pack) -> list[Attack]:
+    """Every handle with the largest load to both sides and pumped, every body along its motion, and pairs of bodies.
+
+    A tenth of the load brings a body to places and speeds from which the largest one then drives it. Where balls can
+    be made, they are joined to every body and dropped on it.
+    """
+    found = [*_constant(handles), *_following(handles), *_pairs(handles), *_balls(engine, pack)]
+    return [*found, RELEASE]
+
+
+def _constant(handles: Sequence[Handle]) -> Iterator[Attack]:
+    for handle in handles:
+        for sign, mark in ((1.0, "+"), (-1.0, "-")):
+            yield Attack(f"{handle}{mark}", ((handle, sign),))
+            yield Attack(f"a tenth of {handle}{mark}", ((handle, sign / 10),))
+
+
+def _following(handles: Sequence[Handle]) -> Iterator[Attack]:
+    for handle in handles:
+        yield Attack(f"{handle} pumped", ((handle, 1.0),), "pumped")
+    for body, kind in dict.fromkeys((handle.body, handle.kind) for handle in handles):
+        own = [handle for handle in handles if (handle.body, handle.kind) == (body, kind)]
+        if len(own) > 1:
+            yield Attack(f"{body} {kind} along its motion", ((own[0], 1.0),), "along")
+
+
+def _balls(engine: Engine, pack: Pack) -> Iterator[Attack]:
+    """Balls of different parts of the allowed mass, so that several of them come into a run."""
+    if "create_objects" in pack.disabled_tools or pack.limits is None or pack.limits.created_mass is None:
+        return
+    joins = "attach_objects" not in pack.disabled_tools
+    for part, share in product(_PARTS, (0.0, 0.9, -0.9)):
+        for key, listed in pack.objects.items():
+            body, mass = f"object_{listed.object_id}", part * pack.limits.created_mass
+            if not engine.is_movable(body):
+                continue
+            heights = [*([None] if joins and pack.permissions_of(key).actuate else []), 0.0, _DROP_M]
+            for height in heights:
+                how = "joined to" if height is None else f"from {height:g} m on"
+                yield Attack(f"{mass:.3g} kg {how} {body} at {share:g}", (), ball=Ball(body, share, mass, height))
+
+
+def _pairs(handles: Sequence[Handle]) -> Iterator[Attack]:
+    for first, second in combinations(handles, 2):
+        if first.body == second.body:
+            continue
+        for sign in (1.0, -1.0):
+            yield Attack(f"{first}+ and {second}{'+' if sign > 0 else '-'}", ((first, 1.0), (second, sign)))
+            yield Attack(f"{first}- and {second}{'-' if sign > 0 else '+'}", ((first, -1.0), (second, -sign)))
+        yield Attack(f"{first} and {second} pumped", ((first, 1.0), (second, 1.0)), "pumped")
