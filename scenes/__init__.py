@@ -12,7 +12,7 @@ from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read
 from scenes.laboratory import Instruments, LabLimits, Noise
 from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene
-from scenes.pack import CANARY, Category, Law, Pack, Permissions, Rung
+from scenes.pack import CANARY, Catch, Category, Law, Pack, Permissions, Rung
 from scenes.public import AnswerForm, PublicObject, PublicPack, PublicQuantity, hosted_files, read_hosted, read_public
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "AnswerForm",
     "AnswerKind",
     "AnswerSpec",
+    "Catch",
     "Category",
     "Instruments",
     "KnobValue",

@@ -27,18 +27,6 @@ class _SpecModel(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, use_attribute_docstrings=True)
 
 
-class Wording(_SpecModel):
-    """A way to put an answer into words: regular expressions that are searched in the answer, ignoring case.
-
-    Before the search, apostrophes are made straight, `n't` becomes ` not`, and white space becomes single spaces.
-    """
-
-    says: tuple[str, ...] = Field(min_length=1)
-    """At least one of these occurs."""
-    never: tuple[str, ...] = ()
-    """None of these occurs, such as a negation or the words of another answer."""
-
-
 class Variable(_SpecModel):
     """A variable of a formula."""
 
@@ -76,5 +64,3 @@ class AnswerSpec(_SpecModel):
     """The variables of a formula by name; shown to the agent."""
     accept: tuple[str, ...] = ()
     """Regular expressions: wordings of the right answer that normalised grading accepts. Private."""
-    wordings: dict[str, tuple[Wording, ...]] = {}
-    """Answer of a text → what else says the same. One of them that fits makes an answer strictly right. Private."""

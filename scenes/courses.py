@@ -3,23 +3,39 @@
 A solution states how fast its state changes, for each structure that it can imagine, and ranges for the constants.
 `Laws.fitted` finds the constants of a structure, `Laws.best` the structure that fits best. Everything works on arrays
 of trial constants at once, because a step in Python costs the same for one trial as for hundreds.
+
+A `Predictor` goes from readings to the answer.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.protocol import Exchanges, Reading
+from scenes.fitting import Array, chi_square, polished, refined
+from scenes.protocol import AnswerValue, Call, Exchanges, Reading
 
-Array = NDArray[np.float64]
 Knobs = Mapping[str, Any]
 """Constants of a law by name: numbers, or arrays with a value for each trial."""
 Rates = Callable[[str, Knobs, Any, Array, Array], Array]
 """Time derivative of the state from structure, constants, time, state and controls. All may be arrays of trials."""
 
+PLAIN = "plain"
+"""Name of the structure that is fitted in order to plan, and never an answer."""
+_DEVIATIONS = 4.0
+"""Standard deviations of chi-square above its mean up to which a fit explains its course."""
+_NEARLY = 100.0
+"""Chi-square per reading below which a fit is worth shorter steps of the integration."""
+_FINER, _LAST_ROUNDS = 4, 4
+"""Number of steps into which a step of the search is divided in the end, and most steps of that refinement."""
+_SEARCHES = 4
+"""Most searches for a fit that explains a course."""
+_IN_VAIN = 0.8
+"""Share of chi-square that may be left after a repeated search for another one to be worth its time."""
+_PARTS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Shares of a course to which a repeated search is fitted one after the other."""
 _BOUND = 1e4
 """Largest misfit of a reading that counts, in standard deviations: trials may be far off or diverge."""
 
@@ -52,6 +68,19 @@ class Course:
     readings: Array
     """What was read at the end of each leg; shape (n, readings); NaN where nothing was read."""
 
+    def until(self, caught: NDArray[np.bool_]) -> "Course":
+        """The legs before the first one that is marked, such as the one in which a latch caught."""
+        return self.first(int(np.argmax(caught)) if caught.any() else len(caught))
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return int(np.count_nonzero(~np.isnan(self.readings)))
+
+    def first(self, count: int) -> "Course":
+        """The first legs."""
+        return Course(self.durations[:count], self.controls[:count], self.readings[:count])
+
 
 def force(object_id: str, axis: int) -> Channel:
     """Component of the force held on an object."""
@@ -68,12 +97,15 @@ def velocity(object_id: str, axis: int) -> Channel:
     return Channel("get_velocity", object_id, "velocity", axis)
 
 
+def accepted(exchanges: Exchanges) -> Iterator[tuple[Call, Reading]]:
+    """The calls that were run and not refused, with what they returned."""
+    return ((asked, reading) for asked, reading in exchanges if reading and "error" not in reading)
+
+
 def recorded(exchanges: Exchanges, controls: Sequence[Channel], readings: Sequence[Channel]) -> Course:
     """The course that an episode's calls and readings tell of; what was read before the first step is left out."""
     held, durations, forces, values = [0.0] * len(controls), list[float](), list[list[float]](), list[list[float]]()
-    for request, result in exchanges:
-        if "error" in result or not result:
-            continue
+    for request, result in accepted(exchanges):
         if request.tool == "step":
             durations.append(float(request.arguments["duration"]))
             forces.append(held)
@@ -117,53 +149,125 @@ class Laws:
     """Most steps of a refinement."""
     price: float = 4.0
     """What a constant more must gain in chi-square to be believed."""
+    plain: Sequence[str] = ()
+    """Constants of `PLAIN`, a simple law with which pushes are planned, unless a structure has this name."""
 
-    def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
-        """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course."""
-        names = self.structures[structure]
-        starts = np.random.default_rng(0).random((len(names), self.starts))
+    def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
+        """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
+
+        Args:
+            course: What was held and read.
+            structure: The structure.
+            search: Number of the random search. Further ones have other and more starts, and fit growing parts of
+                the course, because the fit of a long one has many local minima.
+        """
+        starts = np.random.default_rng(search).random((len(self.names(structure)), self.starts * (1 + search)))
 
         def legs(units: Array) -> Array:
-            return self._misfits(course, structure, units, by_legs=True)
+            return self.misfits(course, structure, units, by_legs=True)
 
         def whole(units: Array) -> Array:
-            return self._misfits(course, structure, units, by_legs=False)
+            return self.misfits(course, structure, units, by_legs=False)
 
-        order = np.argsort(np.log1p(legs(starts) ** 2).sum(axis=0))[: self.tried]
-        found = [refined(legs, starts[:, start], self.rounds) for start in order]
-        unit = min(found, key=lambda unit: float((legs(unit[:, None]) ** 2).sum()))
-        unit = refined(whole, unit, self.rounds)
-        cost = float((whole(unit[:, None]) ** 2).sum())
-        return cost, {name: float(value) for name, value in self._knobs(structure, unit).items()}
+        order = np.argsort(np.log1p(legs(starts) ** 2).sum(axis=0))[: self.tried * (1 + search)]
+        found = sorted(
+            (refined(legs, starts[:, start], self.rounds) for start in order), key=lambda unit: chi_square(legs, unit)
+        )
+        parts = _PARTS if search else (1.0,)
+        trials = [self._followed(course, structure, start, parts) for start in found[: 1 + search]]
+        unit = min(trials, key=lambda trial: chi_square(whole, trial))
+        cost = chi_square(whole, unit)
+        if cost < _NEARLY * course.count:
+            if cost > self.explained(course):
+                unit = polished(whole, unit)
+            finer = replace(self, longest_s=self.longest_s / _FINER)
+
+            def fine(units: Array) -> Array:
+                return finer.misfits(course, structure, units, by_legs=False)
+
+            unit = refined(fine, unit, _LAST_ROUNDS)
+            cost = chi_square(fine, unit)
+        return cost, {name: float(value) for name, value in self.constants(structure, unit).items()}
+
+    def _followed(self, course: Course, structure: str, unit: Array, parts: Sequence[float]) -> Array:
+        """A fit that goes from one part of the course, as a share of its legs, to the next."""
+        for share in parts:
+            part = course.first(max(1, round(share * len(course.durations))))
+
+            def misfits(units: Array, part: Course = part) -> Array:
+                return self.misfits(part, structure, units, by_legs=False)
+
+            unit = refined(misfits, unit, self.rounds)
+        return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure that fits best, each constant paid for, and its constants."""
+        """The structure that fits best, each constant paid for, and its constants.
+
+        While no structure explains the course, and each search improves the fit, the search is repeated from other
+        points of the box.
+        """
         fits = {structure: self.fitted(course, structure) for structure in self.structures}
-        name = min(fits, key=lambda name: fits[name][0] + self.price * len(self.structures[name]))
+        for search in range(1, _SEARCHES):
+            before = min(cost for cost, _ in fits.values())
+            if before < self.explained(course):
+                break
+            again = {structure: self.fitted(course, structure, search) for structure in self.structures}
+            fits = {name: min(fits[name], again[name], key=lambda fit: fit[0]) for name in fits}
+            # A course that none of the laws made, such as one with a catch in it, would be searched in vain.
+            if min(cost for cost, _ in fits.values()) > _IN_VAIN * before:
+                break
+        return self.cheapest(fits)
+
+    @staticmethod
+    def explained(course: Course) -> float:
+        """Chi-square up to which a fit explains a course."""
+        return course.count + _DEVIATIONS * float(np.sqrt(2 * course.count))
+
+    def cheapest(self, fits: Mapping[str, tuple[float, dict[str, float]]]) -> tuple[str, dict[str, float]]:
+        """Of fits of structures, with their chi-square, the one that is best when each constant is paid for."""
+        name = min(fits, key=lambda name: fits[name][0] + self.price * len(self.names(name)))
         return name, fits[name][1]
 
-    def _knobs(self, structure: str, units: Array) -> dict[str, Any]:
+    def names(self, structure: str) -> Sequence[str]:
+        """Names of the constants of a structure, or of the plain law."""
+        return self.plain if structure == PLAIN and PLAIN not in self.structures else self.structures[structure]
+
+    def constants(self, structure: str, units: Array) -> dict[str, Any]:
         """Constants at points of the unit cube."""
-        names = self.structures[structure]
+        names = self.names(structure)
         spans = [self.box[name] for name in names]
         return {
             name: low * (high / low) ** unit if low > 0 else low + (high - low) * unit
             for name, (low, high), unit in zip(names, spans, units, strict=True)
         }
 
-    def _misfits(self, course: Course, structure: str, units: Array, *, by_legs: bool) -> Array:
-        """Misfit of every reading in standard deviations, and a weak pull to the middle; a column for each trial."""
-        knobs, trials, size = self._knobs(structure, units), units.shape[1], len(self.sigma)
+    def misfits(
+        self, course: Course, structure: str, units: Array, *, by_legs: bool, spread: float = 1.0, pull: float = 0.3
+    ) -> Array:
+        """How far the readings are from those of trial constants.
+
+        Args:
+            course: What was held and read.
+            structure: A structure, or `PLAIN`.
+            units: Points of the unit cube; a column for each trial.
+            by_legs: Whether each leg begins from the readings before it.
+            spread: Factor of the standard deviations.
+            pull: Weight of a pull to the middle of the unit cube, which keeps constants that nothing tells of there.
+
+        Returns:
+            Misfit of every reading in standard deviations, then the pull; a column for each trial.
+        """
+        knobs, trials, size = self.constants(structure, units), units.shape[1], len(self.sigma)
         follow = self._each_leg if by_legs and len(self.start) == size else self._all_legs
         with np.errstate(all="ignore"):
             states = follow(course, structure, knobs, trials, by_legs)
-            misfit = (states[:, :size] - course.readings[:, :, None]) / np.array(self.sigma)[:, None]
+            misfit = (states[:, :size] - course.readings[:, :, None]) / (spread * np.array(self.sigma)[:, None])
         unread = np.asarray(np.isnan(course.readings))
         if by_legs:  # a leg that begins at an unknown place says nothing
             lost = np.concatenate([[False], unread[:-1].any(axis=1)])
             unread = unread | lost[:, None]
         misfit = np.where(unread[:, :, None], 0.0, np.clip(np.nan_to_num(misfit, nan=_BOUND), -_BOUND, _BOUND))
-        return np.vstack([misfit.reshape(-1, trials), 0.3 * (units - 0.5)])
+        return np.vstack([misfit.reshape(-1, trials), pull * (units - 0.5)])
 
     def _each_leg(self, course: Course, structure: str, knobs: Knobs, trials: int, _: bool) -> Array:
         """States at the end of each leg, each begun from the readings before it, all legs at once."""
@@ -199,23 +303,38 @@ class Laws:
         return state
 
 
-def refined(misfits: Callable[[Array], Array], unit: Array, rounds: int) -> Array:
-    """Least squares from a point of the unit cube (Levenberg-Marquardt), with many sizes of a step tried at once.
+class Fitter(Protocol):
+    """Fits structures to a course: `Laws`, or a way of its own."""
 
-    `misfits` returns a column for each column of its argument.
-    """
-    size = len(unit)
-    for _ in range(rounds):
-        found = misfits(unit[:, None] + 1e-4 * np.column_stack([np.zeros(size), np.eye(size)]))
-        slope = (found[:, 1:] - found[:, :1]) / 1e-4
-        normal, pull, cost = slope.T @ slope, slope.T @ found[:, 0], found[:, 0] @ found[:, 0]
-        dampings = [np.diag(damping * (np.diag(normal) + 1e-6)) for damping in 10.0 ** np.arange(-5, 3)]
-        steps = [cast(Array, np.linalg.lstsq(normal + damping, pull, rcond=None)[0]) for damping in dampings]
-        trials = np.clip(unit[:, None] - np.column_stack(steps), -0.1, 1.1)
-        costs = (misfits(trials) ** 2).sum(axis=0)
-        best = int(np.argmin(costs))
-        if costs[best] < cost:
-            unit = trials[:, best]
-        if costs[best] > 0.999 * cost:
-            break
-    return unit
+    def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
+        """Chi-square and constants of the best fit of a structure."""
+        ...
+
+    def best(self, course: Course) -> tuple[str, dict[str, float]]:
+        """The structure that fits best, and its constants."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Predictor:
+    """From readings to the answer."""
+
+    laws: Fitter | Callable[[Course], Fitter]
+    """The laws; or, if their ranges depend on what was read, a function of the course."""
+    course: Callable[[Exchanges], Course]
+    """The course that readings tell of, without what must not be fitted."""
+    predict: Callable[[str, Mapping[str, Any]], AnswerValue]
+    """The answer from a structure and its constants."""
+
+    def fit(self, readings: Exchanges, structure: str) -> AnswerValue:
+        """The answer of the best fit of a structure."""
+        course = self.course(readings)
+        return self.predict(structure, self._laws(course).fitted(course, structure)[1])
+
+    def best(self, readings: Exchanges) -> AnswerValue:
+        """The answer of the structure that fits best."""
+        course = self.course(readings)
+        return self.predict(*self._laws(course).best(course))
+
+    def _laws(self, course: Course) -> Fitter:
+        return self.laws(course) if callable(self.laws) else self.laws

@@ -8,7 +8,7 @@ significant digits, because the last bits of `exp` and `log` differ between mach
 import ast
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import simpleeval
@@ -40,6 +40,20 @@ _FUNCTIONS = {
         "floor",
     )
 } | {"abs": abs, "min": min, "max": max}
+_LENGTH_LIMIT = 1000
+"""Most characters of an expression; the longest one of the suite has 181."""
+_LARGEST = 1e300
+"""Largest magnitude of a number on the way to a result."""
+_SHOWN = 80
+"""Most characters of an expression that an error repeats."""
+_NODES = (
+    *(ast.Expr, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.Subscript, ast.Call),
+    *(ast.UnaryOp, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp),
+)
+"""What an expression may consist of: nothing that formats a text, loops or reads an attribute."""
+_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn, ast.Not)
+_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.Pow, ast.UAdd, ast.USub)
+"""Operators for numbers alone."""
 
 
 def draw_knobs(
@@ -86,18 +100,26 @@ def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) ->
 
 
 def evaluate(files: PackFiles, field: str, expression: Expression, values: Mapping[str, KnobValue]) -> Scalar:
-    """Arithmetic over knob values.
+    """Arithmetic over knob values, bounded in time and memory, since packs are written by strangers.
+
+    Texts can be compared and chosen, and only numbers computed with: `'%1000000000d' % 1` would take 1 GB.
 
     Raises:
-        PackError: The expression does not evaluate to a finite number or a text.
+        PackError: The expression does not evaluate to a finite number or a text, is too long, or contains what is not
+            arithmetic.
     """
     if not isinstance(expression, str):
         return expression
     names = {"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
-    evaluator = cast(Any, simpleeval).EvalWithCompoundTypes(names=names, functions=_FUNCTIONS)  # it is not typed
-    # By default the library also reads attributes of values, and ignores assignments with a warning.
-    for kind in (ast.Attribute, ast.Assign, ast.AugAssign):
-        evaluator.nodes.pop(kind, None)
+    if len(expression) > _LENGTH_LIMIT:
+        problem = f"an expression has at most {_LENGTH_LIMIT} characters, and this one has {len(expression)}"
+        raise PackError(files.json, f"field {field}: {problem}")
+    library = cast(Any, simpleeval)  # it is not typed
+    known = library.DEFAULT_OPERATORS | {ast.Pow: _power}
+    operators = {kind: _on_numbers(known[kind]) for kind in _ARITHMETIC} | {kind: known[kind] for kind in _COMPARISONS}
+    evaluator = library.EvalWithCompoundTypes(operators, _FUNCTIONS, names)
+    evaluator.nodes = {kind: node for kind, node in evaluator.nodes.items() if kind in _NODES}
+    shown = repr(expression if len(expression) <= _SHOWN else f"{expression[:_SHOWN]}…")
     try:
         value = evaluator.eval(expression)
         finite = isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value))
@@ -106,14 +128,40 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
         SyntaxError,
         ArithmeticError,
         LookupError,
+        MemoryError,
         RecursionError,
         TypeError,
         ValueError,
     ) as error:
-        raise PackError(files.json, f"field {field}: {expression!r} cannot be computed: {error}") from error
+        raise PackError(files.json, f"field {field}: {shown} cannot be computed: {error}") from error
     if finite:
         return value
-    raise PackError(files.json, f"field {field}: {expression!r} gives {value!r}, not a finite number or a text")
+    raise PackError(files.json, f"field {field}: {shown} gives {value!r}, not a finite number or a text")
+
+
+def _power(base: float, exponent: float) -> float:
+    if isinstance(base, int) and isinstance(exponent, int) and abs(base) > 1:
+        # Python's powers of whole numbers have as many digits as it takes, so the size is estimated before.
+        _refuse_large(exponent * math.log2(abs(base)), math.log2(_LARGEST))
+    return base**exponent
+
+
+def _on_numbers(compute: Callable[..., float]) -> Callable[..., float]:
+    """An operator for numbers alone, whose results are bounded."""
+
+    def bounded(*operands: object) -> float:
+        if not all(isinstance(operand, int | float) for operand in operands):
+            raise TypeError("only numbers can be computed with")
+        result = compute(*operands)
+        _refuse_large(abs(result), _LARGEST)
+        return result
+
+    return bounded
+
+
+def _refuse_large(size: float, most: float) -> None:
+    if size > most:
+        raise OverflowError("a number becomes too large")
 
 
 def _draw(knob: Knob, stream: str) -> KnobValue:

@@ -47,4 +47,4 @@ class Instruments(_LaboratoryModel):
     spin: float = Field(default=0.0, ge=0)
     """Resolution of each component of a spin [rad/s]."""
     noise: Noise | None = None
-    """Noise that is added before the reading is rounded; the same quantity read twice at one moment has the same."""
+    """Noise that is added before the reading is rounded; all readings of one quantity at one moment have the same."""

@@ -1,4 +1,4 @@
-"""The model of a scene: its XML with the drawn values written into it, and without the parts that the draw leaves out.
+"""The model of a scene: its XML with the drawn values and the laws in it, and without the elements that are absent.
 
 Knows XML text. What the elements mean is known to MuJoCo alone.
 """
@@ -118,10 +118,14 @@ def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: E
 
 
 def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
+    """Write all laws into the model; those that the draw leaves out have the factor 0.
+
+    They stay because every law costs time in each step, so the duration of a step would tell how many were drawn.
+    """
     drawn = [
         _drawn_law(law, values)
+        | {"factor": float(bool(evaluate(files, f"laws.{number}.present", law.present, values)))}
         for number, law in enumerate(pack.laws)
-        if evaluate(files, f"laws.{number}.present", law.present, values)
     ]
     if drawn:
         custom = ET.SubElement(root, "custom")

@@ -185,7 +185,8 @@ class Law(_PackModel):
     reaction: str | None = None
     """Prefix of the body on which the opposite force acts, at its centre of mass; None for no reaction."""
     present: Expression = 1
-    """Condition on the knobs: the law is left out where it is false."""
+    """Condition on the knobs. Where it is false, the law stays in the model with factor 0, so that a step takes the
+    same time at every seed. So its values must be finite there too."""
 
     @model_validator(mode="after")
     def _forces_alone_have_a_reaction(self) -> Self:
@@ -193,6 +194,26 @@ class Law(_PackModel):
             msg = "`reaction` belongs to a force and not to a torque: write the torque as a law of its own"
             raise ValueError(msg)
         return self
+
+
+class Catch(_PackModel):
+    """A part of the apparatus that bounds what an agent can bring about: a latch, net, rim, guard or stop.
+
+    Certificate 11 drives the scene with the largest allowed loads and checks that it holds. Expressions are those of
+    laws, over readings of the true state: `object_1_x`, `object_1_vx`, `object_1_angle` and so on for any body, the
+    same with `caught_` before it for the value at which it acted, the time `t` [s], and numeric knobs.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    words: tuple[str, ...] = Field(min_length=1)
+    """Words of the prompt that it stands for."""
+    sprung: str | None = None
+    """Condition by which one sees that it has acted; None if it bounds at all times."""
+    holds: dict[str, tuple[Expression, Expression]] = Field(min_length=1)
+    """Expression → bounds between which it must stay for good once the catch has acted."""
+    within: float = Field(default=0.0, ge=0)
+    """Time that it may take to act [s]."""
 
 
 class Pack(_PackModel):
@@ -240,6 +261,10 @@ class Pack(_PackModel):
     `body[object_1]/inertial.mass` or `fixed[cord]/joint[wheel].coef` names an element by the one that holds it."""
     laws: tuple[Law, ...] = ()
     """Forces that MuJoCo has no element for. Private."""
+    catches: tuple[Catch, ...] = ()
+    """What the prompt says catches, holds or stops something. Private."""
+    family: dict[str, str] = {}
+    """Kinds of laws by name, each with the words in which the task states it. Private."""
     limits: LabLimits | None = None
     """How far an agent may go; told in the prompt. Published packs have none."""
     instruments: Instruments | None = None
@@ -253,7 +278,7 @@ class Pack(_PackModel):
 
     @property
     def predicts(self) -> bool:
-        """Whether it asks for a prediction within stated limits, so that certificates 7 to 10 apply to it."""
+        """Whether it asks for a prediction within stated limits, so that certificates 7 to 10 and 12 apply to it."""
         return self.category is not None and self.category.infers and self.limits is not None
 
     def permissions_of(self, key: str) -> Permissions:

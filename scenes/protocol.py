@@ -8,6 +8,9 @@
 
 A `yield` returns a list with a dict for each call: the structured result, `{"error": sentence}` for a refused call, or
 `{}` for a call that was not run.
+
+A pack that asks for a prediction may define one function `predict(structure, constants)`, the answer by the law of a
+structure, instead of `structure` and `theory`: `load_solution` derives them from the drawn values.
 """
 
 import re
@@ -22,8 +25,11 @@ from scenes.errors import PackError
 from scenes.folder import PackFiles
 
 ANSWER = "answer"
-_FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch")
+_FUNCTIONS = ("solve", "theory", "measure", "structure", "fit", "naive", "batch", "rivals", "settles")
 _STAGE = re.compile(r"stage(_\w+)?")
+
+KIND = "kind"
+"""The drawn value that names the structure, unless `solution.py` defines `structure`."""
 
 Reading = dict[str, Any]
 AnswerValue = Scalar | list[Scalar]
@@ -40,6 +46,22 @@ class Call:
 Protocol = Generator[list[Call], list[Reading], None]
 Exchanges = Sequence[tuple[Call, Reading]]
 """Calls with what they returned, in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """The best fit of one member of the family of laws that a task states; `scenes.family` computes it."""
+
+    chi_square: float
+    """Sum of the squared misfits, each in its standard deviation: error of the reading and of the computed value."""
+    readings: int
+    """Number of misfits; the same for all members that are compared."""
+    constants: int
+    """Number of constants that were fitted."""
+    answer: AnswerValue
+    """The answer by the best constants."""
+    plausible: Callable[[int], list[AnswerValue]]
+    """This number of answers, by constants drawn from the normal distribution that the readings leave them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +82,11 @@ class Solution:
     """The wrong answers of natural shortcuts, by name, from the drawn values."""
     batch: Callable[[str], Protocol] | None = None
     """The best attempt with one fixed list of at most 60 calls: yields them once, then the answer."""
+    rivals: Callable[[Exchanges], Mapping[str, Member]] | None = None
+    """Every member of the stated family of laws, fitted to calls and readings, by the label of its structure."""
+    settles: Callable[[Any, Mapping[str, KnobValue], float], float] | None = None
+    """Whether the asked state stays: starts the drawn world off the state by this share of it, under constant loads and
+    without a controller, and returns by which share it is off after a long time. For questions about an equilibrium."""
     stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
     """The most direct attempts to bring about what is asked, by name: `stage` and `stage_…`."""
 
@@ -74,8 +101,16 @@ def answer(value: AnswerValue, **steps: float) -> Call:
     return Call(ANSWER, {"answer": value, "steps": steps} if steps else {"answer": value})
 
 
+def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
+    """The structure of a pack that defines none: the drawn value `kind`."""
+    return str(knobs[KIND])
+
+
 def load_solution(files: PackFiles) -> Solution:
     """Import a pack's `solution.py`. This runs its code, so only for packs that the user named.
+
+    Where the file defines `predict` or `fit`, it distinguishes structures: `structure` is then `drawn_kind` unless it
+    is defined. Where the file defines `predict` and no `theory`, this is `predict` of the drawn structure and values.
 
     Raises:
         PackError: The pack has none, or it cannot be imported.
@@ -91,4 +126,23 @@ def load_solution(files: PackFiles) -> Solution:
         raise PackError(path, f"cannot be imported: {error!r}") from error
     defined = vars(module)
     stages = {name: made for name, made in defined.items() if _STAGE.fullmatch(name)}
-    return Solution(**{name: getattr(module, name, None) for name in _FUNCTIONS}, stages=stages)
+    return Solution(**{name: defined.get(name) for name in _FUNCTIONS} | _derived(defined), stages=stages)
+
+
+def _derived(defined: Mapping[str, Any]) -> dict[str, Any]:
+    """The functions that follow from those that `solution.py` defines."""
+    structure, theory, predict = (defined.get(name) for name in ("structure", "theory", "predict"))
+    if structure is None and (predict is not None or "fit" in defined):
+        structure = drawn_kind
+    if theory is None and predict is not None and structure is not None:
+        theory = _predicted(predict, structure)
+    return {"structure": structure, "theory": theory}
+
+
+def _predicted(
+    predict: Callable[[str, Mapping[str, KnobValue]], AnswerValue], structure: Callable[[Mapping[str, KnobValue]], str]
+) -> Callable[[Mapping[str, KnobValue]], AnswerValue]:
+    def theory(knobs: Mapping[str, KnobValue]) -> AnswerValue:
+        return predict(structure(knobs), knobs)
+
+    return theory

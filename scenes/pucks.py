@@ -11,7 +11,19 @@ from scenes.protocol import AnswerValue, Call, Exchanges, Protocol, answer, call
 
 PUCK = "object_1"
 AXES = (0, 1)
-_HEAVY_KG = 1e6
+HEAVY_KG = 1e6
+"""Mass of a puck that nothing on a floor can stop."""
+TO_AND_FRO = (
+    (0.5, 0.0, 1.0),
+    (-1.0, 0.3, 1.0),
+    (1.5, -0.5, 1.0),
+    (-2.5, 0.0, 0.8),
+    (4.0, 0.5, 0.8),
+    (-6.0, 0.0, 0.8),
+    (0.0, 0.0, 1.6),
+    (6.0, -4.0, 0.8),
+)
+"""Pushes that grow, for a puck of unknown mass: fx, fy [N], duration [s]."""
 _SIZES = (0.25, 0.5, 0.75, 1.0)
 """Sizes of the pushes that are considered, as shares of the largest."""
 
@@ -28,18 +40,21 @@ class PuckFloor:
     """Places that the puck is led to, round and round."""
     near_m: float
     """How near to a target is near enough."""
-    safe_m: float
-    """Distance from the middle that the puck should not exceed."""
-    haste: float
-    """Largest push per kilogram [m/s²]."""
     leg_s: float
     """How long a push is held."""
-    slowed: float
-    """Share of the speed that is left after a leg, about."""
-    coasts_s: float
-    """How long the puck coasts after a leg, about."""
-    fixed_pushes: Sequence[tuple[float, float, float]]
+    fixed_pushes: Sequence[tuple[float, float, float]] = TO_AND_FRO
     """Pushes of the fixed batch: fx, fy, duration."""
+    steer: Callable[[Array, Array, Array], Array] | None = None
+    """Force from place, velocity and target, for a puck of known mass. Without it, pushes suit the mass so far, and the
+    fields from `safe_m` to `coasts_s` say how they are chosen."""
+    safe_m: float = 3.0
+    """Distance from the middle that the puck should not exceed."""
+    haste: float = 4.0
+    """Largest push per kilogram [m/s²]."""
+    slowed: float = 0.7
+    """Share of the speed that is left after a leg, about."""
+    coasts_s: float = 0.6
+    """How long the puck coasts after a leg, about."""
     legs: int = 19
     looks: int = 2
     """Readings during each push."""
@@ -53,11 +68,13 @@ class PuckFloor:
         for _leg in range(self.legs):
             if np.hypot(*(np.array(targets[0]) - place)) < self.near_m:
                 targets = targets[1:] + targets[:1]
-            calls = self.push(mass * self.aimed(place, speed, np.array(targets[0])), self.leg_s)
+            target = np.array(targets[0])
+            pushed = self.steer(place, speed, target) if self.steer else mass * self.aimed(place, speed, target)
+            calls = self.push(pushed, self.leg_s)
             readings = yield calls
             seen += zip(calls, readings, strict=True)
             place, speed = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
-            mass = min(self.mass(seen), 3 * mass)
+            mass = mass if self.steer else min(self.mass(seen), 3 * mass)
         yield [answer(self.best(seen))]
 
     def batch(self, _: str) -> Protocol:
@@ -117,15 +134,25 @@ def force_on_puck(
 ) -> Array:
     """Force on the puck at a place, a velocity and a time, in the engine [N].
 
-    A huge inertia keeps place and velocity during the time step in which the force is read. The body `gate` is put
-    away, so that the rim holds nothing.
+    A huge inertia keeps place and velocity during the time step in which the force is read.
     """
-    heavy = engine.changed({f"joint[{PUCK}_{axis}].armature": _HEAVY_KG for axis in "xy"})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine)
     heavy.step(heavy.whole_steps(time))
     half = np.array(speed) * heavy.timestep / 2
     heavy.place(PUCK, np.array([*(np.array(place) - half), 0.05]), {})
     heavy.set_velocity(PUCK, np.array([*speed, 0.0]))
+    return force_now(heavy)
+
+
+def heavy_puck(engine: Any, kg: float = HEAVY_KG) -> Any:
+    """The scene with a puck that keeps its velocity. The body `gate` is put away, so that the rim holds nothing."""
+    heavy = engine.changed({f"joint[{PUCK}_{axis}].armature": kg for axis in "xy"})
+    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    return heavy
+
+
+def force_now(heavy: Any, kg: float = HEAVY_KG) -> Array:
+    """Force on a heavy puck during the next time step, which is done [N]."""
     before = heavy.twist(PUCK).linear
     heavy.step(1)
-    return (heavy.twist(PUCK).linear - before)[:2] * _HEAVY_KG / heavy.timestep
+    return (heavy.twist(PUCK).linear - before)[:2] * kg / heavy.timestep

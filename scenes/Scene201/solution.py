@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from scenes.courses import Laws, force, position, recorded, velocity
+from scenes.courses import Laws
 from scenes.protocol import answer, call
+from scenes.pucks import HEAVY_KG, PuckFloor, force_on_puck
 
 STRUCTURES = {
     "step": ("c", "p", "q", "b", "where", "ratio"),
@@ -22,11 +23,10 @@ BOX = {
     "length": (4.0, 11.0),
     "phase": (-0.3, 6.6),
 }
-GREATEST_N, LEG_S, LEGS, LOOKS, STIFF, CALM = 2.9, 1.0, 19, 2, 2.5, 1.5
+GREATEST_N, LEG_S, STIFF, CALM = 2.9, 1.0, 2.5, 1.5
 TARGETS = ((5.1, 0.5), (2.4, -0.5), (5.2, -0.3), (-1.0, 0.6), (5.2, 0.4), (3.0, -0.8), (5.0, 0.6))
 NEAR_M, SAFE_M = 0.7, 5.1
 FAR_FORCE_N, FAST_M_S, FAR_M, SLOW_M_S = 40.0, 4.0, 8.0, 1.0
-HEAVY_KG = 1e6
 STEP_M = 0.2
 
 
@@ -61,33 +61,7 @@ LAWS = Laws(
 )
 
 
-def _course(readings):
-    """Pushes and what was read after them."""
-    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
-    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
-
-
-def fit(readings, structure):
-    """Predictions of the best fit of a structure."""
-    return _predictions(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def _best(readings):
-    """Predictions of the structure that fits best, with a penalty for each knob."""
-    return _predictions(*LAWS.best(_course(readings)))
-
-
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Guided speed under the far force; the guide's force at speed and at the far place."""
     return [
         float((FAR_FORCE_N / knobs["c"]) ** (1 / knobs["p"])),
@@ -96,47 +70,13 @@ def _predictions(structure, knobs):
     ]
 
 
-def _push(force, duration):
-    """A push, looked at in even intervals."""
-    look = round(duration / LOOKS / 0.005) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    push = call("apply_force", object_id="object_1", force_vector=[*np.round(force, 3).tolist(), 0.0])
-    return [push, *([call("step", duration=look), *eyes] * LOOKS)]
-
-
-def solve(task):
-    """Lead the puck to and fro, mostly on the side that the question is about, looking twice during each push."""
-    seen, place, velocity, targets = [], np.zeros(2), np.zeros(2), list(TARGETS)
-    for _ in range(LEGS):
-        if np.hypot(*(targets[0] - place)) < NEAR_M:
-            targets = targets[1:] + targets[:1]
-        force, ahead = STIFF * (targets[0] - place) - CALM * velocity, place + LEG_S * velocity
-        if np.hypot(*ahead) > SAFE_M:
-            force = -GREATEST_N * ahead
-        calls = _push(force * min(1.0, GREATEST_N / np.hypot(*force)), LEG_S)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        place, velocity = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
-    yield [answer(_best(seen))]
-
-
-def batch(task):
-    """Pushes to and fro of fixed lengths, and the same fit."""
-    calls = [asked for x, y, lasting in BATCH for asked in _push(np.array([x, y]), lasting)]
-    readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
-
-
-def _force(engine, place, velocity=(0.0, 0.0)):
-    """Force on the puck at a place and a velocity, which a huge inertia keeps, in the engine."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    half = np.array(velocity) * heavy.timestep / 2
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
-    heavy.place("object_1", np.array([*(np.array(place) - half), 0.05]), {})
-    heavy.set_velocity("object_1", np.array([*velocity, 0.0]))
-    before = heavy.twist("object_1").linear
-    heavy.step(1)
-    return (heavy.twist("object_1").linear - before)[:2] * HEAVY_KG / heavy.timestep
+def _steer(place, velocity, target):
+    """A force towards a target, like that of a damped spring that also turns back at the rim."""
+    force = STIFF * (target - place) - CALM * velocity
+    ahead = place + LEG_S * velocity
+    if np.hypot(*ahead) > SAFE_M:
+        force = -GREATEST_N * ahead
+    return force * min(1.0, GREATEST_N / np.hypot(*force))
 
 
 def measure(engine, knobs):
@@ -147,8 +87,8 @@ def measure(engine, knobs):
     guided.step(guided.whole_steps(10.0))
     return [
         float(guided.twist("object_1").linear[0]),
-        float(-_force(engine, (0.0, 0.0), (FAST_M_S, 0.0))[1]),
-        float(-_force(engine, (FAR_M, 0.0), (SLOW_M_S, 0.0))[1]),
+        float(-force_on_puck(engine, (0.0, 0.0), (FAST_M_S, 0.0))[1]),
+        float(-force_on_puck(engine, (FAR_M, 0.0), (SLOW_M_S, 0.0))[1]),
     ]
 
 
@@ -157,8 +97,8 @@ def naive(knobs):
     low = knobs["c"] * 1.0
     here = knobs["b"] * _shape(knobs["kind"], knobs, 0.0)
     return {
-        "linear": [FAR_FORCE_N / low, here * FAST_M_S, _predictions(knobs["kind"], knobs)[2]],
-        "everywhere the same": [*_predictions(knobs["kind"], knobs)[:2], here],
+        "linear": [FAR_FORCE_N / low, here * FAST_M_S, predict(knobs["kind"], knobs)[2]],
+        "everywhere the same": [*predict(knobs["kind"], knobs)[:2], here],
     }
 
 
@@ -171,13 +111,22 @@ def stage(task):
     yield [answer([vx * FAR_FORCE_N / 3, -vy * FAST_M_S, -vy])]
 
 
-BATCH = (
-    (2.9, 0.3, 1.2),
-    (-1.0, -0.3, 1.2),
-    (1.5, -0.3, 1.4),
-    (-1.0, 0.3, 1.6),
-    (-1.0, 0.0, 1.0),
-    (2.9, 0.3, 1.6),
-    (0.0, 0.0, 1.6),
-    (-2.9, 0.3, 1.6),
+FLOOR = PuckFloor(
+    laws=LAWS,
+    predict=predict,
+    targets=TARGETS,
+    near_m=NEAR_M,
+    leg_s=LEG_S,
+    steer=_steer,
+    fixed_pushes=(
+        (2.9, 0.3, 1.2),
+        (-1.0, -0.3, 1.2),
+        (1.5, -0.3, 1.4),
+        (-1.0, 0.3, 1.6),
+        (-1.0, 0.0, 1.0),
+        (2.9, 0.3, 1.6),
+        (0.0, 0.0, 1.6),
+        (-2.9, 0.3, 1.6),
+    ),
 )
+solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

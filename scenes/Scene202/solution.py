@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from scenes.courses import Laws, force, position, recorded, refined, velocity
+from scenes.courses import Laws, force, position, recorded, velocity
+from scenes.fitting import refined
 from scenes.protocol import answer, call
 from scenes.pucks import PuckFloor, force_on_puck
 
@@ -85,17 +86,7 @@ LAWS = Laws(
 )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding forces after rounds along squares in either sense; resistance to a fast motion."""
     first, second = (_held(structure, knobs, *square) for square in SQUARES)
     return [first[0], second[1], float(knobs["m"] * knobs["c"] * FAST_M_S ** knobs["p"])]
@@ -144,7 +135,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """Nothing is counted; the pull of the post falls with the square of the distance."""
-    first, second, resisting = _predictions(knobs["kind"], knobs)
+    first, second, resisting = predict(knobs["kind"], knobs)
     m = knobs["m"]
     return {
         "no past": [
@@ -241,7 +232,7 @@ def _fitted(readings, structure, *, polished=False):
 
 def fit(readings, structure):
     """Predictions of the best fit of a structure."""
-    return _predictions(structure, _fitted(readings, structure, polished=True)[1])
+    return predict(structure, _fitted(readings, structure, polished=True)[1])
 
 
 def _best(readings):
@@ -315,7 +306,7 @@ def batch(task):
 
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=(),
     near_m=0.0,
     safe_m=SAFE_M,

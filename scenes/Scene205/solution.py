@@ -94,20 +94,10 @@ def _course(readings):
 
 def fit(readings, structure):
     """The answer of the best fit of a structure."""
-    return _predictions(structure, LAWS.fitted(_course(readings), structure)[1])
+    return predict(structure, LAWS.fitted(_course(readings), structure)[1])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(_structure, knobs):
+def predict(_structure, knobs):
     """Speed of object_1 alone; work of drawing it away from object_2; force on object_2 at the far distance."""
     reach, far = knobs["reach"], AWAY_M / knobs["reach"]
     return [
@@ -166,14 +156,14 @@ def solve(task):
         seen += zip(calls, readings, strict=True)
         course = _course(seen)
         state, masses = course.readings[-1], np.minimum(_masses(course), 3 * masses)
-    yield [answer(_predictions(*LAWS.best(course)))]
+    yield [answer(predict(*LAWS.best(course)))]
 
 
 def batch(task):
     """Pushes of fixed sizes and lengths, and the same fit."""
     calls = [asked for first, second, lasting in BATCH for asked in _pushed((first, second), lasting)]
     readings = yield calls
-    yield [answer(_predictions(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
+    yield [answer(predict(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
 
 
 BATCH = (
@@ -218,7 +208,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """Action equals reaction; all in proportion to the speed, and forces as at 1 m."""
-    speed, work, _ = _predictions("", knobs)
+    speed, work, _ = predict("", knobs)
     far = knobs["m1"] * abs(float(_drawn(knobs, FAR_M)))
     return {
         "reaction": [speed, work, far],

@@ -48,17 +48,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + ax - drag * vx, force[1] / knobs["m"] + ay - drag * vy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force late; resistance at speed; momentum given by the hand that holds."""
     times = np.linspace(0, LONG_S, 2001)
     held = knobs["m"] * (_tilt(structure, knobs, times)[1] + 0 * times)
@@ -82,7 +72,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """As at the start at all times; resistance in proportion to the speed."""
-    late, fast, momentum = _predictions(knobs["kind"], knobs)
+    late, fast, momentum = predict(knobs["kind"], knobs)
     ax, ay = (float(part) for part in _tilt(knobs["kind"], knobs, 0.0))
     return {
         "always the same": [-knobs["m"] * ax, fast, -knobs["m"] * ay * LONG_S],
@@ -112,7 +102,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((4.0, 1.5), (-3.5, -1.5), (0.5, 4.0), (1.0, -4.0)),
     near_m=1.2,
     safe_m=5.0,

@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import PuckFloor, force_now, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "lag")
 _PLACE = ("home_x", "home_y", "pull", "n")
@@ -23,7 +23,6 @@ BOX = {
 }
 HELD_M, LED_M_S, FAST_M_S = 8.0, 6.0, 10.0
 SCALE_M, CORE_M2 = 2.0, 0.09
-HEAVY_KG = 1e6
 
 
 def _field(structure, knobs, x, y):
@@ -47,17 +46,7 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force in the end; force across a steady motion; resistance at speed."""
     m = knobs["m"]
     return [
@@ -71,21 +60,18 @@ def measure(engine, knobs):
     """The same from forces on the puck in the engine."""
     forces = []
     for place, speed, lasting in ((HELD_M, 0.0, 25.0), (0.0, LED_M_S, 25.0)):
-        heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-        heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+        heavy = heavy_puck(engine)
         heavy.place("object_1", np.array([place, -speed * lasting, 0.05]), {})
         heavy.set_velocity("object_1", np.array([0.0, speed, 0.0]))
         heavy.step(heavy.whole_steps(lasting))
-        before = heavy.twist("object_1").linear
-        heavy.step(1)
-        forces.append((heavy.twist("object_1").linear - before)[0] * HEAVY_KG / heavy.timestep)
+        forces.append(force_now(heavy)[0])
     rest, fast = (force_on_puck(engine, (0.0, 0.0), (0.0, speed)) for speed in (0.0, FAST_M_S))
     return [float(-forces[0]), float(-forces[1]), float(rest[1] - fast[1])]
 
 
 def naive(knobs):
     """The field acts where the puck is; a field as at the start, and a linear drag."""
-    held, _, fast = _predictions(knobs["kind"], knobs)
+    held, _, fast = predict(knobs["kind"], knobs)
     m = knobs["m"]
     here = float(-m * _field(knobs["kind"], knobs, 0.0, 0.0)[0])
     return {"at once": [held, here, fast], "linear": [held, here, m * knobs["c"] * FAST_M_S]}
@@ -113,7 +99,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.2, 0.4), (-0.6, 2.8), (-2.8, -0.6), (1.2, -2.8), (2.6, 1.6), (-2.0, 1.8)),
     near_m=0.9,
     safe_m=3.3,
@@ -121,15 +107,5 @@ FLOOR = PuckFloor(
     leg_s=0.9,
     slowed=0.5,
     coasts_s=0.5,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import PuckFloor, force_now, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "home_x", "home_y", "pull", "n", "haste", "lag")
 STRUCTURES = {"comes": _COMMON, "shuns": _COMMON, "rounds": _COMMON}
@@ -48,17 +48,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + fx - drag * vx, force[1] / knobs["m"] + fy - drag * vy, tx, ty])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force in the end; holding force far away at the start; resistance at speed."""
     m, h = knobs["m"], 0.05
     ax = ay = 0.0
@@ -73,20 +63,17 @@ def _predictions(structure, knobs):
 
 def measure(engine, knobs):
     """The same from forces on the puck in the engine."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine, HEAVY_KG)
     heavy.place("object_1", np.array([HELD_M, 0.0, 0.05]), {})
     heavy.step(heavy.whole_steps(60.0))
-    before = heavy.twist("object_1").linear
-    heavy.step(1)
-    late = (heavy.twist("object_1").linear - before)[0] * HEAVY_KG / heavy.timestep
+    late = force_now(heavy, HEAVY_KG)[0]
     rest, fast = (force_on_puck(engine, (0.0, 0.0), (0.0, speed)) for speed in (0.0, FAST_M_S))
     return [float(-late), float(-force_on_puck(engine, (-FAR_M, 0.0))[0]), float(rest[1] - fast[1])]
 
 
 def naive(knobs):
     """The thing stays at home; nothing is there, and the drag is linear."""
-    _, early, fast = _predictions(knobs["kind"], knobs)
+    _, early, fast = predict(knobs["kind"], knobs)
     m = knobs["m"]
     stays = float(-m * _drawn(knobs, knobs["home_x"] - HELD_M, knobs["home_y"])[0])
     return {"stays": [stays, early, fast], "linear": [stays, early, float(m * knobs["c"] * FAST_M_S)]}
@@ -114,7 +101,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.4, 0.4), (1.6, 2.4), (-2.6, -0.4), (1.8, -2.4), (0.4, 0.3), (3.2, -0.8), (0.2, 2.4)),
     near_m=0.9,
     safe_m=3.5,
@@ -122,15 +109,5 @@ FLOOR = PuckFloor(
     leg_s=0.9,
     slowed=0.6,
     coasts_s=0.5,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

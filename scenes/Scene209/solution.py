@@ -49,17 +49,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] - drag * vx, force[1] / knobs["m"] - drag * vy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Resistance far away in two directions; least resistance at speed."""
     m = knobs["m"]
     return [
@@ -86,7 +76,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The same resistance in all directions, as to a motion along x at the origin; in proportion to the speed."""
-    there, back, fast = _predictions(knobs["kind"], knobs)
+    there, back, fast = predict(knobs["kind"], knobs)
     here = float(knobs["m"] * _drag(knobs["kind"], knobs, 0.0, 0.0, SLOW_M_S, 0.0) * SLOW_M_S)
     return {"all directions": [here, here, fast], "linear": [there, back, knobs["m"] * knobs["c"] * FAST_M_S]}
 
@@ -113,7 +103,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.2, 0.3), (0.5, -2.8), (0.3, 2.8), (3.0, 1.2), (-1.5, -0.5), (2.5, -1.8), (1.6, 2.6)),
     near_m=0.9,
     safe_m=3.4,
@@ -123,15 +113,5 @@ FLOOR = PuckFloor(
     leg_s=0.8,
     slowed=0.55,
     coasts_s=0.5,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

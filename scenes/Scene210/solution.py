@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import HEAVY_KG, PuckFloor, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "b", "quiet")
 STRUCTURES = {"line": (*_COMMON, "where", "ratio"), "place": (*_COMMON, "slope"), "time": (*_COMMON, "growth")}
@@ -21,7 +21,6 @@ BOX = {
 }
 FAST_M_S, FAR_M, LATE_S = 20.0, 6.5, 40.0
 STEP_M = 0.2
-HEAVY_KG = 1e6
 
 
 def _quiet(structure, knobs, time, x, y):
@@ -46,17 +45,7 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Resistance and force of the guide at speed; quiet speed late and far away."""
     excess = FAST_M_S - _quiet(structure, knobs, 0.0, 0.0, 0.0)
     return [
@@ -69,8 +58,7 @@ def _predictions(structure, knobs):
 def measure(engine, knobs):
     """The same from forces on the puck in the engine."""
     fast = force_on_puck(engine, (0.0, 0.0), (0.0, FAST_M_S))
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine)
     heavy.step(heavy.whole_steps(LATE_S))
     low, high = 0.0, 10.0
     while high - low > 1e-3:
@@ -85,7 +73,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The quiet speed is the same everywhere and always; the forces are in proportion to the speed."""
-    resisted, across, _ = _predictions(knobs["kind"], knobs)
+    resisted, across, _ = predict(knobs["kind"], knobs)
     quiet = knobs["quiet"]
     return {"the same": [resisted, across, quiet], "linear": [knobs["m"] * knobs["c"] * FAST_M_S, across, quiet]}
 
@@ -112,7 +100,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((2.7, 0.3), (1.3, 1.8), (2.6, 0.8), (-2.0, 0.6), (2.7, -0.6), (0.5, -2.4)),
     near_m=1.0,
     safe_m=2.8,
@@ -120,15 +108,5 @@ FLOOR = PuckFloor(
     leg_s=0.9,
     slowed=0.75,
     coasts_s=0.7,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

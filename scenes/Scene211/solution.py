@@ -50,17 +50,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + fx, force[1] / knobs["m"] + fy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force far away; force that leads through a place at speed, across and along."""
     m = knobs["m"]
     along, across = _acting(structure, knobs, *PLACE, FAST_M_S, 0.0)
@@ -75,7 +65,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """One place alone, with a force that falls with the square; or none, and a linear drag."""
-    _, across, along = _predictions(knobs["kind"], knobs)
+    _, across, along = predict(knobs["kind"], knobs)
     square = knobs["m"] * knobs["pull"] * (SCALE_M / HELD_M) ** 2
     return {"one place": [square, across, along], "drag alone": [0.0, 0.0, knobs["m"] * knobs["c"] * FAST_M_S]}
 
@@ -102,7 +92,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((-1.2, 0.8), (-3.2, 0.2), (-1.6, -1.4), (3.3, -0.3), (2.0, 2.6), (-2.2, 1.8), (1.0, -2.6)),
     near_m=0.9,
     safe_m=3.7,
@@ -110,15 +100,5 @@ FLOOR = PuckFloor(
     leg_s=0.8,
     slowed=0.65,
     coasts_s=0.6,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -50,17 +50,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([state[2], state[3], force[0] / knobs["m"] + fx, force[1] / knobs["m"] + fy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Drift far away; force that holds late; force that leads fast."""
     far = _current(structure, knobs, 0.0, 0.0, FAR_M)
     held = _drag(structure, knobs, LATE_S, (WHERE_M, 0.0, 0.0, 0.0))
@@ -88,7 +78,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The current stays as it is; no current, and a linear drag."""
-    drift, _, fast = _predictions(knobs["kind"], knobs)
+    drift, _, fast = predict(knobs["kind"], knobs)
     held = _drag("still", knobs, 0.0, (WHERE_M, 0.0, 0.0, 0.0))
     linear = float(knobs["m"] * knobs["c"] * FAST_M_S)
     return {"stays": [drift, float(-knobs["m"] * held[1]), linear], "no current": [0.0, 0.0, fast]}
@@ -116,7 +106,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.0, 1.2), (1.6, -1.5), (3.3, -0.6), (1.0, 2.6), (2.2, -0.5), (3.2, 1.4), (-1.0, -2.6)),
     near_m=1.0,
     safe_m=3.6,
@@ -124,15 +114,5 @@ FLOOR = PuckFloor(
     leg_s=0.9,
     slowed=0.6,
     coasts_s=0.5,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.optimize import root
 
-from scenes.courses import Laws, force, position, recorded, velocity
+from scenes.courses import Laws
 from scenes.protocol import answer, call
+from scenes.pucks import PuckFloor, force_on_puck
 
 _COMMON = ("c", "d", "more", "steeper", "angle")
 STRUCTURES = {
@@ -24,11 +25,10 @@ BOX = {
     "middle_x": (1.5, 5.0),
     "middle_y": (-3.5, 3.5),
 }
-GREATEST_N, LEG_S, LEGS, LOOKS, STIFF, CALM = 2.9, 1.0, 19, 2, 2.5, 1.5
+GREATEST_N, LEG_S, STIFF, CALM = 2.9, 1.0, 2.5, 1.5
 TARGETS = ((4.8, 1.0), (3.5, -2.0), (4.9, -0.3), (0.5, 1.5), (-1.5, -0.6), (4.7, -1.0), (4.0, 1.5))
 NEAR_M = 0.8
 FAR_FORCE_N, FAR_M, FAST_M_S = 30.0, 8.0, 10.0
-HEAVY_KG = 1e6
 STEP_M = 0.2
 
 
@@ -75,32 +75,6 @@ LAWS = Laws(
 )
 
 
-def _course(readings):
-    """Pushes and what was read after them."""
-    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
-    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
-
-
-def fit(readings, structure):
-    """Predictions of the best fit of a structure."""
-    return _predictions(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def _best(readings):
-    """Predictions of the structure that fits best, with a penalty for each knob."""
-    return _predictions(*LAWS.best(_course(readings)))
-
-
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
 def _easy_speed(resistance):
     """Speed at which a resistance that grows with the speed equals the far force, by halving."""
     low, high = 0.0, 400.0
@@ -116,7 +90,7 @@ def _drift(resistance):
     return float(np.arctan2(found.x[1], found.x[0]))
 
 
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Direction of the drift far away; speed along the grain, and resistance across it, at the origin."""
     knobs = {name: value for name, value in knobs.items() if name in BOX}
     easy = _easy_speed(lambda v: knobs["c"] * v + knobs["d"] * v**2)
@@ -124,62 +98,27 @@ def _predictions(structure, knobs):
     return [_drift(lambda v: _resistance(structure, knobs, FAR_M, 0.0, *v)), float(easy), float(hard)]
 
 
-def _push(force, duration):
-    """A push, looked at in even intervals."""
-    look = round(duration / LOOKS / 0.005) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    push = call("apply_force", object_id="object_1", force_vector=[*np.round(force, 3).tolist(), 0.0])
-    return [push, *([call("step", duration=look), *eyes] * LOOKS)]
-
-
-def solve(task):
-    """Lead the puck to and fro, mostly on the side that the question is about, looking twice during each push."""
-    seen, place, velocity, targets = [], np.zeros(2), np.zeros(2), list(TARGETS)
-    for _ in range(LEGS):
-        if np.hypot(*(targets[0] - place)) < NEAR_M:
-            targets = targets[1:] + targets[:1]
-        force = STIFF * (targets[0] - place) - CALM * velocity
-        calls = _push(force * min(1.0, GREATEST_N / np.hypot(*force)), LEG_S)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        place, velocity = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
-    yield [answer(_best(seen))]
-
-
-def batch(task):
-    """Pushes to and fro of fixed lengths, and the same fit."""
-    calls = [asked for x, y, lasting in BATCH for asked in _push(np.array([x, y]), lasting)]
-    readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
-
-
-def _force(engine, place, velocity=(0.0, 0.0)):
-    """Force on the puck at a place and a velocity, which a huge inertia keeps, in the engine."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    half = np.array(velocity) * heavy.timestep / 2
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
-    heavy.place("object_1", np.array([*(np.array(place) - half), 0.05]), {})
-    heavy.set_velocity("object_1", np.array([*velocity, 0.0]))
-    before = heavy.twist("object_1").linear
-    heavy.step(1)
-    return (heavy.twist("object_1").linear - before)[:2] * HEAVY_KG / heavy.timestep
+def _steer(place, velocity, target):
+    """A force towards a target, like that of a damped spring."""
+    force = STIFF * (target - place) - CALM * velocity
+    return force * min(1.0, GREATEST_N / np.hypot(*force))
 
 
 def measure(engine, knobs):
     """The same from forces on the moving puck in the engine."""
     ex, ey = (float(part) for part in _grain(knobs["kind"], knobs, 0.0, 0.0))
-    easy = _easy_speed(lambda v: -_force(engine, (0.0, 0.0), (v * ex, v * ey)) @ (ex, ey))
-    hard = _force(engine, (0.0, 0.0), (-FAST_M_S * ey, FAST_M_S * ex)) @ (ey, -ex)
-    return [_drift(lambda v: _force(engine, (FAR_M, 0.0), tuple(v))), float(easy), float(hard)]
+    easy = _easy_speed(lambda v: -force_on_puck(engine, (0.0, 0.0), (v * ex, v * ey)) @ (ex, ey))
+    hard = force_on_puck(engine, (0.0, 0.0), (-FAST_M_S * ey, FAST_M_S * ex)) @ (ey, -ex)
+    return [_drift(lambda v: force_on_puck(engine, (FAR_M, 0.0), tuple(v))), float(easy), float(hard)]
 
 
 def naive(knobs):
     """The grain everywhere as at the origin; the same resistance in all directions."""
-    _, easy, hard = _predictions(knobs["kind"], knobs)
+    _, easy, hard = predict(knobs["kind"], knobs)
     ex, ey = (float(part) for part in _grain(knobs["kind"], knobs, 0.0, 0.0))
     uniform = {**knobs, "angle": float(np.arctan2(ey, ex)), "turn": 0.0, "where": 100.0}
     return {
-        "everywhere the same": [_predictions("fault", uniform)[0], easy, hard],
+        "everywhere the same": [predict("fault", uniform)[0], easy, hard],
         "same in all directions": [0.0, easy, knobs["c"] * FAST_M_S + knobs["d"] * FAST_M_S**2],
     }
 
@@ -193,13 +132,22 @@ def stage(task):
     yield [answer([float(np.arctan2(vy, vx)), float(np.hypot(vx, vy) * 10), 29.0 / max(0.1, float(np.hypot(vx, vy)))])]
 
 
-BATCH = (
-    (2.9, 0.3, 1.2),
-    (-1.0, -2.0, 1.2),
-    (1.5, 1.5, 1.4),
-    (-1.0, 2.0, 1.6),
-    (1.0, -2.0, 1.0),
-    (2.9, 0.3, 1.6),
-    (0.0, 0.0, 1.0),
-    (-1.9, -1.9, 1.6),
+FLOOR = PuckFloor(
+    laws=LAWS,
+    predict=predict,
+    targets=TARGETS,
+    near_m=NEAR_M,
+    leg_s=LEG_S,
+    steer=_steer,
+    fixed_pushes=(
+        (2.9, 0.3, 1.2),
+        (-1.0, -2.0, 1.2),
+        (1.5, 1.5, 1.4),
+        (-1.0, 2.0, 1.6),
+        (1.0, -2.0, 1.0),
+        (2.9, 0.3, 1.6),
+        (0.0, 0.0, 1.0),
+        (-1.9, -1.9, 1.6),
+    ),
 )
+solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

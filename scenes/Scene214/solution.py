@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import PuckFloor, force_now, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "more", "angle", "turn")
 STRUCTURES = {"time": _COMMON, "place": _COMMON, "way": _COMMON}
@@ -18,7 +18,6 @@ BOX = {
 }
 USUAL = {"time": 0.2, "place": 0.4, "way": 0.15}
 A_M, A_M_S, B_M, B_M_S, FAST_M_S = 8.0, 2.0, 20.0, 1.0, 15.0
-HEAVY_KG = 1e6
 
 
 def _resisted(knobs, turned, vx, vy):
@@ -38,17 +37,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + fx, force[1] / knobs["m"] + fy, speed])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Forces across the motion after a way, and along a fast motion."""
     m, turn = knobs["m"], knobs["turn"] * USUAL[structure]
     first = turn * {"time": A_M / A_M_S, "place": A_M, "way": A_M}[structure]
@@ -64,13 +53,10 @@ def measure(engine, knobs):
     """The same in the engine, with a puck too heavy to be stopped."""
     forces = []
     for speed, way in (((A_M_S, 0.0), A_M), ((0.0, B_M_S), B_M)):
-        heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-        heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+        heavy = heavy_puck(engine)
         heavy.set_velocity("object_1", np.array([*speed, 0.0]))
         heavy.step(heavy.whole_steps(way / max(speed)))
-        before = heavy.twist("object_1").linear
-        heavy.step(1)
-        forces.append((heavy.twist("object_1").linear - before)[:2] * HEAVY_KG / heavy.timestep)
+        forces.append(force_now(heavy))
     fast = force_on_puck(engine, (0.0, 0.0), (FAST_M_S, 0.0))
     return [float(-forces[0][1]), float(-forces[1][0]), float(-fast[0])]
 
@@ -78,7 +64,7 @@ def measure(engine, knobs):
 def naive(knobs):
     """The direction does not turn; or it turns with the time."""
     fixed = {**knobs, "turn": 0.0}
-    still = _predictions("time", fixed)
+    still = predict("time", fixed)
     linear = -knobs["m"] * _resisted({**knobs, "p": 1.0}, 0.0, FAST_M_S, 0.0)[0]
     return {"does not turn": still, "no direction": [0.0, 0.0, float(linear)]}
 
@@ -124,7 +110,7 @@ class Floor(PuckFloor):
 
 
 LEADING = {
-    "predict": _predictions,
+    "predict": predict,
     "targets": ((2.7, 0.6), (-2.4, -0.9), (0.3, 2.7), (2.2, -1.6), (-2.0, 1.8), (0.4, -2.6)),
     "near_m": 0.9,
     "safe_m": 2.9,
@@ -134,16 +120,6 @@ LEADING = {
     "leg_s": 0.9,
     "slowed": 0.5,
     "coasts_s": 0.5,
-    "fixed_pushes": (
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 }
 FLOOR = Floor(laws=_laws(BOX), **LEADING)
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import HEAVY_KG, PuckFloor, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "size", "to", "length", "period", "phase")
 STRUCTURES = {
@@ -27,7 +27,6 @@ BOX = {
     "middle_y": (-2.4, 2.4),
 }
 HELD, HELD_S, FAR, FAST_M_S = (6.0, 0.0), 24.0, (-6.0, 4.0), 14.0
-HEAVY_KG = 1e6
 
 
 def _wave(structure, knobs, time, x, y):
@@ -58,17 +57,7 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force late; greatest holding force elsewhere; resistance at speed."""
     m, times = knobs["m"], np.linspace(0, knobs["period"], 721)
     return [
@@ -80,8 +69,7 @@ def _predictions(structure, knobs):
 
 def measure(engine, knobs):
     """The same from forces on the puck in the engine."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine)
     heavy.place("object_1", np.array([*FAR, 0.05]), {})
     before, forces = np.zeros(2), []
     for _ in range(heavy.whole_steps(knobs["period"])):
@@ -95,7 +83,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The same everywhere; the same at all times."""
-    _, _, fast = _predictions(knobs["kind"], knobs)
+    _, _, fast = predict(knobs["kind"], knobs)
     m, kind = knobs["m"], knobs["kind"]
     here = float(-m * _wave(kind, knobs, HELD_S, 0.0, 0.0) * np.cos(knobs["to"]))
     now = float(-m * _wave(kind, knobs, 0.0, *HELD) * np.cos(knobs["to"]))
@@ -125,7 +113,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.4, 1.0), (2.0, -2.5), (-3.0, -0.3), (1.0, 2.8), (2.0, 0.0), (3.0, -1.4), (-1.0, 2.0)),
     near_m=1.0,
     safe_m=3.6,
@@ -133,15 +121,5 @@ FLOOR = PuckFloor(
     leg_s=0.8,
     slowed=0.65,
     coasts_s=0.6,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

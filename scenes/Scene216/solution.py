@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import HEAVY_KG, PuckFloor, force_on_puck
 
 _COMMON = ("m", "c", "p", "b", "knee", "ratio", "edge", "angle")
 STRUCTURES = {"levels": _COMMON, "falls": _COMMON, "changes": _COMMON}
@@ -20,7 +20,6 @@ BOX = {
 }
 FAST_M_S, FAR_FORCE_N, FAR_M, SLOW_M_S = 10.0, 120.0, 4.0, 1.0
 TURN_BACK, STEP_M = 0.4, 0.15
-HEAVY_KG = 1e6
 
 
 def _turn(structure, knobs, speed, x, y):
@@ -47,17 +46,7 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Force of the guide at speed; guided speed under the far force; force of the guide far away."""
     m = knobs["m"]
     return [
@@ -82,7 +71,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """All forces in proportion to the speed; a force across in proportion to the speed that is the same everywhere."""
-    _, steady, far = _predictions(knobs["kind"], knobs)
+    _, steady, far = predict(knobs["kind"], knobs)
     here = float(knobs["m"] * knobs["b"] * SLOW_M_S)
     return {
         "linear": [here * FAST_M_S, FAR_FORCE_N / knobs["m"] / knobs["c"], far],
@@ -112,7 +101,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((2.6, 0.6), (-0.3, 2.6), (2.3, -1.1), (0.9, 2.5), (2.7, 0.5), (-0.9, 2.4)),
     near_m=0.7,
     safe_m=2.85,
@@ -120,15 +109,5 @@ FLOOR = PuckFloor(
     leg_s=0.85,
     slowed=0.75,
     coasts_s=0.7,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -50,17 +50,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + fx - drag * vx, force[1] / knobs["m"] + fy - drag * vy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Holding force along y late and far away; along x early and far away; resistance to a fast motion."""
     late, early = (_field(structure, knobs, time, -FAR_M, 0.0) for time in (LATE_S, 0.0))
     m = knobs["m"]
@@ -79,7 +69,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The field as at the start at all times; resistance in proportion to the speed."""
-    _, early, fast = _predictions(knobs["kind"], knobs)
+    _, early, fast = predict(knobs["kind"], knobs)
     now = float(-knobs["m"] * _field(knobs["kind"], knobs, 0.0, -FAR_M, 0.0)[1])
     return {"always the same": [now, early, fast], "linear": [now, early, float(knobs["m"] * knobs["c"] * FAST_M_S)]}
 
@@ -106,7 +96,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.0, 0.8), (1.8, -2.3), (-2.7, -0.3), (1.0, 2.3), (2.0, 0.0), (2.7, -1.3), (-1.0, 1.9)),
     near_m=1.0,
     safe_m=3.2,
@@ -114,15 +104,5 @@ FLOOR = PuckFloor(
     leg_s=0.9,
     slowed=0.6,
     coasts_s=0.6,
-    fixed_pushes=(
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor, force_on_puck
+from scenes.pucks import PuckFloor, force_now, force_on_puck, heavy_puck
 
 _COMMON = ("m", "c", "p", "q", "slack", "follow")
 STRUCTURES = {"back": (*_COMMON, "k"), "aside": (*_COMMON, "turn"), "grips": (*_COMMON, "k", "grip")}
@@ -21,7 +21,6 @@ BOX = {
 }
 LED_M_S, HELD_S, FAST_M_S = 5.0, 5.0, 10.0
 BLUR_M = 0.01
-HEAVY_KG = 1e6
 FEW_CALLS = 28
 
 
@@ -49,17 +48,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / m + fx - drag * vx, force[1] / m + fy - drag * vy, rate * dx, rate * dy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Steady force of the hand that leads; way back to the end of the slack; force on a fresh start."""
     m, q = knobs["m"], knobs["q"]
     k = abs(knobs["turn"]) if structure == "aside" else knobs["k"]
@@ -78,13 +67,10 @@ def _predictions(structure, knobs):
 
 def measure(engine, knobs):
     """The same in the engine, with a puck too heavy to be stopped; the anchor keeps its place as a velocity."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine)
     heavy.set_velocity("object_1", np.array([LED_M_S, 0.0, 0.0]))
     heavy.step(heavy.whole_steps(15.0))
-    before = heavy.twist("object_1").linear
-    heavy.step(1)
-    steady = np.hypot(*(heavy.twist("object_1").linear - before)[:2]) * HEAVY_KG / heavy.timestep
+    steady = np.hypot(*force_now(heavy))
     heavy.set_velocity("object_1", np.zeros(3))
     heavy.step(heavy.whole_steps(HELD_S))
     distance = heavy.pose("object_1").position[0] - heavy.twist("anchor").linear[0]
@@ -95,7 +81,7 @@ def measure(engine, knobs):
 def naive(knobs):
     """No past: nothing but the resistance, and a quiet stretch without length; a leash that is fixed at its end."""
     m, p = knobs["m"], knobs["p"]
-    led, _, fast = _predictions(knobs["kind"], knobs)
+    led, _, fast = predict(knobs["kind"], knobs)
     return {"no past": [m * knobs["c"] * LED_M_S**p, 0.0, fast], "one slack": [led, knobs["slack"], fast]}
 
 
@@ -145,7 +131,7 @@ class Floor(PuckFloor):
 
 
 LEADING = {
-    "predict": _predictions,
+    "predict": predict,
     "targets": ((3.2, 0.5), (-3.1, -0.6), (0.4, 3.2), (0.6, -3.2)),
     "near_m": 0.9,
     "safe_m": 3.4,
@@ -155,16 +141,6 @@ LEADING = {
     "leg_s": 1.0,
     "slowed": 0.4,
     "coasts_s": 0.4,
-    "fixed_pushes": (
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 }
 FLOOR = Floor(laws=_laws(BOX), **LEADING)
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

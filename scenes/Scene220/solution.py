@@ -4,7 +4,7 @@ import numpy as np
 
 from scenes.courses import Laws
 from scenes.protocol import answer, call
-from scenes.pucks import PuckFloor
+from scenes.pucks import PuckFloor, force_now, heavy_puck
 
 _COMMON = ("m", "period", "phase_midway", "middle_x", "middle_y", "pull", "n", "c", "p")
 STRUCTURES = {"wind": (*_COMMON, "wind_x", "wind_y"), "turn": (*_COMMON, "turn"), "brake": (*_COMMON, "brake")}
@@ -26,7 +26,6 @@ BOX = {
 ROUNDS_ASKED, FAR_M, FAST_M_S = 50, 12.0, 20.0
 SCALE_M, BLUR = 2.0, 0.3
 MIDWAY_S = 9.5
-HEAVY_KG = 1e6
 
 
 def _turns(knobs, time):
@@ -67,17 +66,7 @@ def _rates(structure, knobs, time, state, force):
     )
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Time of many rounds; mean holding force far away; greatest resistance to a fast motion."""
     mean = (_drawn(knobs, -FAR_M, 0.0)[0] + _other(structure, knobs, 0.0, 0.0)[0]) / 2
     rest, fast = (_other(structure, knobs, 0.0, speed) for speed in (0.0, FAST_M_S))
@@ -88,15 +77,12 @@ def _predictions(structure, knobs):
 
 def measure(engine, knobs):
     """The round's time is what it is; the forces during one round in the engine, in three situations by turns."""
-    heavy = engine.changed({"joint[object_1_x].armature": HEAVY_KG, "joint[object_1_y].armature": HEAVY_KG})
-    heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
+    heavy = heavy_puck(engine)
     forces = []
     for step in range(round(knobs["period"] / heavy.timestep)):
         heavy.place("object_1", np.array([-FAR_M if step % 3 == 0 else 0.0, 0.0, 0.05]), {})
         heavy.set_velocity("object_1", np.array([0.0, FAST_M_S if step % 3 == 2 else 0.0, 0.0]))
-        before = heavy.twist("object_1").linear
-        heavy.step(1)
-        forces.append((heavy.twist("object_1").linear - before)[:2] * HEAVY_KG / heavy.timestep)
+        forces.append(force_now(heavy))
     held, rest, fast = (np.array(forces[first : len(forces) // 3 * 3 : 3]) for first in range(3))
     greatest = np.hypot(*(fast - rest).T).max()
     return [float(ROUNDS_ASKED * knobs["period"]), float(-held[:, 0].mean()), float(greatest)]
@@ -104,7 +90,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """The first law all the time; resistance in proportion to the speed."""
-    rounds, _, _ = _predictions(knobs["kind"], knobs)
+    rounds, _, _ = predict(knobs["kind"], knobs)
     first = float(-knobs["m"] * _drawn(knobs, -FAR_M, 0.0)[0])
     return {
         "always the same": [rounds, first, float(knobs["m"] * knobs["c"] * FAST_M_S ** knobs["p"])],
@@ -151,7 +137,7 @@ class Floor(PuckFloor):
 
 
 LEADING = {
-    "predict": _predictions,
+    "predict": predict,
     "targets": ((3.5, 0.5), (1.0, -2.0), (-3.3, -0.6), (1.4, 1.8), (3.4, -1.0), (-2.5, 1.4)),
     "near_m": 1.0,
     "safe_m": 3.5,
@@ -161,16 +147,6 @@ LEADING = {
     "leg_s": 1.0,
     "slowed": 0.6,
     "coasts_s": 0.6,
-    "fixed_pushes": (
-        (0.5, 0.0, 1.0),
-        (-1.0, 0.3, 1.0),
-        (1.5, -0.5, 1.0),
-        (-2.5, 0.0, 0.8),
-        (4.0, 0.5, 0.8),
-        (-6.0, 0.0, 0.8),
-        (0.0, 0.0, 1.6),
-        (6.0, -4.0, 0.8),
-    ),
 }
 FLOOR = Floor(laws=_laws(BOX), **LEADING)
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit

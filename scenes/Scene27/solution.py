@@ -168,11 +168,6 @@ def fit(readings, structure):
     return _predict(structure, _fitted(structure, _points(readings))[1])
 
 
-def structure(knobs):
-    """On which side a prop stands apart."""
-    return knobs["kind"]
-
-
 def _true(knobs):
     fixed = [(knobs["k1"], knobs["x1"]), (knobs["k2"], knobs["x2"])]
     p = [sum(k for k, _ in fixed), -sum(k * x for k, x in fixed), sum(k * x * x for k, x in fixed)]

@@ -1,11 +1,12 @@
 """Scene 28: pump the glider up, take place, speed and work as points of its potential, fit cords, integrate."""
 
-from math import pi
-
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq
 
-from scenes.protocol import answer, call
+from scenes.courses import force, position, velocity
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.works import cheapest, parts_of_way, refitted, work_points
 
 LATCH, FORCE, START = 1.1, 1.5, 2.0
 PLACE_ERROR, SPEED_ERROR = 0.0007, 0.0018
@@ -22,6 +23,9 @@ FREE = {"left": (1, 2, 5, 6, 7, 8), "right": (1, 2, 3, 4, 5, 6), "both": (1, 2, 
 """Which of the parameters a structure has; the others are 0."""
 GUESS = np.array([0.5, 6.0, 0.05, 15.0, 0.5, 6.0, 0.05, 15.0, 0.5])
 HIGHEST = np.array([3.0, 60.0, 0.3, 120.0, 0.9, 60.0, 0.3, 120.0, 0.9])
+
+
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
 
 
 def _potential(p, x):
@@ -43,57 +47,37 @@ def _slope(p, x):
 
 def _points(readings):
     """Places and potential energies from place, speed and the work of the pushes, with their errors."""
-    place, force, work, doubt = 0.0, 0.0, 0.0, 0.0
-    points, last, speed = [], 0.0, None
-    for asked, got in readings:
-        if asked.tool == "apply_force":
-            work += force * (last - place)
-            doubt += (PLACE_ERROR * (asked.arguments["force_vector"][0] - force)) ** 2
-            place, force = last, asked.arguments["force_vector"][0]
-        elif asked.tool == "get_position":
-            last = got["position"][0]
-        elif asked.tool == "get_velocity":
-            speed = got["velocity"][0]
-            energy = work + force * (last - place) - speed**2 / 2
-            points.append((last, energy, speed, force, doubt))
-        if abs(last) > LATCH:
-            break
-    kept = [point for point in points if abs(point[0]) <= LATCH]
-    return np.array(kept or [(0.0, 0.0, 0.0, 0.0, 0.0)]).T
+    place, speed, work, force, doubt = work_points(readings, RIG, PLACE_ERROR, LATCH)
+    return place, work - speed**2 / 2, speed, force, doubt
 
 
 def _fitted(kind, readings):
     """Misfit and the parameters that fit the points best; errors of the work are carried on from push to push."""
     x, energy, speed, force, doubt = _points(readings)
     free = list(FREE[kind])
-    p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
     best = None
+
+    def alone(p):
+        return (speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-6
+
+    def misfits(p):
+        return _potential(p, x) - energy, []
+
+    p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
     for far in (0.38, 0.5, 0.62):
         p = p.copy()
         p[[4, 8]] = far
-        for _ in range(2):
-            alone = (speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-6
-            white = np.linalg.inv(np.linalg.cholesky(np.minimum.outer(doubt, doubt) + np.diag(alone)))
-
-            def off(q, white=white, p=p):
-                full = p.copy()
-                full[free] = q
-                return white @ (_potential(full, x) - energy)
-
-            got = least_squares(off, p[free], bounds=(0, HIGHEST[free] + 1e-9), x_scale=GUESS[free], max_nfev=40)
-            p = p.copy()
-            p[free] = np.clip(got.x, 1e-9, HIGHEST[free])
-        if best is None or got.cost < best[0]:
-            best = (got.cost, p)
-    return 2 * best[0] - 2 * float(np.sum(np.log(np.diag(white)))), best[1]
+        high = HIGHEST[free]
+        cost, p, log = refitted(p, free, doubt, alone, misfits, GUESS[free], high + 1e-9, (1e-9, high))
+        if best is None or cost < best[0]:
+            best = (cost, p)
+    return 2 * best[0] - 2 * log, best[1]
 
 
 def _best(readings, kinds=tuple(FREE)):
     """The structure that fits best, with a price for each parameter."""
-    count = len(_points(readings)[0])
     fits = {kind: _fitted(kind, readings) for kind in kinds}
-    kind = min(fits, key=lambda name: fits[name][0] + len(FREE[name]) * np.log(count))
-    return kind, fits[kind][1]
+    return cheapest(fits, FREE, len(_points(readings)[0]))
 
 
 def _turn(p, energy, force, side):
@@ -112,12 +96,12 @@ def _turn(p, energy, force, side):
 
 def _between(p, energy, force, start, end, count=400):
     """Times and places of the way between two places; the substitution takes care of speeds 0 at its ends."""
-    edges = np.linspace(0, pi, count + 1)
-    middle = (edges[1:] + edges[:-1]) / 2
-    x = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
-    v = np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)), 1e-9))
-    times = np.cumsum(abs(end - start) / 2 * np.sin(middle) * (pi / count) / v)
-    return times, x
+
+    def speed_at(x):
+        return np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)), 1e-9))
+
+    parts, x = parts_of_way(speed_at, start, end, count)
+    return np.cumsum(parts), x
 
 
 def _predict(p):
@@ -125,18 +109,6 @@ def _predict(p):
     energy = float(_potential(p, START))
     other = _turn(p, energy, 0.0, -1)
     return [other, 2 * float(_between(p, energy, 0.0, START, other, 4000)[0][-1])]
-
-
-def _push(force):
-    return call("apply_force", object_id="object_1", force_vector=[round(force, 4), 0, 0])
-
-
-def _look(length):
-    return [
-        call("step", duration=max(round(length / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
 
 
 def _half_swing(p, x, v):
@@ -151,12 +123,7 @@ def _half_swing(p, x, v):
             break
     times, _ = _between(p, energy, force, x, end)
     total = float(times[-1])
-    moments = [total * share for share in LOOKS]
-    calls, before = [_push(force)], 0.0
-    for moment in moments:
-        calls += _look(moment - before)
-        before += max(round((moment - before) / 0.005), 1) * 0.005
-    return calls, end
+    return RIG.along(force, (total * share for share in LOOKS)), end
 
 
 def _swing_on(p, x, v, count):
@@ -171,9 +138,7 @@ def _swing_on(p, x, v, count):
 
 def solve(task):
     """One push to begin with, then half swings whose lengths the model so far predicts."""
-    calls = [_push(FORCE)]
-    for length in (0.1, 0.1, 0.1, 0.1):
-        calls += _look(length)
+    calls = RIG.leg(FORCE, 0.4, looks=4)
     seen = list(zip(calls, (yield calls), strict=True))
     for iteration in range(ITERATIONS):
         _, p = _best(seen, ("both", "tight"))
@@ -191,11 +156,6 @@ def solve(task):
 def fit(readings, structure):
     """Both numbers by the cords of a structure."""
     return _predict(_fitted(structure, readings)[1])
-
-
-def structure(knobs):
-    """Which cords there are."""
-    return knobs["kind"]
 
 
 def _true(knobs):
@@ -218,17 +178,14 @@ def naive(knobs):
 
 def stage(task):
     """Push as hard as possible to come to 2.00 m."""
-    calls = [_push(FORCE), *_look(2.0), *_look(2.0)]
-    readings = yield calls
+    readings = yield RIG.leg(FORCE, 4.0, looks=2)
     x = [reading["position"][0] for reading in readings if "position" in reading]
     yield [answer([-abs(x[-1]) - 1.0, 2.0])]
 
 
 def batch(task):
     """Pushes to and fro with a usual period, looked at evenly."""
-    calls = []
-    for number in range(6):
-        calls += [_push(FORCE * (-1) ** number), *_look(0.25), *_look(0.25), *_look(0.25)]
+    calls = [asked for number in range(6) for asked in RIG.leg(FORCE * (-1) ** number, 0.75, looks=3)]
     readings = yield calls
     _, p = _best(list(zip(calls, readings, strict=True)))
     yield [answer(_predict(p))]

@@ -120,11 +120,6 @@ def fit(readings, structure):
     return _predict(_fitted(structure, readings)[1])
 
 
-def structure(knobs):
-    """Which springs there are."""
-    return knobs["kind"]
-
-
 def _true(knobs):
     return np.array([knobs[name] for name in NAMES], dtype=float)
 

@@ -1,10 +1,13 @@
 """Scene 30: swing wider little by little, fit mass and potential to place, speed and work, find the humps."""
 
-from math import pi, sqrt
+from math import sqrt
 
 import numpy as np
 
-from scenes.protocol import answer, call
+from scenes.courses import force, position, velocity
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.works import parts_of_way, whitening, work_points
 
 FORCE, BLOCK_KG = 0.6, 8.0
 PLACE_ERROR, SPEED_ERROR = 0.0005, 0.0012
@@ -22,6 +25,9 @@ TURNED = 0.03
 """Nearer to its turning place than this, in m, the carriage counts as turning back."""
 
 
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
+
+
 def _potential(p, x):
     return np.power.outer(np.asarray(x) / UNIT, POWERS) @ p[1:]
 
@@ -30,33 +36,14 @@ def _slope(p, x):
     return np.power.outer(np.asarray(x) / UNIT, POWERS - 1) @ (POWERS * p[1:]) / UNIT
 
 
-def _points(readings):
-    """Places, speeds and the work of the pushes up to there, with the forces and the doubt of the work."""
-    place = force = work = doubt = last = 0.0
-    points = []
-    for asked, got in readings:
-        if asked.tool == "apply_force":
-            work += force * (last - place)
-            doubt += (PLACE_ERROR * (asked.arguments["force_vector"][0] - force)) ** 2
-            place, force = last, asked.arguments["force_vector"][0]
-        elif asked.tool == "get_position":
-            last = got["position"][0]
-        elif asked.tool == "get_velocity":
-            points.append((last, got["velocity"][0], work + force * (last - place), force, doubt))
-        if abs(last) > FARTHEST:
-            break
-    kept = [point for point in points if abs(point[0]) <= FARTHEST]
-    return np.array(kept or [(0.0, 0.0, 0.0, 0.0, 0.0)]).T
-
-
 def _fitted(readings):
     """Mass and polynomial of the potential; high powers are held near zero until the points ask for them."""
-    x, speed, work, force, doubt = _points(readings)
+    x, speed, work, force, doubt = work_points(readings, RIG, PLACE_ERROR, FARTHEST)
     p = np.array([1.5, 1.5, *np.zeros(len(POWERS) - 1)])
     held = np.array([3.0, *np.full(len(POWERS), 6.0)])
     for _ in range(3):
         alone = (p[0] * speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-8
-        white = np.linalg.inv(np.linalg.cholesky(np.minimum.outer(doubt, doubt) + np.diag(alone)))
+        white = whitening(doubt, alone)
         rows = np.column_stack([speed**2 / 2, np.power.outer(x / UNIT, POWERS)])
         full = np.vstack([white @ rows, np.diag(1 / held)])
         start = np.array([1.5, *np.zeros(len(POWERS))])
@@ -91,25 +78,13 @@ def _turn(p, energy, force, start, side):
     return start if free[-1] < 0 else side * FARTHEST
 
 
-def _duration(p, energy, force, start, end, count=400):
-    """Time of the way between two places; the substitution takes care of speeds 0 at its ends."""
-    edges = np.linspace(0, pi, count + 1)
-    middle = (edges[1:] + edges[:-1]) / 2
-    x = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
-    speed = np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)) / p[0], 1e-8))
-    return float(np.sum(abs(end - start) / 2 * np.sin(middle) * (pi / count) / speed))
+def _duration(p, energy, force, start, end):
+    """Time of the way between two places."""
 
+    def speed_at(x):
+        return np.sqrt(np.maximum(2 * (energy + force * x - _potential(p, x)) / p[0], 1e-8))
 
-def _push(force):
-    return call("apply_force", object_id="object_1", force_vector=[round(force, 4), 0, 0])
-
-
-def _look(length):
-    return [
-        call("step", duration=max(round(length / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
+    return float(np.sum(parts_of_way(speed_at, start, end)[0]))
 
 
 def _half_swing(p, x, speed, explored):
@@ -128,21 +103,15 @@ def _half_swing(p, x, speed, explored):
         if abs(end) <= allowed:
             break
     total = min(_duration(p, energy, force, x, end), 8.0)
-    calls, before = [_push(force)], 0.0
-    for share in LOOKS if abs(end) > WIDE else FEW_LOOKS:
-        calls += _look(total * share - before)
-        before += max(round((total * share - before) / 0.005), 1) * 0.005
-    return calls
+    return RIG.along(force, (total * share for share in (LOOKS if abs(end) > WIDE else FEW_LOOKS)))
 
 
 def solve(task):
     """A push to begin with, then half swings whose lengths and forces the fit so far tells."""
-    calls = [_push(FORCE)]
-    for length in (0.2, 0.2, 0.3, 0.3):
-        calls += _look(length)
+    calls = RIG.along(FORCE, (0.2, 0.4, 0.7, 1.0))
     seen = list(zip(calls, (yield calls), strict=True))
     for _ in range(ITERATIONS):
-        p, places = _fitted(seen), _points(seen)[0]
+        p, places = _fitted(seen), work_points(seen, RIG, PLACE_ERROR, FARTHEST)[0]
         x, speed = seen[-2][1]["position"][0], seen[-1][1]["velocity"][0]
         calls = _half_swing(p, x, speed, {1: np.max(places), -1: -np.min(places)})
         lasting = sum(asked.arguments.get("duration", 0) for asked in calls)
@@ -156,11 +125,6 @@ def fit(readings, structure):
     """Both numbers, for the hump that is the lower one in a structure."""
     p = _fitted(readings)
     return [_predict(p, (-1,) if structure == "left" else (1,))[0], _predict(p)[1]]
-
-
-def structure(knobs):
-    """Where the lower hump is, and whether the hollow is flat."""
-    return knobs["kind"]
 
 
 def _true(knobs):
@@ -188,19 +152,14 @@ def naive(knobs):
 
 def stage(task):
     """Push as hard as possible and read speed and force."""
-    calls = [_push(FORCE)]
-    for _ in range(8):
-        calls += _look(0.4)
-    readings = yield calls
+    readings = yield RIG.leg(FORCE, 3.2, looks=8)
     speeds = [abs(reading["velocity"][0]) for reading in readings if "velocity" in reading]
     yield [answer([max(speeds), FORCE])]
 
 
 def batch(task):
     """Pushes to and fro with a usual period, looked at evenly."""
-    calls = []
-    for number in range(6):
-        calls += [_push(FORCE * (-1) ** number), *_look(0.4), *_look(0.4), *_look(0.4)]
+    calls = [asked for number in range(6) for asked in RIG.leg(FORCE * (-1) ** number, 1.2, looks=3)]
     readings = yield calls
     yield [answer(_predict(_fitted(list(zip(calls, readings, strict=True)))))]
 

@@ -226,11 +226,6 @@ def fit(readings, structure):
     return _predict(structure, _fitted(structure, _record(readings))[1])
 
 
-def structure(knobs):
-    """What is in the drum."""
-    return knobs["kind"]
-
-
 def _true(knobs):
     names = {"one": (), "two": ("rotor2", "oil2"), "clutch": (), "spring": ("damping",)}[knobs["kind"]]
     third = {"one": "damping", "two": "damping", "clutch": "limit", "spring": "stiffness"}[knobs["kind"]]

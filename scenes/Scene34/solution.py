@@ -3,15 +3,19 @@
 from math import pi, sqrt
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq
 
-from scenes.protocol import answer, call
+from scenes.courses import Channel
+from scenes.loads import GRAVITY
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.works import cheapest, parts_of_way, refitted, work_points
 
 PAWL, TORQUE = 2.2, 0.13
 ANGLE_ERROR, SPIN_ERROR = 0.0012, 0.003
 REACH = 2.0
 """How far the pumping goes; a cord that is not known yet can only stop the wheel earlier."""
-GRAVITY, LUMP_KG, LUMP_M = 9.81, 0.5, 0.4
+LUMP_KG, LUMP_M = 0.5, 0.4
 CALLS, ITERATIONS, SINGLY = 148, 18, 4
 """At first half swings are planned one by one, then two at a time."""
 LOOKS, FEW_LOOKS = (0.4, 0.7, 1.0), (1.0,)
@@ -24,6 +28,12 @@ FREE = {"plus": (0, 1, 2, 3), "minus": (0, 1, 4, 5), "both": (0, 1, 2, 3, 4, 5),
 """Which of the parameters a structure has; the others are 0."""
 GUESS = np.array([0.13, 1.0, 1.8, 1.0, 1.8, 1.0, 0.7])
 HIGHEST = np.array([2.0, 10.0, 20.0, 2.0, 20.0, 2.0, 10.0])
+
+
+RIG = Rig(
+    [Channel("apply_torque", "object_1", "torque_vector", 1)],
+    [Channel("get_position", "object_1", "angle"), Channel("get_velocity", "object_1", "angular_velocity")],
+)
 
 
 def _potential(p, angle):
@@ -41,58 +51,31 @@ def _slope(p, angle):
     return (_potential(p, angle + 1e-5) - _potential(p, angle - 1e-5)) / 2e-5
 
 
-def _points(readings):
-    """Angles, spins and the work of the torques up to there, with the torques and the doubt of the work."""
-    place, torque, work, doubt, last = 0.0, 0.0, 0.0, 0.0, 0.0
-    points = []
-    for asked, got in readings:
-        if asked.tool == "apply_torque":
-            work += torque * (last - place)
-            doubt += (ANGLE_ERROR * (asked.arguments["torque_vector"][1] - torque)) ** 2
-            place, torque = last, asked.arguments["torque_vector"][1]
-        elif asked.tool == "get_position":
-            last = got["angle"]
-        elif asked.tool == "get_velocity":
-            points.append((last, got["angular_velocity"], work + torque * (last - place), torque, doubt))
-        if abs(last) > PAWL:
-            break
-    kept = [point for point in points if abs(point[0]) <= PAWL]
-    return np.array(kept or [(0.0, 0.0, 0.0, 0.0, 0.0)]).T
-
-
 def _fitted(kind, readings):
     """Misfit and the parameters that fit the points best; errors of the work are carried on from turn to turn."""
-    angle, spin, work, torque, doubt = _points(readings)
-    free = list(FREE[kind])
-    best = None
+    angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
+    free, best = list(FREE[kind]), None
+
+    def alone(p):
+        return (p[0] * spin * SPIN_ERROR) ** 2 + ((_slope(p, angle) - torque) * ANGLE_ERROR) ** 2 + 1e-8
+
+    def misfits(p):
+        return p[0] * spin**2 / 2 + _potential(p, angle) - work, (p[free] - GUESS[free]) / (8 * GUESS[free])
+
     for start in (0.8, 1.2):
         p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
         p[[3, 5]] = start
-        for _ in range(2):
-            alone = (p[0] * spin * SPIN_ERROR) ** 2 + ((_slope(p, angle) - torque) * ANGLE_ERROR) ** 2 + 1e-8
-            white = np.linalg.inv(np.linalg.cholesky(np.minimum.outer(doubt, doubt) + np.diag(alone)))
-
-            def off(q, white=white, p=p):
-                full = p.copy()
-                full[free] = q
-                misfit = white @ (full[0] * spin**2 / 2 + _potential(full, angle) - work)
-                return np.concatenate((misfit, (q - GUESS[free]) / (8 * GUESS[free])))
-
-            got = least_squares(off, p[free], bounds=(0, HIGHEST[free]), x_scale=GUESS[free], max_nfev=40)
-            p = p.copy()
-            p[free] = np.clip(got.x, 1e-6, HIGHEST[free] - 1e-6)
-        score = 2 * got.cost - 2 * float(np.sum(np.log(np.diag(white))))
-        if best is None or score < best[0]:
-            best = (score, p)
+        high = HIGHEST[free]
+        cost, p, log = refitted(p, free, doubt, alone, misfits, GUESS[free], high, (1e-6, high - 1e-6))
+        if best is None or 2 * cost - 2 * log < best[0]:
+            best = (2 * cost - 2 * log, p)
     return best
 
 
 def _best(readings, kinds=tuple(FREE)):
     """The parameters of the structure that fits best, with a price for each parameter."""
-    count = len(_points(readings)[0])
     fits = {kind: _fitted(kind, readings) for kind in kinds}
-    kind = min(fits, key=lambda name: fits[name][0] + len(FREE[name]) * np.log(count))
-    return fits[kind][1]
+    return cheapest(fits, FREE, len(work_points(readings, RIG, ANGLE_ERROR, PAWL)[0]))[1]
 
 
 def _turn(p, energy, torque, start, side):
@@ -109,13 +92,13 @@ def _turn(p, energy, torque, start, side):
     return start if free[-1] < 0 else side * pi
 
 
-def _duration(p, energy, torque, start, end, count=400):
-    """Time of the way between two angles; the substitution takes care of spins 0 at its ends."""
-    edges = np.linspace(0, pi, count + 1)
-    middle = (edges[1:] + edges[:-1]) / 2
-    angle = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
-    spin = np.sqrt(np.maximum(2 * (energy + torque * angle - _potential(p, angle)) / p[0], 1e-9))
-    return float(np.sum(abs(end - start) / 2 * np.sin(middle) * (pi / count) / spin))
+def _duration(p, energy, torque, start, end):
+    """Time of the way between two angles."""
+
+    def spin_at(angle):
+        return np.sqrt(np.maximum(2 * (energy + torque * angle - _potential(p, angle)) / p[0], 1e-9))
+
+    return float(np.sum(parts_of_way(spin_at, start, end)[0]))
 
 
 def _predict(p):
@@ -123,18 +106,6 @@ def _predict(p):
     lump = 2 * LUMP_KG * GRAVITY * LUMP_M
     inertia = p[0] + LUMP_KG * LUMP_M**2
     return [sqrt(2 * (float(_potential(p, side * pi)) + lump) / inertia) for side in (1, -1)]
-
-
-def _twist(torque):
-    return call("apply_torque", object_id="object_1", torque_vector=[0, round(torque, 4), 0])
-
-
-def _look(length):
-    return [
-        call("step", duration=max(round(length / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
 
 
 def _half_swing(p, angle, spin):
@@ -147,18 +118,12 @@ def _half_swing(p, angle, spin):
         if abs(end) <= REACH:
             break
     total = _duration(p, energy, torque, angle, end)
-    calls, before = [_twist(torque)], 0.0
-    for share in LOOKS if abs(end) > WIDE else FEW_LOOKS:
-        calls += _look(total * share - before)
-        before += max(round((total * share - before) / 0.005), 1) * 0.005
-    return calls, end
+    return RIG.along(torque, (total * share for share in (LOOKS if abs(end) > WIDE else FEW_LOOKS))), end
 
 
 def solve(task):
     """A torque to begin with, then half swings whose lengths the model so far predicts."""
-    calls = [_twist(TORQUE)]
-    for length in (0.15, 0.15, 0.15, 0.2):
-        calls += _look(length)
+    calls = RIG.along(TORQUE, (0.15, 0.3, 0.45, 0.65))
     seen = list(zip(calls, (yield calls), strict=True))
     for iteration in range(ITERATIONS):
         p = _best(seen, ("both", "torsion"))
@@ -180,11 +145,6 @@ def fit(readings, structure):
     return _predict(_fitted(structure, readings)[1])
 
 
-def structure(knobs):
-    """Which cords there are, or a torsion spring."""
-    return knobs["kind"]
-
-
 def _true(knobs):
     return np.array([knobs[name] for name in NAMES], dtype=float)
 
@@ -199,19 +159,14 @@ def naive(knobs):
 
 def stage(task):
     """Turn as hard as possible for long and take the greatest spin."""
-    calls = [_twist(TORQUE)]
-    for _ in range(8):
-        calls += _look(0.3)
-    readings = yield calls
+    readings = yield RIG.leg(TORQUE, 2.4, looks=8)
     spins = [abs(reading["angular_velocity"]) for reading in readings if "velocity" in reading]
     yield [answer([max(spins), max(spins)])]
 
 
 def batch(task):
     """Torques to and fro with a usual period, looked at evenly."""
-    calls = []
-    for number in range(6):
-        calls += [_twist(TORQUE * (-1) ** number), *_look(0.3), *_look(0.3), *_look(0.3)]
+    calls = [asked for number in range(6) for asked in RIG.leg(TORQUE * (-1) ** number, 0.9, looks=3)]
     readings = yield calls
     yield [answer(_predict(_best(list(zip(calls, readings, strict=True)))))]
 

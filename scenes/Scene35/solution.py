@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from scenes.courses import Laws, force, position, recorded, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 STRUCTURES = {
     "floor": ("mass", "rate", "floor", "length"),
@@ -53,32 +54,22 @@ LAWS = Laws(
 )
 
 
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], significant=5)
+
+
 def _course(readings):
     """Pushes and readings until the guard grips."""
-    course = recorded(readings, [force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
+    course = RIG.course(readings)
     v = course.readings[:, 1]
-    held = np.nonzero((np.maximum.accumulate(v) > 0.3) & (v < 0.1) & (course.controls[:, 0] > 0))[0]
-    end = held[0] if len(held) else len(v)
-    return type(course)(course.durations[:end], course.controls[:end], course.readings[:end])
+    return course.until((np.maximum.accumulate(v) > 0.3) & (v < 0.1) & (course.controls[:, 0] > 0))
 
 
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Force at the speed and after the way that are asked."""
     return float(knobs["mass"] * knobs["rate"] * _share(structure, knobs, ASKED_M) * ASKED_SPEED)
 
 
-def _best(readings):
-    """The force by the structure that fits best."""
-    return _predict(*LAWS.best(_course(readings)))
-
-
-def _leg(push, lasting):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[float(f"{push:.5g}"), 0, 0]),
-        call("step", duration=lasting),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
+MODEL = Predictor(LAWS, _course, predict)
 
 
 def _guess(course):
@@ -100,13 +91,9 @@ def _plan(p, x, v, target):
 
 def solve(task):
     """Weak pushes, growing until the cart moves; then on and on near the guard's speed."""
-    seen, push = [], FIRST_N
-    while not seen or seen[-1][1]["velocity"][0] < SEEN:
-        calls = _leg(push, 0.3)
-        push *= GROWTH
-        seen += zip(calls, (yield calls), strict=True)
-    scale = SEEN * push / GROWTH / seen[-1][1]["velocity"][0]
-    calls = [*_leg(2 * scale, 0.3), *_leg(3 * scale, 0.3), *_leg(scale, 0.3)]
+    seen, push = yield from RIG.touched(FIRST_N, GROWTH, 0.3, lambda reading: reading[1] >= SEEN)
+    scale = SEEN * push / seen[-1][1]["velocity"][0]
+    calls = [*RIG.leg(2 * scale, 0.3), *RIG.leg(3 * scale, 0.3), *RIG.leg(scale, 0.3)]
     seen += zip(calls, (yield calls), strict=True)
     number, time = 0, 0.0
     while len(seen) + 4 <= CALLS:
@@ -119,26 +106,14 @@ def solve(task):
             v, number, time = target, number + 1, time + LEG_S
             if time > LAB_S:
                 break
-            calls += _leg(push, LEG_S)
+            calls += RIG.leg(push, LEG_S)
         if not calls:
             break
         seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_best(seen))]
+    yield [answer(MODEL.best(seen))]
 
 
-def fit(readings, structure):
-    """The force by the law of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def structure(knobs):
-    """How the bearings change."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """The law at the way that is asked."""
-    return _predict(knobs["kind"], knobs)
+fit = MODEL.fit
 
 
 def measure(engine, knobs):
@@ -159,12 +134,12 @@ def naive(knobs):
 
 def stage(task):
     """Lead it on at a walking pace for as long as 60 m take."""
-    readings = yield [*_leg(0.5, 9.0), *_leg(0.5, ASKED_M / ASKED_SPEED)]
+    readings = yield [*RIG.leg(0.5, 9.0), *RIG.leg(0.5, ASKED_M / ASKED_SPEED)]
     yield [answer(0.5 / max(readings[7]["velocity"][0], 1e-3) * ASKED_SPEED)]
 
 
 def batch(task):
     """Pushes in even ratios over the whole range, and the same fit."""
-    calls = [asked for n in range(15) for asked in _leg(0.2 * 1.5**n, 1.3)]
+    calls = [asked for n in range(15) for asked in RIG.leg(0.2 * 1.5**n, 1.3)]
     readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]

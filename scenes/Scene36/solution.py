@@ -4,8 +4,9 @@ from math import pi
 
 import numpy as np
 
-from scenes.courses import Laws, force, position, recorded, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 STRUCTURES = {
     "plain": ("mass", "quad", "lin"),
@@ -39,15 +40,16 @@ def _rates(structure, knobs, time, state, force):
     return np.array([v, gain - pull, pull / knobs["anchor"]])
 
 
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], significant=5)
+
+
 def _course(readings):
     """Pushes and readings until the guard takes the hull."""
-    course = recorded(readings, [force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
-    held = np.nonzero((np.abs(course.readings[:, 0]) > 4.02) | (np.abs(course.readings[:, 1]) > 2.05))[0]
-    end = held[0] if len(held) else len(course.durations)
-    return type(course)(course.durations[:end], course.controls[:end], course.readings[:end])
+    course = RIG.course(readings)
+    return course.until((np.abs(course.readings[:, 0]) > 4.02) | (np.abs(course.readings[:, 1]) > 2.05))
 
 
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Greatest force of the periodic motion, and force of the steady one."""
     turn = 2 * pi / PERIOD_S
     time = np.linspace(0, PERIOD_S, 20001)
@@ -81,19 +83,7 @@ def _near(course):
     )
 
 
-def _best(readings):
-    """Both forces by the structure that fits best."""
-    course = _course(readings)
-    return _predict(*_near(course).best(course))
-
-
-def _leg(push, lasting):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[float(f"{push:.5g}"), 0, 0]),
-        call("step", duration=lasting),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
+MODEL = Predictor(_near, _course, predict)
 
 
 def _guess(course):
@@ -117,11 +107,7 @@ def _plan(p, x, v, target):
 
 def solve(task):
     """Weak pushes, growing until the hull moves; then to and fro, faster on every second way."""
-    seen, push = [], FIRST_N
-    while not seen or seen[-1][1]["velocity"][0] < SEEN:
-        calls = _leg(push, SEARCH_S)
-        push *= GROWTH
-        seen += zip(calls, (yield calls), strict=True)
+    seen, _ = yield from RIG.touched(FIRST_N, GROWTH, SEARCH_S, lambda reading: reading[1] >= SEEN)
     side, number, fast = 1, 0, 0.8
     while len(seen) + 4 <= CALLS:
         course = _course(seen)
@@ -134,25 +120,12 @@ def solve(task):
             target = side * fast if side * x < 0.9 else side * 0.5
             push, x = _plan(p, x, v, min(max(target, v - 1.6), v + 1.6))
             v = min(max(target, v - 1.6), v + 1.6)
-            calls += _leg(push, LEG_S)
+            calls += RIG.leg(push, LEG_S)
         seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_best(seen))]
+    yield [answer(MODEL.best(seen))]
 
 
-def fit(readings, structure):
-    """Both forces by the law of a structure."""
-    course = _course(readings)
-    return _predict(structure, _near(course).fitted(course, structure)[1])
-
-
-def structure(knobs):
-    """What there is besides the square law."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """The forces by the drawn law."""
-    return _predict(knobs["kind"], knobs)
+fit = MODEL.fit
 
 
 def measure(engine, knobs):
@@ -180,23 +153,23 @@ def measure(engine, knobs):
 def naive(knobs):
     """Without what lags; as if all that resists was a linear law, or a square law, as at a steady 1 m/s."""
     law = {name: knobs[name] for name in ("mass", "quad")}
-    steady = _predict(knobs["kind"], knobs)[1] / knobs["mass"] - knobs["quad"] * SPEED**2
+    steady = predict(knobs["kind"], knobs)[1] / knobs["mass"] - knobs["quad"] * SPEED**2
     at_one = knobs["quad"] + steady / SPEED
     return {
-        "square law of the steady motion": _predict("plain", {**law, "quad": at_one, "lin": 0.0}),
-        "linear law of the steady motion": _predict("plain", {**law, "quad": 0.0, "lin": at_one}),
+        "square law of the steady motion": predict("plain", {**law, "quad": at_one, "lin": 0.0}),
+        "linear law of the steady motion": predict("plain", {**law, "quad": 0.0, "lin": at_one}),
     }
 
 
 def stage(task):
     """Push as hard as possible for long."""
-    readings = yield [*_leg(1000.0, 1.0), *_leg(1000.0, 8.0)]
+    readings = yield [*RIG.leg(1000.0, 1.0), *RIG.leg(1000.0, 8.0)]
     speed = max(abs(readings[3]["velocity"][0]), 0.05)
     yield [answer([1000.0 * SPEED / speed, 1000.0 * (SPEED / speed) ** 2])]
 
 
 def batch(task):
     """Pushes to and fro in even ratios over the whole range, and the same fit."""
-    calls = [asked for n in range(15) for asked in _leg(0.1 * 1.85**n * (-1) ** n, 1.6)]
+    calls = [asked for n in range(15) for asked in RIG.leg(0.1 * 1.85**n * (-1) ** n, 1.6)]
     readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 CARRIAGE = "object_1"
@@ -26,6 +27,8 @@ MOST = 30.0
 SIGMA = np.array([1.5e-4, 6e-4])
 """Errors of place and velocity."""
 TERMS = "VBQC"
+RANGES = np.array([(10.0, 300.0), (0.0, 10.0), (0.0, 1.0), (0.0, 8.0), (0.0, 8.0)])
+"""Ranges of the stiffness and of the strengths."""
 STRUCTURES = ["".join(kinds) for count in (1, 2) for kinds in combinations(TERMS, count)]
 """Kinds of resistance, alone and in pairs: in proportion to the speed, constant, its square, its cube."""
 
@@ -119,7 +122,7 @@ def _swing(events, terms):
     return np.array(found)
 
 
-def _refined(events, kinds, start):
+def _refined(events, kinds, start, rounds=14):
     """The terms fitted to all that was read since the start, and a score: low for few and small misfits."""
     read = np.array([reading for *_, reading in events if reading])
     free = [0, *(1 + TERMS.index(kind) for kind in kinds)]
@@ -138,7 +141,7 @@ def _refined(events, kinds, start):
         return (swings[:, 1:] - swings[:, :1]) / 1e-4
 
     begin = np.log(np.asarray(start)[free])
-    found = least_squares(misfit, begin, jac=jacobian, x_scale=0.1, max_nfev=14)
+    found = least_squares(misfit, begin, jac=jacobian, x_scale=0.1, max_nfev=rounds)
     return 2 * found.cost + PENALTY * len(free), terms(found.x)
 
 
@@ -230,6 +233,30 @@ def solve(task):
     calls = [call("step", duration=0.005 * round(2 * period / 0.005)), *(_look(period / 13) * 8)]
     taken(calls, (yield calls))
     yield [answer(_prediction(_best(exchanges)))]
+
+
+def rivals(readings):
+    """Each resistance, and each sum of two, fitted."""
+    stretches, events = _readings(readings), _events(readings)
+    read = np.array([reading for *_, reading in events if reading])
+
+    def weighed(kinds):
+        free = [0, *(1 + TERMS.index(kind) for kind in kinds)]
+        _, terms = _refined(events, kinds, _rough(stretches, kinds)[1], 20)
+
+        def every(constants):
+            values = np.zeros(1 + len(TERMS))
+            values[free] = constants
+            return values
+
+        return member(
+            lambda constants: ((_swing(events, every(constants)[:, None])[:, :, 0] - read) / SIGMA).ravel(),
+            lambda constants: _prediction(every(constants)),
+            terms[free],
+            RANGES[free],
+        )
+
+    return {kinds: weighed(kinds) for kinds in STRUCTURES}
 
 
 def structure(knobs):

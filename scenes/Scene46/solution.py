@@ -1,13 +1,16 @@
 """Scene 46: turn the handle step by step below the speed of the safety device, find the laws of shaft and works."""
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 DIAL, HANDLE = "object_1", "object_2"
-ASKED = 2.0
+ASKED = 1.4
 FASTEST, WIDEST = 0.6, 0.9
+TOLD, LEAST_SHARE = 0.8, 0.2
+"""Angle of the dial at which a part that goes with the cube is at least this share of the torque."""
 SIGMA = 2.4e-3
 """Standard deviation of an angle that is read, rad."""
 FIRST_NM, LOOK_S, WAIT_S = 0.05, 0.025, 6.0
@@ -81,6 +84,60 @@ def _rows_of(exchanges):
 def fit(readings, structure):
     """The answer by laws of one kind."""
     return _laws(_rows_of(readings), structure)[1]
+
+
+def _angle(powers, strengths, torque):
+    """Angle or twist at which a law gives each torque."""
+    if powers == (0,):
+        return np.arcsin(np.clip(torque / strengths[0], -1.0, 1.0))
+    even, cubic = [*strengths, 0.0][:2]
+    angle = torque / even
+    for _ in range(30):  # Newton's method, which comes down to the root of a convex law
+        angle = angle - (even * angle + cubic * angle**3 - torque) / (even + 3 * cubic * angle**2)
+    return angle
+
+
+def _strengths(powers, at, torque, share):
+    """Strengths of a law that has a torque at an angle or twist, a share of which goes with the cube."""
+    if powers == (0,):
+        return [torque / np.sin(at)]
+    return [torque * (1 - share) / at, torque * share / at**3][: len(powers)]
+
+
+def _weighed(rows, kind):
+    """The laws of one kind, fitted to the angles of dial and handle.
+
+    Constants: logarithms of the torque with the dial at TOLD and of the twist then, and the shares that go with cubes.
+    """
+    shaft, works = (laws[name] for laws, name in zip((SHAFTS, WORKS), kind.split(", "), strict=True))
+    torques, dial, handle = np.array(rows).T
+
+    def laws(constants):
+        (torque, twist), shares = np.exp(constants[:2]), list(constants[2:])
+        back = _strengths(works, TOLD, torque, shares.pop(0) if len(works) > 1 else 0.0)
+        return back, _strengths(shaft, twist, torque, shares.pop(0) if len(shaft) > 1 else 0.0)
+
+    def misfits(constants):
+        back, hold = laws(constants)
+        turned = _angle(works, back, torques)
+        return np.concatenate([turned - dial, turned + _angle(shaft, hold, torques) - handle]) / SIGMA
+
+    def prediction(constants):
+        back, hold = laws(constants)
+        return _twist(shaft, hold, float((_columns(works, ASKED) @ back).item()))
+
+    near = int(np.argmin(np.abs(dial - TOLD)))
+    logs = np.log([torques[near], max(handle[near] - dial[near], SIGMA)])
+    parts = len(works) + len(shaft) - 2
+    ranges = [*((log - 3, log + 3) for log in logs), *[(LEAST_SHARE, 1.0)] * parts]
+    best = least_squares(misfits, [*logs, *[0.4] * parts], bounds=tuple(zip(*ranges, strict=True))).x
+    return member(misfits, prediction, best, ranges)
+
+
+def rivals(readings):
+    """Laws of every kind, fitted."""
+    rows = _rows_of(readings)
+    return {kind: _weighed(rows, kind) for kind in KINDS}
 
 
 def _turn(torque):
@@ -175,3 +232,14 @@ def measure(engine, knobs):
         free.push(HANDLE, torque=np.array([0.0, 0.0, servo * goal]))
         free.step(free.whole_steps(0.1))
     return float(free.turn(HANDLE).angle) - ASKED
+
+
+def settles(engine, knobs, off):
+    """Where the dial ends if it stands near the asked angle and the handle is given the torque of that angle."""
+    free = engine.changed({"joint[device_joint].damping": 1e9})
+    works = knobs["kind"].split(", ")[1]
+    for angle in (ASKED * (1 + off), ASKED):
+        torque = float(_columns(WORKS[works], angle) @ _true(knobs)[1])
+        free.push(HANDLE, torque=np.array([0.0, 0.0, torque]))
+        free.step(free.whole_steps(60.0))
+    return float(free.turn(DIAL).angle) / ASKED - 1

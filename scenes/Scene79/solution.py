@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.optimize import brentq
 
-from scenes.courses import Course, Laws, force, position, recorded, refined, velocity
+from scenes.courses import Course, Laws, force, position, recorded, velocity
+from scenes.fitting import refined
 from scenes.protocol import answer, call
 
 SPEED, FORCE, NEAR_M, FAR_M, NET_M = 2.5, 4.0, 0.7, 1.4, 3.0
@@ -52,7 +53,7 @@ LAWS = Laws(
     structures=STRUCTURES,
     box=BOX,
     start=(-0.5, 0.5, 0.0, 0.0),
-    sigma=(0.0005, 0.0005, 0.0014, 0.0014),
+    sigma=(0.0004, 0.0004, 0.0011, 0.0011),
     longest_s=0.05,
     starts=150,
     tried=3,
@@ -214,7 +215,9 @@ def measure(engine, knobs):
     """Both blows in the engine, without hooks and nets."""
     ends = []
     for sign in (1, -1):
-        free = engine.changed({"body[hook].pos": (0.0, 0.0, 0.0), "key[start].qvel": (sign * SPEED, 0.0)})
+        free = engine.changed(
+            {"body[hook].pos": (0.0, 0.0, 0.0), "key[start].qvel": (sign * SPEED, 0.0, 0.0, 0.0, 0.0)}
+        )
         path = [1.0]
         while len(path) < 3 or sign * path[-1] < sign * path[-2]:
             free.step(1)

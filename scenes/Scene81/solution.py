@@ -4,8 +4,10 @@ from math import cos, sin
 
 import numpy as np
 
-from scenes.courses import Channel, Course, Laws, force, recorded, refined, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Laws, Predictor, force, velocity
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.swings import LegFit, Swing, to_a_side
 
 LEAN, FORCE, PAWL, GRAVITY = 0.6, 10.0, 0.3, 9.81
 _COMMON = ("total", "e", "l", "kappa")
@@ -14,8 +16,6 @@ STRUCTURES = {
     "minus": (*_COMMON, "pm", "from_minus"),
     "both": (*_COMMON, "pp", "from_plus", "pm", "from_minus"),
 }
-PLAIN = (*_COMMON, "bend")
-"""Constants with a torque that bends smoothly, with which the next forces are planned."""
 BOX = {
     "total": (0.03, 30.0),
     "e": (0.03, 0.6),
@@ -28,12 +28,7 @@ BOX = {
     "bend": (0.1, 600.0),
 }
 """Mass of both; moment of the crate's mass over it; inertia, and stiffness less the weight, over this moment."""
-REACHES = (0.06, 0.12, 0.18, 0.22, 0.24, 0.26, 0.275, 0.285)
-"""How far the crate is let go in each iteration that has a model, in rad; the last one goes on."""
-FAR, TIME_S, CALLS, ITERATIONS = 0.18, 12.0, 148, 19
-LEGS, AHEAD, LOOKS, TRIALS = 2, 5, 3, 300
-TOUCHES, VISIBLE = (0.02, 0.1, 0.5, 2.5), 0.015
-"""First forces in N, each for 0.2 s, until the speed is seen, in m/s."""
+FAR = 0.18
 
 
 def _back(knobs, angle):
@@ -67,6 +62,7 @@ def _laws(longest_s, starts, tried):
         starts=starts,
         tried=tried,
         rounds=8,
+        plain=(*_COMMON, "bend"),
     )
 
 
@@ -74,120 +70,56 @@ LAWS, FINE = _laws(0.035, 150, 3), _laws(0.015, 120, 2)
 """Long steps do for planning; the last fit needs short ones, since the torque has corners."""
 
 
-def _course(readings):
-    """Forces, and angle, speed and spin, up to where the pawl caught."""
-    seen = [
+RIG = Rig(
+    [force("object_1", 0)],
+    [
         Channel("get_position", "object_2", "angle"),
         velocity("object_1", 0),
         Channel("get_velocity", "object_2", "angular_velocity"),
-    ]
-    raw = recorded(readings, [force("object_1", 0)], seen)
-    lost = np.nonzero(abs(raw.readings[:, 0]) > PAWL - 0.003)[0]
-    kept = int(lost[0]) if len(lost) else len(raw.durations)
-    return Course(raw.durations[:kept], raw.controls[:kept], raw.readings[:kept])
+    ],
+)
 
 
-def _constants(unit):
-    """Constants of a smooth torque at points of the unit cube."""
-    return {name: BOX[name][0] * (BOX[name][1] / BOX[name][0]) ** part for name, part in zip(PLAIN, unit, strict=True)}
+def _course(readings):
+    """The course up to where the pawl caught."""
+    course = RIG.course(readings)
+    return course.until(abs(course.readings[:, 0]) > PAWL - 0.003)
 
 
-def _roughly(course, unit):
-    """The constants from one leg after the other, from a point of the unit cube or anywhere."""
-    starts = np.vstack([LAWS.start, course.readings[:-1]]).T[:, :, None]
-
-    def misfits(units):
-        states, held = starts + np.zeros(units.shape[1]), course.controls.T[:, :, None]
-        ends = LAWS.advanced("plain", _constants(units), 0.0, states, course.durations[:, None], held)
-        off = (ends.transpose(1, 0, 2) - course.readings[:, :, None]) / (2 * np.array(LAWS.sigma)[:, None])
-        return np.vstack([np.clip(np.nan_to_num(off, nan=1e4), -1e4, 1e4).reshape(-1, units.shape[1]), units - 0.5])
-
-    if unit is None:
-        units = np.random.default_rng(1).random((len(PLAIN), 400))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 12)
-    return refined(misfits, unit, 6)
-
-
-def _planned(knobs, course, span, reach, side):
-    """Forces for the next legs: of many at random, those that make it lean to a side, within the reach."""
-    rng = np.random.default_rng(2)
-    strongest = min(FORCE, 1.2 * reach * knobs["kappa"] * knobs["total"])
-    forces = strongest * rng.choice([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0], (AHEAD, TRIALS))
-    states, value = course.readings[-1][:, None] + np.zeros(TRIALS), np.zeros(TRIALS)
-    speeds = np.append(0.0, course.readings[:, 1])
-    place = (course.durations * (speeds[1:] + speeds[:-1]) / 2).sum()
-    for held in forces:
-        for _ in range(LOOKS):
-            states = LAWS.advanced("plain", knobs, 0.0, states, span / LOOKS, held[None, :])
-            lean = np.nan_to_num(abs(states[0]), nan=9.0)
-            place = place + span / LOOKS * states[1]
-            value += (
-                10 * np.maximum(np.minimum(side * states[0], reach) - FAR, 0.0)
-                + lean
-                - 1e3 * np.maximum(lean - reach, 0.0)
-            )
-    value -= 3 * np.maximum(abs(place + 2 * (states[1] + knobs["e"] * states[2])) - 3.0, 0.0)
-    return forces[:LEGS, int(np.argmax(value))]
-
-
-def _push(strength, duration):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[round(float(strength), 4), 0, 0]),
-        call("step", duration=max(round(duration / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_2"),
-        call("get_velocity", object_id="object_1"),
-        call("get_velocity", object_id="object_2"),
-    ]
-
-
-def solve(task):
-    """Touches until the trolley moves, then forces that the model so far chooses."""
-    seen = []
-    for strength in TOUCHES:
-        calls = _push(strength, 0.2)
-        seen += zip(calls, (yield calls), strict=True)
-        if abs(_course(seen).readings[-1, 1]) > VISIBLE:
-            break
-    calls = [*_push(0.0, 0.2), *_push(0.0, 0.2)]
-    seen += zip(calls, (yield calls), strict=True)
-    unit, reaches, spent = None, list(REACHES), 1.2
-    for number in range(ITERATIONS - 5):
-        course = _course(seen)
-        unit = _roughly(course, unit)
-        knobs = _constants(unit)
-        span = float(np.clip(0.9 * np.sqrt(max(knobs["l"] - knobs["e"], 0.05) / knobs["kappa"]), 0.08, 0.5))
-        spent += LEGS * span
-        if len(seen) + 5 * LEGS > CALLS or spent > TIME_S:
-            break
-        wide = float(abs(course.readings[:, 0]).max())
-        reach, reaches = min(reaches[0], 0.03 + 2 * wide), reaches[1:] or reaches
-        planned = _planned(knobs, course, span, reach, (-1) ** (number // 2))
-        calls = [asked for f in planned for asked in _push(f, span)]
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(*FINE.best(_course(seen))))]
-
-
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Accelerations at which the crate leans so far to either side."""
     knobs = {name: float(knobs[name]) for name in STRUCTURES[structure]}
     torques = [side * float(_back(knobs, side * LEAN)) for side in (-1, 1)]
     return [(torque - GRAVITY * sin(LEAN)) / cos(LEAN) for torque in torques]
 
 
-def fit(readings, structure):
-    """Both accelerations by the springs of a structure."""
-    return _predict(structure, FINE.fitted(_course(readings), structure)[1])
+def _worth(plan, path):
+    """Leans to a side within the reach; the trolley should not drift away."""
+    lean, speed, spin = path.transpose(1, 0, 2)
+    speeds = np.append(0.0, plan.course.readings[:, 1])
+    start = (plan.course.durations * (speeds[1:] + speeds[:-1]) / 2).sum()
+    place = start + plan.look * speed.sum(axis=0)
+    drift = np.maximum(abs(place + 2 * (speed[-1] + plan.knobs["e"] * spin[-1])) - 3.0, 0.0)
+    return to_a_side(plan, lean, FAR, abs(lean)) - 3 * drift
 
 
-def structure(knobs):
-    """On which side there is a further spring."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Both accelerations from the balance of torques."""
-    return _predict(knobs["kind"], knobs)
+SWING = Swing(
+    rig=RIG,
+    model=Predictor(FINE, _course, predict),
+    rough=LegFit(LAWS),
+    touches=(0.02, 0.1, 0.5, 2.5),
+    moved=lambda reading: abs(reading[1]) > 0.015,
+    strongest=lambda plan: min(FORCE, 1.2 * plan.reach * plan.knobs["kappa"] * plan.knobs["total"]),
+    worth=_worth,
+    span=lambda knobs: float(np.clip(0.9 * np.sqrt(max(knobs["l"] - knobs["e"], 0.05) / knobs["kappa"]), 0.08, 0.5)),
+    reaches=(0.06, 0.12, 0.18, 0.22, 0.24, 0.26, 0.275, 0.285),
+    wider=lambda course: 0.03 + 2 * float(abs(course.readings[:, 0]).max()),
+    legs=2,
+    time_s=10.8,
+    fixed_pushes=(0.02, -0.05, 0.1, -0.2, 0.5, -1.0, 2.0, -4.0, 8.0, -10.0, 5.0, 0.0),
+    fixed_s=0.35,
+)
+solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
 def naive(knobs):
@@ -201,19 +133,11 @@ def stage(task):
     """Push as hard as possible, one way and the other, and carry the leans on in proportion."""
     found = []
     for strength in (FORCE, -FORCE):
-        calls = [*_push(strength, 0.1), *_push(0, 0.1)]
+        calls = [*RIG.leg(strength, 0.1), *RIG.leg(0, 0.1)]
         readings = yield calls
         lean = max(abs(reading["angle"]) for reading in readings if reading.get("angle") is not None)
         found.append(abs(readings[3]["velocity"][0]) / 0.1 * LEAN / max(lean, 0.001))
     yield [answer(found)]
-
-
-def batch(task):
-    """Pushes to and fro, stronger and stronger, and the same fit."""
-    forces = (0.02, -0.05, 0.1, -0.2, 0.5, -1.0, 2.0, -4.0, 8.0, -10.0, 5.0, 0.0)
-    calls = [asked for f in forces for asked in _push(f, 0.35)]
-    readings = yield calls
-    yield [answer(_predict(*FINE.best(_course(list(zip(calls, readings, strict=True))))))]
 
 
 def measure(engine, knobs):
@@ -222,7 +146,7 @@ def measure(engine, knobs):
     An accelerated trolley is the same as one at rest with gravity towards its rear. The trolley is held by a huge mass.
     """
     found = []
-    for side, theory_of in zip((-1, 1), theory(knobs), strict=True):
+    for side, theory_of in zip((-1, 1), predict(knobs["kind"], knobs), strict=True):
         changes = {"body[pawl].pos": (0.0, 0.0, 0.0), "joint[object_2_joint].range": (-500.0, 500.0)}
         free = engine.changed({**changes, "body[object_1]/inertial.mass": 1e7})
         low, high = 0.3 * theory_of, 2.0 * theory_of

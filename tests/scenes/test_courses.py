@@ -1,9 +1,11 @@
 """Fitting laws of motion: synthetic courses whose constants are known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from scenes.courses import Array, Course, Knobs, Laws, force, position, recorded, velocity
+from scenes.courses import PLAIN, Array, Course, Knobs, Laws, Predictor, force, position, recorded, velocity
 from scenes.protocol import call
 
 MASS, DRAG = 2.0, 0.7
@@ -88,3 +90,57 @@ def test_a_course_is_recorded_from_calls_and_readings() -> None:
     assert course.durations.tolist() == [0.5, 0.25]
     assert course.controls.tolist() == [[2.0], [2.0]]
     np.testing.assert_equal(course.readings, [[np.nan, 4.0], [1.0, np.nan]])
+
+
+def test_a_course_ends_before_the_leg_that_a_latch_caught() -> None:
+    course = _course()
+    kept = course.until(np.array([False, False, True, False]))
+    assert kept.durations.tolist() == course.durations[:2].tolist()
+    assert kept.controls.shape == (2, 1)
+    assert kept.readings.shape == (2, 2)
+    assert len(course.until(np.zeros(4, bool)).durations) == 4
+
+
+def test_a_predictor_answers_from_readings_by_a_structure_or_by_the_best() -> None:
+    model = Predictor(LAWS, lambda _: _course(), lambda structure, knobs: [structure, knobs["mass"]])
+    assert model.fit([], "linear") == ["linear", pytest.approx(MASS, rel=1e-3)]
+    assert model.best([]) == model.fit([], "linear")
+
+
+def _swinging(_: str, knobs: Knobs, __: object, state: Array, controls: Array) -> Array:
+    x, v = state
+    return np.array([v, controls[0] - knobs["w"] * x])
+
+
+def _swung(legs: int, longest_s: float, starts: int) -> tuple[Laws, Course]:
+    """Laws of a spring whose speed is not read, and swings x = cos(3 t), read after legs of 0.35 s."""
+    laws = Laws(
+        rates=_swinging,
+        structures={"spring": ("w",)},
+        box={"w": (0.5, 400.0)},
+        start=(1.0, 0.0),
+        sigma=(0.02,),
+        longest_s=longest_s,
+        starts=starts,
+        tried=1,
+    )
+    times = 0.35 * np.arange(1, legs + 1)
+    return laws, Course(np.full(legs, 0.35), np.zeros((legs, 1)), np.cos(3 * times)[:, None])
+
+
+def test_a_search_that_explains_nothing_is_repeated_from_other_starts() -> None:
+    laws, course = _swung(60, 0.1, starts=8)
+    assert laws.fitted(course, "spring")[0] > 1e4, "the first search should end in a local minimum"
+    assert laws.best(course)[1]["w"] == pytest.approx(9.0, rel=1e-4)
+
+
+def test_the_last_fit_takes_shorter_steps_than_the_search() -> None:
+    """A step of 0.35 s is 1.05 rad of the swing, at which the Runge-Kutta method errs by half a per cent of phase."""
+    laws, course = _swung(12, 0.35, starts=200)
+    assert laws.best(course)[1]["w"] == pytest.approx(9.0, rel=1e-3)
+
+
+def test_a_structure_may_be_called_plain_where_there_is_no_plain_law_to_plan_with() -> None:
+    laws = replace(LAWS, structures={"plain": ("mass", "drag")})
+    assert laws.names(PLAIN) == ("mass", "drag")
+    assert replace(LAWS, plain=("mass",)).names(PLAIN) == ("mass",)

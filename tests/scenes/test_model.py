@@ -95,9 +95,25 @@ def test_a_law_takes_the_drawn_values_that_it_names_into_the_model(packed: Any) 
         {
             "on": "object_1", "with": {"far": "object_2"}, "let": {"r": "far_x - x"}, "reaction": "far",
             "force": ["k2 * r * m", "0", "0"], "torque": ["0", "0", "0"], "constants": {"m": 1.0, "k2": 3.0},
+            "factor": 1.0,
         }
     ]  # fmt: skip
-    assert not drawn(files, kind="free").findall("custom")
+
+
+def test_a_law_whose_condition_is_false_stays_in_the_model_with_factor_0(packed: Any) -> None:
+    """Left out, it would save time in each step, and the duration of a step would tell of the draw."""
+    law = {"on": "object_1", "let": {"r": "x * m"}, "force": ["r", "0", "0"], "present": "kind == 'cord'"}
+    files = packed(laws=[law, {"on": "object_2", "force": ["-x", "0", "0"]}])
+    written = {
+        kind: json.loads(next(drawn(files, kind=kind).iterfind("custom/text")).get("data") or "")
+        for kind in ("stop", "cord", "free")
+    }
+    assert {kind: [law.pop("factor") for law in laws] for kind, laws in written.items()} == {
+        "stop": [0.0, 1.0],
+        "cord": [1.0, 1.0],
+        "free": [0.0, 1.0],
+    }
+    assert written["stop"] == written["cord"] == written["free"]
 
 
 def test_an_unknown_field_of_a_law_is_refused(packed: Any) -> None:

@@ -1,6 +1,8 @@
 """The pack format: draws, expressions, errors of bad packs; and every pack of the suite."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,9 @@ from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from scenes import Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, list_packs, read_pack
 from scenes.draw import evaluate
-from scenes.protocol import Call, answer, call, load_solution
+from scenes.protocol import Call, answer, call, drawn_kind, load_solution
 from tests.builders.paths import ORIGINAL
 
-PUBLISHED = ORIGINAL / "Scenes"
 OWN = list_packs()
 NOWHERE = PackFiles(7, Path("Scene7"))
 GOOD: dict[str, Any] = {
@@ -128,6 +129,48 @@ def test_an_expression_that_is_anything_else_is_refused_with_file_and_field(expr
     with pytest.raises(PackError) as error:
         evaluate(NOWHERE, "derive.x", expression, {"u": 1.5, "p": (5, 7)})
     assert str(error.value).startswith("Scene7/scene7.json: field derive.x: ")
+    assert len(str(error.value)) < 400
+
+
+_BOUNDED = """
+import json, resource, sys
+from pathlib import Path
+from scenes import PackError, PackFiles
+from scenes.draw import evaluate
+from physment_mcp.world.expressions import ExpressionError, Formulas
+
+resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + 2**26, used + 2**26))
+for text in json.load(sys.stdin):
+    try:
+        evaluate(PackFiles(7, Path("Scene7")), "derive.x", text, {"u": 1.5, "p": (5, 7), "s": "ab"})
+    except PackError as error:
+        assert "MemoryError" not in repr(error.__cause__), text
+    else:
+        print("evaluated as a quantity:", text[:40])
+    try:
+        Formulas(["x"], {}, {}, {"f": text}).function(["x"])(1.0)
+    except (ExpressionError, ArithmeticError, ValueError):
+        pass
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="reads its memory as Linux tells it")
+def test_no_expression_takes_much_memory_or_time() -> None:
+    """In a process that may take 20 s and 64 MB for all of them."""
+    hostile = [
+        "'%1000000000d' % 1", "'%s' % ('a' * 10**9)", "'%*d' % (10**9, 1)", "'a' * 10**9", "s * 10**9", "10**9 * p",
+        "[0] * 10**9", "[[0] * 10**5] * 10**5", "10**10**10", "9**9**9**9", "4000000**4000000", "(2**1000)**1000000",
+        "-2**(10**8)", "(-3)**99999999", "2**2**2**2**2**2", "2**1000 * 2**1000", "'{:1000000000d}'.format(1)",
+        "f'{1:1000000000d}'", "f'{u:>{10**9}}'", "[x for x in p for y in p for z in p]", "{x: 1 for x in p}",
+        "sum(x for x in p)", "list(s) * 10**9", "max([0] * 10**9)", "1 << 10**10", "~0", "1 | 2", "'a' + 'b' * 10**9",
+        "p + p", "s + s", "(((" * 300, "-" * 999 + "u * None", "[" * 80 + "]" * 80, "1 +" * 100_000 + "'a'", "*p,",
+        "'" + "a" * 10**6 + "'", "9" * 900 + " ** 9", "p[0:10**9]", "min(*p)", "max(p, key=abs)", "(u := 3)",
+    ]  # fmt: skip
+    words = [sys.executable, "-c", _BOUNDED]
+    done = subprocess.run(words, input=json.dumps(hostile), capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 # Errors of bad packs
@@ -248,6 +291,37 @@ def test_a_solution_gives_its_three_functions(folder: Callable[..., Path]) -> No
         load_solution(files)
 
 
+def test_structure_and_theory_follow_from_the_law_of_a_structure(folder: Callable[..., Path]) -> None:
+    files = find_pack(7, folder("{}"))
+    files.solution.write_text("def predict(structure, knobs):\n    return structure + knobs['g']\n", encoding="utf-8")
+    solution, drawn = load_solution(files), {"kind": "a", "g": "b", "sort": "c"}
+    assert solution.structure is drawn_kind
+    assert drawn_kind(drawn) == "a"
+    assert solution.theory is not None
+    assert solution.theory(drawn) == "ab"
+    with files.solution.open("a", encoding="utf-8") as file:
+        file.write("def structure(knobs):\n    return knobs['sort']\n")
+    solution = load_solution(files)
+    assert solution.structure is not None
+    assert solution.theory is not None
+    assert (solution.structure(drawn), solution.theory(drawn)) == ("c", "cb")
+    with files.solution.open("a", encoding="utf-8") as file:
+        file.write("def theory(knobs):\n    return 'd'\n")
+    theory = load_solution(files).theory
+    assert theory is not None
+    assert theory(drawn) == "d"
+
+
+def test_a_solution_that_fits_a_structure_and_names_none_takes_the_drawn_kind(folder: Callable[..., Path]) -> None:
+    files = find_pack(7, folder("{}"))
+    files.solution.write_text("def fit(readings, structure):\n    return 1.0\n", encoding="utf-8")
+    solution = load_solution(files)
+    assert solution.structure is drawn_kind
+    assert solution.theory is None
+    files.solution.write_text("def solve(task):\n    yield []\n", encoding="utf-8")
+    assert load_solution(files).structure is None
+
+
 def test_calls_of_a_protocol_are_plain_records() -> None:
     assert call("step", duration=0.1) == Call("step", {"duration": 0.1})
     assert answer([1.5, "a"]) == Call("answer", {"answer": [1.5, "a"]})
@@ -256,12 +330,13 @@ def test_calls_of_a_protocol_are_plain_records() -> None:
 # All packs
 
 
-@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published packs are not beside this checkout")
+@pytest.mark.published
 def test_all_published_packs_load_and_run_for_a_second() -> None:
-    packs = list_packs(PUBLISHED)
+    published = ORIGINAL / "Scenes"
+    packs = list_packs(published)
     assert len(packs) == 105
     for files in packs:
-        session = Session(load_scene(files.scene_id, 0, PUBLISHED))
+        session = Session(load_scene(files.scene_id, 0, published))
         session.world.step(session.world.whole_steps(1.0))
         assert session.world.time == pytest.approx(1, abs=session.world.timestep)
         assert session.known()

@@ -1,5 +1,6 @@
 """Leading a puck: pushes and looks, the mass from a course in closed form, and pushes that stay on the floor."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,5 +89,18 @@ def test_a_protocol_played_on_a_floor_in_closed_form_finds_its_mass(protocol: An
     while calls[-1].tool != "answer":
         readings, state, held = _read(calls, state, held)
         assert np.hypot(*state[:2]) < FLOOR.safe_m + 0.5
+        calls = playing.send(readings)
+    assert calls[-1].arguments["answer"] == pytest.approx(MASS, rel=0.01)
+
+
+def test_a_puck_of_known_mass_may_be_steered_by_another_rule() -> None:
+    def steer(place: Array, speed: Array, target: Array) -> Array:
+        return MASS * (2.5 * (target - place) - 2.0 * speed)
+
+    playing, state, held = replace(FLOOR, steer=steer).solve(""), np.zeros(4), np.zeros(2)
+    calls = next(playing)
+    assert calls[0].arguments["force_vector"] == [2.5 * MASS * 1.5, 0.0, 0.0]
+    while calls[-1].tool != "answer":
+        readings, state, held = _read(calls, state, held)
         calls = playing.send(readings)
     assert calls[-1].arguments["answer"] == pytest.approx(MASS, rel=0.01)

@@ -4,11 +4,14 @@ from math import log, sqrt
 
 import numpy as np
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 ASKED_N = 60.0
 FORCES_N = (10.0, 9.0, 8.0, 7.0, 6.0, 5.5)
 SETTLE_S = 15.0
+ERROR_M_S = 2e-3
+"""Standard deviation of a speed: what is left of the approach to the steady one counts more than rounding."""
 TERMS = {"dry and linear": (0, 1), "dry and quadratic": (0, 2), "linear and quadratic": (1, 2)}
 
 
@@ -58,20 +61,47 @@ def measure(engine, knobs):
     return float(engine.twist("object_1").linear[0])
 
 
-def structure(knobs):
-    """Which terms act."""
-    return knobs["kind"]
-
-
-def fit(readings, structure):
-    """The law with the terms of this structure, fitted to the last speed at each force."""
+def last_speeds(readings):
+    """The last speed at each force."""
     pushes, force = {}, 0.0
     for asked, reading in readings:
         if asked.tool == "apply_force":
             force = asked.arguments["force_vector"][0]
         elif asked.tool == "get_velocity":
             pushes[force] = reading["velocity"][0]
-    return speed(*law(list(pushes.items()), TERMS[structure])[0], ASKED_N)
+    return list(pushes.items())
+
+
+def fit(readings, structure):
+    """The law with the terms of this structure, fitted to the last speed at each force."""
+    return speed(*law(last_speeds(readings), TERMS[structure])[0], ASKED_N)
+
+
+def rivals(readings):
+    """Every pair of terms, fitted."""
+    pushes = last_speeds(readings)
+
+    def weighed(terms):
+        def factors(constants):
+            return [dict(zip(terms, constants, strict=True)).get(power, 0.0) for power in range(3)]
+
+        return member(
+            lambda constants: np.array([speed(*factors(constants), force) - v for force, v in pushes]) / ERROR_M_S,
+            lambda constants: speed(*factors(constants), ASKED_N),
+            [law(pushes, terms)[0][power] for power in terms],
+            [(0.0, 10.0), (0.0, 10.0)],
+        )
+
+    return {kind: weighed(terms) for kind, terms in TERMS.items()}
+
+
+def settles(engine, knobs, off):
+    """By how much the speed is off in the end if the cart starts off the asked one."""
+    asked = theory(knobs)
+    engine.set_velocity("object_1", [(1 + off) * asked, 0.0, 0.0])
+    engine.push("object_1", force=[ASKED_N, 0.0, 0.0])
+    engine.step(engine.whole_steps(40.0))
+    return float(engine.twist("object_1").linear[0]) / asked - 1
 
 
 def stage(task):

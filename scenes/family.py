@@ -1,0 +1,144 @@
+"""Compares the members of a family of laws on the same readings, for certificate 12 and whoever weighs structures.
+
+A task states which laws there may be. A solution fits each of them to calls and readings, and returns a `Member` for
+each: how well it fits, what it answers, and how far the readings leave its answer open. `surviving` then tells which
+members the readings cannot exclude.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from scenes.courses import Array, Course, Laws, refined
+from scenes.protocol import AnswerValue, Member
+
+EXCLUDED_SIGMAS = 4.0
+"""A member is excluded if it fits worse than the best one by more than this many standard deviations (p < 6.4e-5)."""
+_BOUND = 1e4
+"""Largest misfit of a reading that counts: laws with wrong constants may diverge."""
+_FINER, _ROUNDS = 4, 8
+"""Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
+_TRIALS = 100
+"""Draws for each plausible answer, of which those are taken that lie within the ranges."""
+_STEP = 1e-5
+"""Step of numerical derivatives, as a share of the range of a constant."""
+
+
+def member(
+    misfits: Callable[[Array], Array],
+    predict: Callable[[Array], AnswerValue],
+    best: Sequence[float] | Array,
+    ranges: Sequence[tuple[float, float]],
+) -> Member:
+    """The member of a family whose best constants are known.
+
+    Constants that are plausible follow the normal distribution around the best ones whose covariance is that of linear
+    least squares, (JᵀJ)⁻¹ with the derivatives J of the misfits. It is enlarged where the misfits are larger than their
+    stated standard deviations, and narrowed by the ranges, outside of which no constant is drawn.
+
+    Args:
+        misfits: Constants → misfit of every reading, in standard deviations.
+        predict: Constants → answer.
+        best: The constants that fit best.
+        ranges: Smallest and largest value of each constant.
+    """
+    low, high = np.array(ranges, dtype=float).T
+    middle = np.clip(np.asarray(best, dtype=float), low, high)
+    found = misfits(middle)
+    chi_square, size, count = float(found @ found), len(middle), len(found)
+
+    def plausible(number: int) -> list[AnswerValue]:
+        steps = _STEP * (high - low)
+        slopes = [
+            (misfits(middle + step) - misfits(middle - step)) / (2 * _STEP) for step in np.diag(steps)
+        ]  # of constants counted in their ranges
+        slope = np.column_stack(slopes)
+        # The unit matrix is a standard deviation of a whole range, for constants on which no reading depends.
+        scale = max(1.0, chi_square / max(count - size, 1))
+        values, axes = np.linalg.eigh(slope.T @ slope / scale + np.eye(size))
+        units = np.random.default_rng(0).standard_normal((_TRIALS * number, size)) / np.sqrt(values) @ axes.T
+        drawn = middle + units * (high - low)
+        # Outside of the ranges draws are rejected: moving them to the edge would undo the correlations of constants.
+        within = drawn[np.all((drawn >= low) & (drawn <= high), axis=1)]
+        chosen = np.concatenate([within, np.clip(drawn, low, high)])[:number]
+        return [predict(constants) for constants in chosen]
+
+    return Member(chi_square, count, size, predict(middle), plausible)
+
+
+def members(
+    laws: Laws, course: Course, predict: Callable[[str, Mapping[str, float]], AnswerValue]
+) -> dict[str, Member]:
+    """Every structure of laws of motion, fitted to a course.
+
+    Args:
+        laws: The family.
+        course: What was held and read.
+        predict: The answer from a structure and its constants.
+    """
+    return {structure: _fitted(laws, course, structure, predict) for structure in laws.structures}
+
+
+def _fitted(
+    laws: Laws, course: Course, structure: str, predict: Callable[[str, Mapping[str, float]], AnswerValue]
+) -> Member:
+    """A structure, fitted: from the constants that `Laws` finds on, with shorter steps of the integration."""
+    names, best = laws.structures[structure], laws.fitted(course, structure)[1]
+    finer = replace(laws, longest_s=laws.longest_s / _FINER)
+    low, high = np.array([laws.box[name] for name in names]).T
+
+    def named(constants: Array) -> dict[str, Any]:
+        return dict(zip(names, constants, strict=True))
+
+    def misfits(units: Array) -> Array:
+        constants = low[:, None] + (high - low)[:, None] * units
+        return _misfits(finer, course, structure, named(constants), units.shape[1])
+
+    start = (np.array([best[name] for name in names]) - low) / (high - low)
+    found = low + (high - low) * refined(misfits, np.clip(start, 0.0, 1.0), _ROUNDS)
+    return member(
+        lambda constants: misfits(((constants - low) / (high - low))[:, None])[:, 0],
+        lambda constants: predict(structure, {name: float(value) for name, value in named(constants).items()}),
+        found,
+        [laws.box[name] for name in names],
+    )
+
+
+def _misfits(laws: Laws, course: Course, structure: str, knobs: Mapping[str, Any], trials: int) -> Array:
+    """Misfit of every reading of a course followed from its start, in standard deviations; a column for each trial."""
+    state, time, found = np.array(laws.start)[:, None] + np.zeros(trials), 0.0, list[Array]()
+    sigma = np.array(laws.sigma)[:, None]
+    with np.errstate(all="ignore"):
+        for duration, control, reading in zip(course.durations, course.controls, course.readings, strict=True):
+            state = laws.advanced(structure, knobs, time, state, duration, control[:, None] + np.zeros(trials))
+            time += float(duration)
+            found.append((state[: len(sigma)] - reading[:, None]) / sigma)
+    table = np.clip(np.nan_to_num(np.array(found), nan=_BOUND), -_BOUND, _BOUND)
+    return table[~np.isnan(course.readings)]
+
+
+def surviving(fits: Mapping[str, Member]) -> list[str]:
+    """The members that the readings do not exclude.
+
+    A member is excluded by the difference of its chi-square to the best one's, which for nested laws has the
+    chi-square distribution with as many degrees of freedom as constants are spared. If even the best member fits worse
+    than its standard deviations allow, differences count in units of its reduced chi-square.
+    """
+    best = min(fits.values(), key=lambda fit: fit.chi_square)
+    scale = max(1.0, reduced_chi_square(best))
+    chance = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
+    return [
+        name
+        for name, fit in fits.items()
+        if fit.chi_square - best.chi_square
+        <= scale * float(chdtri(float(max(best.constants - fit.constants, 1)), chance))
+    ]
+
+
+def reduced_chi_square(fit: Member) -> float:
+    """Chi-square over degrees of freedom: about 1 if the law is right and the standard deviations are."""
+    return fit.chi_square / max(fit.readings - fit.constants, 1)

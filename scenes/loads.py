@@ -1,0 +1,238 @@
+"""Loads an apparatus with balls of known mass, and reads back what they weigh. For reference protocols.
+
+A ball of density ρ and radius r has the mass m = 4/3 π r³ ρ. It is created beside the apparatus and joined to it.
+"""
+
+from collections import defaultdict
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, pi
+from typing import Any
+
+import numpy as np
+
+from scenes.courses import Course, accepted
+from scenes.protocol import Call, Exchanges, Reading, call
+
+GRAVITY = 9.81
+"""Acceleration of free fall in the scenes [m/s²]."""
+_RED = (1, 0, 0, 1)
+_REST_S = 1.0
+"""A step that is longer leads to rest; a shorter one is a look at the motion."""
+
+
+def ball(name: str, kg: float, place: Sequence[float], radius: float) -> Call:
+    """Create a ball of a mass and a radius [m]."""
+    density = kg / (4 / 3 * pi * radius**3)
+    return call("create_objects", name=name, pos=list(place), density=density, rgba=list(_RED), radius=radius)
+
+
+def dense_ball(name: str, kg: float, place: Sequence[float], density: float) -> Call:
+    """Create a ball of a mass and a density [kg/m³]."""
+    radius = (kg / density / (4 / 3 * pi)) ** (1 / 3)
+    return call("create_objects", name=name, pos=list(place), density=density, rgba=list(_RED), radius=radius)
+
+
+def joined(ball: Call, body: str) -> list[Call]:
+    """Create a ball and join it to a body."""
+    return [ball, call("attach_objects", object1_id=ball.arguments["name"], object2_id=body)]
+
+
+def mass_of(asked: Call) -> float:
+    """Mass [kg] of the ball that a call creates."""
+    return asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
+
+
+def looks(body: str, spans: Sequence[float]) -> list[Call]:
+    """Wait for each of the spans [s], and read the place of a body after it."""
+    return [made for span in spans for made in (call("step", duration=span), call("get_position", object_id=body))]
+
+
+def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, float]]]:
+    """Each call that was run and not refused, with what it returned, and the masses [kg] of the balls on each body."""
+    made, places, load = dict[str, float](), dict[str, str](), defaultdict[str, float](float)
+    for asked, reading in accepted(exchanges):
+        if asked.tool == "create_objects":
+            made[asked.arguments["name"]] = mass_of(asked)
+        elif asked.tool == "attach_objects" and asked.arguments["object1_id"] in made:
+            name, body = asked.arguments["object1_id"], asked.arguments["object2_id"]
+            places[name] = body
+            load[body] += made[name]
+        elif asked.tool == "delete_objects" and asked.arguments["object_id"] in places:
+            name = asked.arguments["object_id"]
+            load[places[name]] -= made[name]
+        yield asked, reading, load
+
+
+def torque_at_spin(engine: Any, body: str, spin: float, stiff: float, lasting: float, seconds: float = 40.0) -> float:
+    """Torque that keeps a wheel at a spin in the engine without its trigger, found by a controller [N·m].
+
+    Args:
+        engine: The engine, with a body `trigger` and other forces already set.
+        body: The wheel.
+        spin: Its spin [rad/s].
+        stiff: Torque per lack of spin [N·m·s].
+        lasting: Growth of the torque in each time step per lack of spin [N·m·s].
+        seconds: Time until the spin is steady [s].
+    """
+    torque = 0.0
+    for _ in range(engine.whole_steps(seconds)):
+        lack = spin - float(engine.turn(body).spin)
+        torque += lasting * lack
+        engine.push(body, torque=np.array([0.0, 0.0, torque + stiff * lack]))
+        engine.step(1)
+    return torque
+
+
+@dataclass(frozen=True, slots=True)
+class Pan:
+    """A pan that sinks under a ball, and is loaded with one ball instead of the one before."""
+
+    top_m: float
+    """Height of the pan at the start."""
+    catch_m: float
+    """Way down at which a catch holds it for good."""
+    radius: float = 0.06
+    """Radius of the balls [m]."""
+    body: str = "object_1"
+
+    def load(self, number: int, kg: float, spans: Sequence[float], radius: float | None = None) -> list[Call]:
+        """Load the pan with ball `number` instead of the one before, and look at it after each of the spans [s]."""
+        where = [0.0, 0.3 * (number % 2) - 0.15, self.top_m]
+        old = [call("delete_objects", object_id=f"b{number - 1}")] if number else []
+        return [
+            *joined(ball(f"b{number}", kg, where, radius or self.radius), self.body),
+            *old,
+            *looks(self.body, spans),
+        ]
+
+    def scaled(
+        self, first_kg: float, growth: float, seen_m: float, settle_s: float
+    ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int, float]]:
+        """Load balls, each `growth` times as heavy, until the pan sinks visibly; exchanges, number and next mass."""
+        seen, number, kg = list[tuple[Call, Reading]](), 0, first_kg
+        while not seen or self.course(seen).readings[-1, 0] < seen_m:
+            calls = self.load(number, kg, [settle_s])
+            seen += zip(calls, (yield calls), strict=True)
+            number, kg = number + 1, kg * growth
+        return seen, number, kg
+
+    def pressed(self, engine: Any, newtons: float, seconds: float) -> Any:
+        """The engine without the catch, after a force has pressed the pan."""
+        free = engine.changed({"joint[guide].range": (-5.0, 20.0), "body[trigger]/inertial.mass": 1e12})
+        free.push(self.body, force=np.array([0.0, 0.0, -newtons]))
+        free.step(free.whole_steps(seconds))
+        return free
+
+    def way(self, engine: Any) -> float:
+        """How far the pan has sunk in the engine [m]."""
+        return self.top_m - float(engine.pose(self.body).position[2])
+
+    def course(self, exchanges: Exchanges) -> Course:
+        """Weights [N] and ways down [m] of the pan, until the catch holds it."""
+        legs = list[list[float]]()
+        for asked, reading, load in hung(exchanges):
+            if asked.tool == "step":
+                legs.append([asked.arguments["duration"], load[self.body] * GRAVITY, np.nan])
+            elif asked.tool == "get_position" and legs:
+                way = self.top_m - reading["position"][2]
+                if way > self.catch_m + 0.005:
+                    legs.pop()
+                    break
+                legs[-1][2] = way
+        times, loads, ways = np.array(legs or [[1.0, 1.0, 0.1]]).T
+        return Course(times, loads[:, None], ways[:, None])
+
+
+@dataclass(frozen=True, slots=True)
+class Lever:
+    """A body on an axle that balls beside it turn step by step, slowly enough for a device that would brake it.
+
+    A ball of mass m that was joined at the height of the axle when the body had turned by b exerts the torque
+    m g l cos(a - b) at the angle a.
+    """
+
+    widest: float
+    """Angle [rad] within which the body may turn."""
+    enough: float
+    """Angle that is enough."""
+    fastest: float
+    """Spin [rad/s] from which on the device brakes."""
+    share: float
+    """Share of this spin that the next ball should reach."""
+    room: float
+    """Last steps in which one ball is joined at a time: those left to the widest angle."""
+    first_kg: float
+    most: int
+    """Most balls."""
+    singly: int
+    """Number of balls that are joined one by one at first; the others two at a time."""
+    look_s: float
+    """When the first spin is read [s]."""
+    wait_s: float = 6.0
+    """How long the body is given to come to rest [s]."""
+    arm_m: float = 0.5
+    height_m: float = 1.0
+    apart_m: float = 0.05
+    """Distance between the balls along the axle; it does not matter."""
+    radius: float = 0.02
+    name: str = "ball"
+    body: str = "object_1"
+
+    def ball(self, number: int, kg: float, radius: float | None = None) -> list[Call]:
+        """Join ball `number`, at the height of the axle and beside it."""
+        side = 1 if number % 2 else -1
+        place = [self.arm_m, side * (0.1 + self.apart_m * (number // 2)), self.height_m]
+        return joined(ball(f"{self.name}{number}", kg, place, radius or self.radius), self.body)
+
+    def look(self) -> list[Call]:
+        """Read the spin soon after a ball was joined."""
+        return [call("step", duration=self.look_s), call("get_velocity", object_id=self.body)]
+
+    def rest(self) -> list[Call]:
+        """Read the angle at rest."""
+        return looks(self.body, [self.wait_s])
+
+    def turned(self) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int]]:
+        """Join balls as heavy as the device permits until the angle is enough; the exchanges and the number of balls.
+
+        The next ball is as much heavier as the spin after the last one leaves room for, at most eightfold.
+        """
+        seen, kg, way, gained, number = list[tuple[Call, Reading]](), self.first_kg, 0.0, 0.0, 0
+        while number < self.most and way < self.enough:
+            count = 1 if number < self.singly or self.widest - way < self.room * gained else 2
+            calls: list[Call] = []
+            for other in range(number, number + count - 1):
+                calls += [*self.ball(other, kg), *self.rest()]
+            calls += [*self.ball(number + count - 1, kg), *self.look(), *self.rest()]
+            readings = yield calls
+            seen += zip(calls, readings, strict=True)
+            number += count
+            gained, way = (readings[-1]["angle"] - way) / count, readings[-1]["angle"]
+            most = self.share * self.fastest / max(readings[-3]["angular_velocity"], 0.001)
+            kg *= min(8.0, most, 0.9 * max(self.widest - way, 0.0) / max(gained, 1e-3))
+        return seen, number
+
+    def torques(self, exchanges: Exchanges) -> list[tuple[float, float]]:
+        """Torque of the balls [N·m] and angle [rad] wherever the body was at rest within the range."""
+        balls, made, rows = dict[str, tuple[float, float]](), dict[str, float](), list[tuple[float, float]]()
+        angle = last = 0.0
+        for asked, reading in exchanges:
+            if "error" in reading:
+                continue
+            if asked.tool == "create_objects":
+                made[asked.arguments["name"]] = mass_of(asked)
+            elif asked.tool == "attach_objects":
+                name = asked.arguments["object1_id"]
+                balls[name] = (made[name], angle)
+            elif asked.tool == "delete_objects":
+                balls.pop(asked.arguments["object_id"])
+            elif asked.tool == "step":
+                last = asked.arguments["duration"]
+            elif asked.tool == "get_position":
+                angle = reading["angle"]
+                if abs(angle) > self.widest:
+                    break
+                if last > _REST_S:
+                    rows.append((sum(kg * GRAVITY * self.arm_m * cos(angle - b) for kg, b in balls.values()), angle))
+        return rows

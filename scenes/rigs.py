@@ -1,0 +1,87 @@
+"""What a protocol pushes and reads: the calls of a leg, and the course that they make. For reference protocols."""
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenes.courses import Array, Channel, Course, recorded
+from scenes.protocol import Call, Exchanges, Reading, call
+
+TICK_S = 0.005
+"""Time step of the scenes [s]; durations are multiples of it."""
+
+
+def motion(duration: float, body: str = "object_1") -> list[Call]:
+    """Wait [s], and read place and velocity of a body."""
+    reads = (call(tool, object_id=body) for tool in ("get_position", "get_velocity"))
+    return [call("step", duration=duration), *reads]
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What a protocol pushes and reads in each leg of a course."""
+
+    controls: Sequence[Channel]
+    """Components of forces and torques; each is set at the start of a leg."""
+    readings: Sequence[Channel]
+    """What is read after each look, in this order; channels of one call are read together."""
+    decimals: int = 4
+    """Decimals to which forces and torques are rounded."""
+    significant: int | None = None
+    """Significant digits to which they are rounded instead."""
+
+    def leg(self, pushes: Any, duration: float, looks: int = 1) -> list[Call]:
+        """Calls that hold pushes for a duration and read after each of its equal parts.
+
+        Args:
+            pushes: A value for each control [N, N·m]; the controls beyond the last value, or beyond a number, are 0.
+            duration: How long the pushes are held [s]; each part is rounded to whole time steps, at least one.
+            looks: Number of parts.
+        """
+        return [*self._set(pushes), *(self._look(duration / looks) * looks)]
+
+    def along(self, pushes: Any, moments: Iterable[float]) -> list[Call]:
+        """Calls that hold pushes and read at these moments [s], rounded to whole time steps from look to look."""
+        calls, before = self._set(pushes), 0.0
+        for moment in moments:
+            look = self._look(moment - before)
+            calls, before = calls + look, before + look[0].arguments["duration"]
+        return calls
+
+    def _set(self, pushes: Any) -> list[Call]:
+        given = np.atleast_1d(np.asarray(pushes, dtype=float)).tolist()
+        vectors: dict[tuple[str, str, str], list[float]] = {}
+        for number, channel in enumerate(self.controls):
+            vector = vectors.setdefault((channel.tool, channel.object_id, channel.field), [0.0, 0.0, 0.0])
+            vector[channel.axis or 0] = self._rounded(given[number]) if number < len(given) else 0.0
+        return [call(tool, object_id=body, **{name: vector}) for (tool, body, name), vector in vectors.items()]
+
+    def _look(self, duration: float) -> list[Call]:
+        eyes = dict.fromkeys((channel.tool, channel.object_id) for channel in self.readings)
+        waits = call("step", duration=max(round(duration / TICK_S), 1) * TICK_S)
+        return [waits, *(call(tool, object_id=body) for tool, body in eyes)]
+
+    def touched(
+        self, first: float, growth: float, duration: float, moved: Callable[[Array], bool]
+    ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], float]]:
+        """Push with the first control, each time `growth` times as hard, until a reading shows that it moves.
+
+        Returns:
+            The exchanges, and the push that moved it.
+        """
+        seen, push = list[tuple[Call, Reading]](), first
+        while True:
+            calls = self.leg(push, duration)
+            seen += zip(calls, (yield calls), strict=True)
+            if moved(self.course(seen).readings[-1]):
+                return seen, push
+            push *= growth
+
+    def _rounded(self, push: float) -> float:
+        return round(push, self.decimals) if self.significant is None else float(f"{push:.{self.significant}g}")
+
+    def course(self, exchanges: Exchanges) -> Course:
+        """The course that these calls and readings tell of."""
+        return recorded(exchanges, self.controls, self.readings)

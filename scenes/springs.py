@@ -1,0 +1,134 @@
+"""Laws of springs that differ beyond a small stretch, fitted to forces at rest. For reference protocols.
+
+An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0): a second
+part joins at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from scenes.courses import Array
+
+KINDS = ("even", "cubic", "late")
+SIGMA_M = 1.5e-4
+"""Standard deviation of a place that is read."""
+SIGMA_RAD_S = 1.5e-3
+"""Standard deviation of a spin that is read."""
+GOALS = (0.06, 0.12, 0.16, 0.19, 0.212, 0.23, 0.246, 0.258, 0.268, 0.277, 0.285, 0.291)
+"""Stretches [m] that tell the kinds apart: closer together around the edges, up to a catch at 0.3 m."""
+_EDGES = np.linspace(0.185, 0.255, 15)
+_EDGE_RANGE = (0.18, 0.262)
+_LEAST = {"cubic": 3.0, "late": 0.7}
+"""Least second constant over the stiffness; the drawn ones are larger."""
+_PRICE = 4.0
+"""What a constant more must gain in chi-square to be believed."""
+
+
+def pull(u: Any, k: float, part: float = 0.0, edge: float | None = None) -> Any:
+    """Pull [N] of a spring at a stretch, or at an array of stretches [m]."""
+    return k * u + part * (u**3 if edge is None else np.maximum(u - edge, 0.0))
+
+
+def energy(u: float, k: float, part: float = 0.0, edge: float | None = None) -> float:
+    """Energy [J] of a spring at a stretch [m]: the integral of its pull."""
+    return k * u**2 / 2 + (part * u**4 / 4 if edge is None else part * max(u - edge, 0.0) ** 2 / 2)
+
+
+def drawn_kinds(knobs: Mapping[str, Any]) -> str:
+    """The kinds of all springs, such as `even, late`."""
+    return knobs["kinds"]
+
+
+def drawn(knobs: Mapping[str, Any], number: int) -> tuple[float, ...]:
+    """The law of spring 1 or 2 from the drawn values `kinds`, k, w, q and s."""
+    kind, k = knobs["kinds"].split(", ")[number - 1], knobs[f"k{number}"]
+    if kind == "cubic":
+        return k, k / knobs[f"w{number}"] ** 2
+    return (k,) if kind == "even" else (k, k * knobs[f"q{number}"], knobs[f"s{number}"])
+
+
+def solved(columns: Sequence[Array], right: Array, size: Array) -> tuple[Array, Array]:
+    """Misfits in uncertainties, and factors of the columns, by linear least squares."""
+    weighed = np.column_stack(columns) / size[:, None]
+    scale = np.linalg.norm(weighed, axis=0) + 1e-12
+    found = cast(Array, np.linalg.lstsq(weighed / scale, right / size, rcond=None)[0]) / scale
+    return weighed @ found - right / size, found
+
+
+def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float], bounds: tuple[float, float]) -> float:
+    """The edge with the smallest misfits: the best of some edges, refined within bounds.
+
+    Args:
+        at: Misfits and factors at an edge.
+        edges: Edges to begin with.
+        bounds: Smallest and largest edge.
+    """
+    edge = min(edges, key=lambda edge: float((at(edge)[0] ** 2).sum()))
+    return float(least_squares(lambda point: at(point[0])[0], [edge], bounds=bounds, diff_step=[1e-4]).x[0])
+
+
+def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: Array) -> tuple[float, Array, float]:
+    """Chi-square, factors and edge of resistances to spins up to 10 rad/s, a part of which joins at an edge.
+
+    Args:
+        columns: What the torque is linear in, for an edge [rad/s].
+        spin: Steady spins that were read [rad/s].
+        torque: Torques that kept them [N·m].
+    """
+    size = torque / spin * 2 * SIGMA_RAD_S + 1e-3 * torque
+
+    def at(edge: float) -> tuple[Array, Array]:
+        return solved(columns(edge), torque, size)
+
+    edge = best_edge(at, np.linspace(5.5, 8.0, 26), (5.3, 8.2))
+    misfit, found = at(edge)
+    return float((misfit**2).sum()), found, edge
+
+
+def fitted(points: Sequence[tuple[float, float]], kind: str) -> tuple[float, tuple[float, ...]]:
+    """Chi-square and law of the best spring of a kind through stretches [m] and forces [N]."""
+    u, force = np.array(points).T
+    slope = np.gradient(force, u + 1e-7 * np.arange(len(u))) if len(u) > 2 else force / u
+    size = np.maximum(slope, 0.3 * force / u) * SIGMA_M + 1e-3 * force
+
+    def at(edge: float | None) -> tuple[Array, Array]:
+        second = {"even": [], "cubic": [u**3], "late": [np.maximum(u - (edge or 0.0), 0.0)]}[kind]
+        return solved([u, *second], force, size)
+
+    edge = best_edge(at, _EDGES, _EDGE_RANGE) if kind == "late" else None
+    misfit, found = at(edge)
+    cost = float((misfit**2).sum())
+    if kind == "even":
+        return cost, (float(found[0]),)
+    least = _LEAST[kind] * found[0]
+    law = float(found[0]), float(max(found[1], least))
+    return cost + 1e3 * float(found[1] < least), law if edge is None else (*law, edge)
+
+
+def best(points: Sequence[tuple[float, float]], alone: float) -> tuple[float, ...]:
+    """The law that fits best, each constant paid for; of a single point, an even spring of the stiffness `alone`."""
+    if len(points) < 2:
+        return (alone,)
+    fits = [fitted(points, kind) for kind in KINDS]
+    return min(fits, key=lambda fit: fit[0] + _PRICE * len(fit[1]))[1]
+
+
+def next_load(
+    rows: Sequence[tuple[float, float]], goals: Sequence[float] = GOALS, near: float = 0.006, least: float = 5e-4
+) -> tuple[float, float] | None:
+    """The next goal, and the force that reaches it if the last slope goes on; None where all goals are reached.
+
+    Args:
+        rows: Stretches [m] and forces [N] so far, with the first row at no load.
+        goals: Stretches that are aimed at, ascending.
+        near: A goal is reached from so far below it on.
+        least: Smallest difference of stretches that gives a slope.
+    """
+    (a, before), (u, now) = rows[-2:]
+    goal = next((goal for goal in goals if goal > u + near), None)
+    if goal is None:
+        return None
+    return goal, now + (now - before) / max(u - a, least) * (goal - u)

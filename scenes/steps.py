@@ -1,0 +1,132 @@
+"""Pushes a body down step by step, reads it at rest, and fits what holds it. For reference protocols."""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenes.courses import Array
+from scenes.protocol import Call, Exchanges, Reading, call
+
+_REST_S = 1.0
+"""A step that is longer leads to rest; a shorter one is a look at the motion."""
+_STEP_M = 1e-5
+_WRONG = 1e4
+"""What a negative strength costs: springs and floats only push back."""
+
+
+@dataclass(frozen=True, slots=True)
+class PushSteps:
+    """Forces that grow step by step, slowly enough for a device that lets go of a fast or a far body."""
+
+    bodies: Sequence[str]
+    """The body that is pushed, then those that are read beside it."""
+    top_m: float
+    """Height of the body at the start."""
+    deepest: float
+    """Way down that it may go [m]."""
+    enough: float
+    """Way that is enough [m]."""
+    fastest: float
+    """Speed that it may have [m/s]."""
+    share: float
+    """Share of this speed that the next step should reach."""
+    room: float
+    """Last steps that are made one by one: those left to the deepest place."""
+    first_n: float
+    """First step [N]."""
+    most: int
+    """Most steps."""
+    singly: int
+    """Number of steps that are made one by one and watched; the others two at a time."""
+    look_s: float
+    """When the speed is read in a watched step [s]."""
+    wait_s: float
+    """How long the body is given to come to rest [s]."""
+    least_m: float
+    """Smallest way of a step that counts, so that noise does not carry the next one too far [m]."""
+    least_m_s: float
+    """Smallest speed that counts [m/s]."""
+
+    def push(self, newtons: float) -> Call:
+        """Push the body down."""
+        return call("apply_force", object_id=self.bodies[0], force_vector=[0, 0, -float(f"{newtons:.5g}")])
+
+    def rest(self) -> list[Call]:
+        """Read all places at rest."""
+        reads = (call("get_position", object_id=body) for body in self.bodies)
+        return [call("step", duration=self.wait_s), *reads]
+
+    def pushed(self) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
+        """Grow the force until the way is enough; the exchanges."""
+        seen, force, more, number, way = list[tuple[Call, Reading]](), 0.0, self.first_n, 0, 0.0
+        allowed, gained = np.inf, 0.0
+        while number < self.most and way < self.enough:
+            single = number < self.singly or self.deepest - way < self.room * gained
+            before, calls, count = way, list[Call](), 1 if single else 2
+            watch = [call("step", duration=self.look_s), call("get_velocity", object_id=self.bodies[0])]
+            for _ in range(count):
+                force += more
+                calls += [self.push(force), *(watch if number < self.singly else []), *self.rest()]
+            readings = yield calls
+            seen += zip(calls, readings, strict=True)
+            way = self.rows(seen)[-1][1]
+            if number < self.singly:
+                allowed = self.share * self.fastest * more / max(-readings[2]["velocity"][2], self.least_m_s)
+            number += count
+            gained = max((way - before) / count, self.least_m)
+            more = min(8 * more, allowed, 0.75 * more * max(self.deepest - way, self.least_m) / gained)
+        return seen
+
+    def rows(self, exchanges: Exchanges) -> list[tuple[float, ...]]:
+        """Force [N], way down, and heights of the other bodies [m] at rest, until the body is beyond the deepest."""
+        force, last, found, rows = 0.0, 0.0, list[float](), list[tuple[float, ...]]()
+        for asked, reading in exchanges:
+            if asked.tool == "apply_force":
+                force = -asked.arguments["force_vector"][2]
+            elif asked.tool == "step":
+                last, found = asked.arguments["duration"], []
+            elif asked.tool == "get_position" and last > _REST_S:
+                height = reading["position"][2]
+                found.append(height if found else self.top_m - height)
+                if found[0] > self.deepest:
+                    break
+                if len(found) == len(self.bodies):
+                    rows.append((force, *found))
+        return rows
+
+
+def fitted_strengths(
+    columns: Callable[[Array], Array], places: Array, forces: Array, sigma: float, rounds: int
+) -> tuple[float, Array]:
+    """Chi-square and strengths of what pushes back, where the places have errors and the forces none.
+
+    Args:
+        columns: Forces of unit strength at places; shape (n,) to (n, strengths).
+        places: Where the body rested [m].
+        forces: What was pushed there [N].
+        sigma: Standard deviation of a place [m].
+        rounds: How often the slope, which turns errors of places into errors of forces, is computed anew.
+    """
+    table, ahead = columns(places), columns(places + _STEP_M)
+    slope = np.full(len(places), float(forces @ places / (places @ places)))
+    error, strengths = sigma * slope, np.zeros(table.shape[1])
+    for _ in range(rounds):
+        error = sigma * slope
+        strengths = np.asarray(np.linalg.lstsq(table / error[:, None], forces / error, rcond=None)[0], dtype=float)
+        slope = np.maximum((ahead - table) @ strengths / _STEP_M, 0.1 * np.max(slope))
+    misfit = float((((table @ strengths - forces) / error) ** 2).sum())
+    return misfit + _WRONG * float(min(strengths) < 0), strengths
+
+
+def held_down(engine: Any, body: str, stiffness: float, asked_m: float, top_m: float) -> float:
+    """Force that holds a body in the engine so far below its start, by a stiff hand and without the device [N]."""
+    hand, goal, down = 100 * stiffness, asked_m, 0.0
+    free = engine.changed({"joint[device_joint].damping": 1e9, f"joint[{body}_joint].stiffness": hand})
+    while abs(down - asked_m) > 1e-6:
+        goal += asked_m - down if down else 0.0
+        free.push(body, force=np.array([0.0, 0.0, -hand * goal]))
+        free.step(free.whole_steps(2.0))
+        down = top_m - float(free.pose(body).position[2])
+    return hand * (goal - down)

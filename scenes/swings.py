@@ -1,0 +1,209 @@
+"""Leads a body to wider and wider swings, short of a catch, and predicts from them. For reference protocols.
+
+A solution states what it pushes and reads (`Rig`), its laws with a plain one to plan with, and what it likes about a
+planned path. `Swing` touches the body until it moves, then repeats: fit the plain law to the course so far, try many
+sequences of pushes in it, and do the first pushes of the one that is worth most.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from scenes.courses import PLAIN, Course, Knobs, Laws, Predictor
+from scenes.fitting import Array, refined
+from scenes.protocol import Call, Protocol, answer
+from scenes.rigs import Rig
+
+SHARES = (-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0)
+"""Sizes of planned pushes, as shares of the strongest."""
+_LOST = 9.0
+"""Where a path that leaves all numbers is taken to be: beyond every reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegFit:
+    """Fits each leg of a course from the readings before it.
+
+    Such a fit is quick, and it does not depend on the start of the course, so that it also serves for bodies that leave
+    their place by themselves. A fit of the whole course tells more.
+    """
+
+    laws: Laws
+    spread: float = 2.0
+    """Factor of the standard deviations: the readings before a leg have errors, too."""
+    pull: float = 1.0
+    """Weight of the pull to the middle of the ranges."""
+    starts: int = 400
+    """Number of points of the unit cube that are tried where nothing is known."""
+    tried: int = 1
+    """How many of the best of them are refined."""
+    rounds: int = 12
+    """Most steps of these refinements."""
+    again: int = 6
+    """Most steps of the last refinement, from the best of them or from what was known."""
+
+    def unit(self, course: Course, structure: str, known: Array | None = None) -> Array:
+        """Constants as a point of the unit cube; `known` is such a point from a shorter course."""
+
+        def misfits(units: Array) -> Array:
+            return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)
+
+        if known is None:
+            units = np.random.default_rng(1).random((len(self.laws.names(structure)), self.starts))
+            order = np.argsort(np.log1p(misfits(units) ** 2).sum(axis=0))[: self.tried]
+            found = [refined(misfits, units[:, start], self.rounds) for start in order]
+            known = min(found, key=lambda unit: float((misfits(unit[:, None]) ** 2).sum()))
+        return refined(misfits, known, self.again)
+
+    def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
+        """Chi-square and constants of the best fit, refined along long narrow valleys as well."""
+
+        def misfits(unit: Array) -> Array:
+            units = np.asarray(unit)[:, None]
+            return self.laws.misfits(course, structure, units, by_legs=True, spread=self.spread, pull=self.pull)[:, 0]
+
+        unit = least_squares(misfits, self.unit(course, structure), method="lm", max_nfev=150).x
+        constants = self.laws.constants(structure, unit)
+        return float((misfits(unit) ** 2).sum()), {name: float(value) for name, value in constants.items()}
+
+    def best(self, course: Course) -> tuple[str, dict[str, float]]:
+        """The structure that fits best, each constant paid for, and its constants."""
+        return self.laws.cheapest({name: self.fitted(course, name) for name in self.laws.structures})
+
+
+@dataclass(frozen=True, slots=True)
+class SwingPlan:
+    """What is known before the next legs, and what they are for."""
+
+    knobs: Knobs
+    """Constants of the plain law."""
+    course: Course
+    """The course so far."""
+    span: float
+    """Duration of a leg [s]."""
+    reach: float
+    """How far the body may go."""
+    side: int
+    """1 or -1: the side on which a wide swing is wanted."""
+    look: float
+    """Time between the looks at a path [s]."""
+
+
+def to_and_fro(rng: np.random.Generator, legs: int, trials: int, shares: Sequence[float] = SHARES) -> Array:
+    """Pushes of one control for each leg and trial, as shares of the strongest; shape (legs, 1, trials)."""
+    return rng.choice(shares, (legs, trials))[:, None, :]
+
+
+def to_a_side(plan: SwingPlan, place: Array, far: float, more: Array) -> Array:
+    """Value of paths that swing widely to the wanted side, within the reach.
+
+    Args:
+        plan: What the path is for.
+        place: Coordinate at each look of each trial; shape (looks, trials).
+        far: Distance from which on a swing counts as wide.
+        more: What else a look is worth; shape (looks, trials).
+
+    Returns:
+        For each trial the sum over the looks of 10 max(min(side x, reach) - far, 0) + more - 1000 max(|x| - reach, 0).
+    """
+    wide = 10 * np.maximum(np.minimum(plan.side * place, plan.reach) - far, 0.0)
+    return (wide + more - 1e3 * np.maximum(abs(place) - plan.reach, 0.0)).sum(axis=0)
+
+
+def _coasts(_: Course) -> Sequence[tuple[float, float]]:
+    return ((0.0, 0.2), (0.0, 0.2))
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """How a solution leads the body, fits its laws and predicts."""
+
+    rig: Rig
+    model: Predictor
+    """The last fit, to the whole course; the first entries of its readings are those of the state."""
+    rough: LegFit
+    """The fit with which pushes are planned; its laws have a plain one."""
+    touches: Sequence[float]
+    """First values of the first control, until the body moves."""
+    moved: Callable[[Array], bool]
+    """Whether a reading shows that the body moves."""
+    strongest: Callable[[SwingPlan], float]
+    """Largest push of a plan, in the units of the control."""
+    worth: Callable[[SwingPlan, Array], Array]
+    """Value of each planned path, from the states at its looks; shape (looks, states, trials) to (trials,)."""
+    span: Callable[[Knobs], float]
+    """Duration of a leg [s] from the constants of the plain law."""
+    reaches: Sequence[float]
+    """How far the body is let go in each round; the last one goes on."""
+    wider: Callable[[Course], float]
+    """How far it may go at most, judged by the course so far: somewhat farther than it has been."""
+    time_s: float
+    """Time that all planned legs may take [s]."""
+    fixed_pushes: Sequence[Any]
+    """Pushes of the fixed batch."""
+    fixed_s: float
+    """Duration of each of them [s]."""
+    touch_s: float = 0.2
+    settled: Callable[[Course], Sequence[tuple[float, float]]] = _coasts
+    """Pushes and durations that follow the touches."""
+    pattern: Callable[[np.random.Generator, int, int], Array] = field(default=to_and_fro)
+    """Random pushes as shares of the strongest; (legs, trials) to shape (legs, controls, trials)."""
+    turns_every: int = 2
+    """Number of rounds after which the other side is wanted."""
+    rounds: int = 14
+    """Most rounds."""
+    legs: int = 3
+    """Legs that are done in a round."""
+    ahead: int = 5
+    """Legs that are planned in a round."""
+    looks: int = 3
+    """Looks at the path in each planned leg."""
+    trials: int = 300
+    """Number of sequences that are tried."""
+    calls: int = 148
+    """Most calls before the answer."""
+
+    def solve(self, _: str) -> Protocol:
+        """Touch the body until it moves; then pushes that the plain law so far chooses; fit every law to the course."""
+        seen: list[tuple[Call, Any]] = []
+        for strength in self.touches:
+            calls = self.rig.leg(strength, self.touch_s)
+            seen += zip(calls, (yield calls), strict=True)
+            if self.moved(self.model.course(seen).readings[-1]):
+                break
+        settling = self.settled(self.model.course(seen))
+        calls = [asked for push, lasting in settling for asked in self.rig.leg(push, lasting)]
+        seen += zip(calls, (yield calls), strict=True)
+        unit, spent = None, 0.0
+        for number in range(self.rounds):
+            course = self.model.course(seen)
+            unit = self.rough.unit(course, PLAIN, unit)
+            knobs = self.rough.laws.constants(PLAIN, unit)
+            span = self.span(knobs)
+            spent += self.legs * span
+            reach = min(self.reaches[min(number, len(self.reaches) - 1)], self.wider(course))
+            plan = SwingPlan(knobs, course, span, reach, (-1) ** (number // self.turns_every), span / self.looks)
+            calls = [asked for push in self.planned(plan) for asked in self.rig.leg(push, span)]
+            if len(seen) + len(calls) > self.calls or spent > self.time_s:
+                break
+            seen += zip(calls, (yield calls), strict=True)
+        yield [answer(self.model.best(seen))]
+
+    def planned(self, plan: SwingPlan) -> Array:
+        """Pushes of the next legs: of many sequences, the one whose path is worth most; shape (legs, controls)."""
+        pushes = self.strongest(plan) * self.pattern(np.random.default_rng(2), self.ahead, self.trials)
+        states, path = plan.course.readings[-1][:, None] + np.zeros(self.trials), list[Array]()
+        for held in pushes:
+            for _ in range(self.looks):
+                states = self.rough.laws.advanced(PLAIN, plan.knobs, 0.0, states, plan.look, held)
+                path.append(np.nan_to_num(states, nan=_LOST))
+        return pushes[: self.legs, :, int(np.argmax(self.worth(plan, np.array(path))))]
+
+    def batch(self, _: str) -> Protocol:
+        """Pushes of fixed sizes, and the same fit."""
+        calls = [asked for push in self.fixed_pushes for asked in self.rig.leg(push, self.fixed_s)]
+        readings = yield calls
+        yield [answer(self.model.best(list(zip(calls, readings, strict=True))))]

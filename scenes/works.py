@@ -1,0 +1,129 @@
+"""A potential from places, speeds and the work of pushes on a body that nothing slows. For reference protocols.
+
+The energy m v²/2 + V(x) of the body changes by the work of the pushes alone. A push F that begins at x0 has done the
+work F (x - x0) at x. The error of x0 stays in the work from then on, so the errors of all later points go together.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import pi
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from scenes.courses import Array, accepted
+from scenes.protocol import Exchanges
+from scenes.rigs import Rig
+
+
+def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> Array:
+    """Points of a motion until a latch holds the body.
+
+    Args:
+        exchanges: What was done and read.
+        rig: A push, and a place and a speed that are read after each look.
+        error: Standard deviation of a place [m, rad].
+        within: Distance beyond which a latch holds the body [m, rad].
+
+    Returns:
+        Places, speeds, works of the pushes up to there, the pushes, and the variances of the works by the errors of the
+        places where pushes began; shape (5, n), with n at least 1.
+    """
+    pushed, (place, speed) = rig.controls[0], rig.readings
+    began = push = work = doubt = last = 0.0
+    points = list[tuple[float, ...]]()
+    for asked, got in accepted(exchanges):
+        if asked.tool == pushed.tool:
+            work += push * (last - began)
+            doubt += (error * (pushed.of(asked.arguments) - push)) ** 2
+            began, push = last, pushed.of(asked.arguments)
+        elif asked.tool == place.tool:
+            last = place.of(got)
+        elif asked.tool == speed.tool:
+            points.append((last, speed.of(got), work + push * (last - began), push, doubt))
+        if abs(last) > within:
+            break
+    kept = [point for point in points if abs(point[0]) <= within]
+    return np.array(kept or [(0.0,) * 5]).T
+
+
+def whitening(doubt: Array, alone: Array) -> Array:
+    """Matrix that makes the errors of all points independent and of size 1.
+
+    Args:
+        doubt: Variance of the work at each point, which goes on to all later points; never falls.
+        alone: Variance of each point by itself.
+    """
+    together = np.minimum.outer(doubt, doubt) + np.diag(alone)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(together)), dtype=float)
+
+
+def refitted(
+    constants: Array,
+    free: Sequence[int],
+    doubt: Array,
+    alone: Callable[[Array], Array],
+    misfits: Callable[[Array], tuple[Array, Array]],
+    scale: Array,
+    highest: Array,
+    clip: tuple[float, Array],
+) -> tuple[float, Array, float]:
+    """Fit the free constants twice, with the errors that follow from those before.
+
+    Args:
+        constants: All constants to begin with.
+        free: Indices of the free ones.
+        doubt: Variance of the work at each point.
+        alone: Variance of each point by itself, from the constants.
+        misfits: Misfits of the points, and further ones that are in uncertainties already, from the constants.
+        scale: Usual sizes of the free constants.
+        highest: Upper bounds of the free constants; the lower ones are 0.
+        clip: Bounds into which they are brought after a fit.
+
+    Returns:
+        Half the sum of the squares, the constants, and the logarithm of the determinant of the last whitening matrix.
+    """
+    which, cost, white = list(free), np.inf, np.eye(len(doubt))
+    for _ in range(2):
+        white = whitening(doubt, alone(constants))
+
+        def off(q: Array, white: Array = white, constants: Array = constants) -> Array:
+            full = constants.copy()
+            full[which] = q
+            points, others = misfits(full)
+            return np.concatenate((white @ points, others))
+
+        got = least_squares(off, constants[which], bounds=(0, highest), x_scale=scale, max_nfev=40)
+        constants, cost = constants.copy(), float(got.cost)
+        constants[which] = np.clip(got.x, *clip)
+    return cost, constants, float(np.sum(np.log(np.diag(white))))
+
+
+def cheapest(
+    fits: Mapping[str, tuple[float, Array]], free: Mapping[str, Sequence[int]], count: int
+) -> tuple[str, Array]:
+    """The structure that fits best, and its constants, of which each costs the logarithm of the number of points.
+
+    Args:
+        fits: Chi-square and constants of each structure.
+        free: Which constants each structure has.
+        count: Number of points.
+    """
+    name = min(fits, key=lambda name: fits[name][0] + len(free[name]) * np.log(count))
+    return name, fits[name][1]
+
+
+def parts_of_way(speed_at: Callable[[Array], Array], start: float, end: float, count: int = 400) -> tuple[Array, Array]:
+    """Durations of the parts of a way between two places, and the places.
+
+    The substitution x = (start + end)/2 - (end - start)/2 cos(u) takes care of speeds 0 at the ends.
+
+    Args:
+        speed_at: Speed at places, above 0.
+        start: First place.
+        end: Last place.
+        count: Number of parts.
+    """
+    edges = np.linspace(0, pi, count + 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    x = (start + end) / 2 - (end - start) / 2 * np.cos(middle)
+    return abs(end - start) / 2 * np.sin(middle) * (pi / count) / speed_at(x), x

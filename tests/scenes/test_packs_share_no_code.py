@@ -1,0 +1,140 @@
+"""Packs hold physics only: what two of them would share belongs into the library of protocols."""
+
+import ast
+import itertools
+import re
+from collections import Counter, defaultdict
+
+from scenes import list_packs
+
+MOST_SHARED_LINES = 19
+STATEMENTS = 4
+"""A function of fewer statements is no code that is worth a place of its own."""
+WORDS = 3
+"""A line of fewer words, such as `else:` or `calls = []`, is the language's and not the pack's."""
+INTERFACE = re.compile(r"def (solve|theory|measure|structure|fit|predict|naive|batch|stage\w*)\(")
+
+LINES_STILL_SHARED = {
+    (82, 84),
+    (44, 91),
+    (76, 98),
+    (42, 45),
+    (82, 87),
+    (102, 111),
+    (84, 87),
+    (78, 80),
+    (77, 78),
+    (77, 84),
+    (46, 48),
+    (77, 87),
+    (79, 84),
+    (79, 87),
+    (43, 45),
+    (78, 82),
+    (77, 80),
+    (78, 79),
+    (46, 50),
+    (80, 82),
+    (103, 108),
+    (48, 50),
+    (79, 80),
+    (88, 89),
+    (203, 204),
+    (42, 43),
+    (108, 110),
+    (77, 79),
+    (26, 40),
+    (78, 84),
+    (77, 82),
+    (78, 87),
+    (80, 84),
+    (86, 88),
+    (80, 87),
+    (27, 32),
+    (92, 101),
+    (28, 34),
+    (79, 82),
+}
+"""Pairs that are still to be changed. Take out a pair that has become good; add none."""
+FUNCTIONS_STILL_SHARED: set[tuple[int, int]] = {
+    (82, 84),
+    (76, 98),
+    (102, 111),
+    (78, 84),
+    (77, 82),
+    (80, 84),
+    (78, 80),
+    (77, 78),
+    (77, 84),
+    (78, 82),
+    (77, 80),
+    (80, 82),
+}
+
+
+def _meaningful(source: str) -> Counter[str]:
+    """Lines of a solution without imports, docstrings, comments, the names that the loader asks for, and short ones."""
+    left_out = set[int]()
+    for node in ast.walk(ast.parse(source)):
+        text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        if text or isinstance(node, ast.Import | ast.ImportFrom):
+            assert isinstance(node, ast.stmt)
+            left_out |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    lines = (line for number, line in enumerate(source.splitlines(), 1) if number not in left_out)
+    bare = (line.split("  #")[0].strip() for line in lines)
+    return Counter(line for line in bare if len(re.findall(r"\w+", line)) >= WORDS and not INTERFACE.match(line))
+
+
+def _functions(source: str) -> set[str]:
+    """Each function as its arguments and its body, without docstring."""
+    found = set[str]()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+            inner = [part for statement in body for part in ast.walk(statement) if isinstance(part, ast.stmt)]
+            if len(inner) >= STATEMENTS:
+                found.add("\n".join([ast.unparse(node.args), *map(ast.unparse, body)]))
+    return found
+
+
+def _sources() -> dict[int, str]:
+    return {files.scene_id: files.solution.read_text(encoding="utf-8") for files in list_packs()}
+
+
+def _pairs_with_many_lines(sources: dict[int, str]) -> set[tuple[int, int]]:
+    lines = {number: _meaningful(source) for number, source in sources.items()}
+    pairs = itertools.combinations(sorted(lines), 2)
+    return {pair for pair in pairs if (lines[pair[0]] & lines[pair[1]]).total() > MOST_SHARED_LINES}
+
+
+def _pairs_with_functions(sources: dict[int, str]) -> set[tuple[int, int]]:
+    places: defaultdict[str, list[int]] = defaultdict(list)
+    for number in sorted(sources):
+        for function in _functions(sources[number]):
+            places[function].append(number)
+    return {pair for numbers in places.values() for pair in itertools.combinations(numbers, 2)}
+
+
+def test_no_two_packs_share_twenty_lines() -> None:
+    found = _pairs_with_many_lines(_sources())
+    assert found <= LINES_STILL_SHARED, f"share a module of scenes/: {sorted(found - LINES_STILL_SHARED)}"
+    assert found >= LINES_STILL_SHARED, f"take out of the list: {sorted(LINES_STILL_SHARED - found)}"
+
+
+def test_no_two_packs_hold_the_same_function() -> None:
+    found = _pairs_with_functions(_sources())
+    assert found <= FUNCTIONS_STILL_SHARED, (
+        f"move it into a module of scenes/: {sorted(found - FUNCTIONS_STILL_SHARED)}"
+    )
+    assert found >= FUNCTIONS_STILL_SHARED, f"take out of the list: {sorted(FUNCTIONS_STILL_SHARED - found)}"
+
+
+def test_shared_lines_and_functions_are_counted() -> None:
+    body = "".join(f"    part_{number} = knobs['a'] + {number}\n" for number in range(MOST_SHARED_LINES + 1))
+    source = f'"""Scene."""\n\nimport numpy as np\n\n\ndef theory(knobs):\n    """Words, many words of it."""\n{body}'
+    shorter = source.replace(body.splitlines(keepends=True)[0], "    part_0 = 0\n")
+    assert _pairs_with_many_lines({1: source, 2: source + "\n\nelse_part = 1\n", 3: shorter}) == {(1, 2)}
+    assert _pairs_with_functions({1: source, 2: source.replace("Words", "Others"), 3: shorter}) == {(1, 2)}
+    assert _meaningful("import a.b.c.d\n'''one two three\nfour five six'''\nelse_ = 1\na = b + c  # d e f\n") == {
+        "a = b + c": 1
+    }

@@ -1,0 +1,92 @@
+"""A potential from places, speeds and works: points of a motion, errors that go together, and the time of a way."""
+
+from math import pi
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenes.courses import Array, force, position, velocity
+from scenes.protocol import Call
+from scenes.rigs import Rig
+from scenes.works import cheapest, parts_of_way, refitted, whitening, work_points
+
+STIFFNESS = 5.0
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], decimals=6)
+
+
+def _swung(pushes: list[float]) -> list[tuple[Call, dict[str, Any]]]:
+    """A body of 1 kg on a spring under pushes of 0.6 s, in closed form."""
+    seen: list[tuple[Call, dict[str, Any]]] = []
+    turn, x, v = STIFFNESS**0.5, 0.0, 0.0
+    for push in pushes:
+        for asked in RIG.leg(push, 0.6, looks=2):
+            if asked.tool == "step":
+                rest, angle = push / STIFFNESS, turn * asked.arguments["duration"]
+                x, v = (
+                    rest + (x - rest) * np.cos(angle) + v / turn * np.sin(angle),
+                    v * np.cos(angle) - turn * (x - rest) * np.sin(angle),
+                )
+            read = {"get_position": {"position": [x, 0, 0]}, "get_velocity": {"velocity": [v, 0, 0]}}
+            seen.append((asked, read.get(asked.tool, {"status": "done"})))
+    return seen
+
+
+def test_work_less_kinetic_energy_is_the_potential() -> None:
+    place, speed, work, push, doubt = work_points(_swung([1.0, -1.0, 1.5]), RIG, 0.01, 9.0)
+    assert work - speed**2 / 2 == pytest.approx(STIFFNESS * place**2 / 2, abs=1e-12)
+    assert push.tolist() == [1.0, 1.0, -1.0, -1.0, 1.5, 1.5]
+    assert doubt == pytest.approx(np.array([1.0, 1.0, 5.0, 5.0, 11.25, 11.25]) * 1e-4)
+
+
+def test_points_end_where_a_latch_holds_the_body() -> None:
+    seen = _swung([1.0, -1.0, 8.0, -8.0, 1.0])
+    within = abs(seen[2][1]["position"][0]) * 3
+    place = work_points(seen, RIG, 0.01, within)[0]
+    assert 0 < len(place) < 10
+    assert (abs(place) <= within).all()
+    assert work_points([], RIG, 0.01, 1.0).tolist() == [[0.0]] * 5
+
+
+def test_whitened_errors_are_independent_and_of_size_one() -> None:
+    doubt, alone = np.array([0.0, 1.0, 1.0, 4.0]), np.array([1.0, 0.5, 2.0, 1.0])
+    white = whitening(doubt, alone)
+    errors = np.minimum.outer(doubt, doubt) + np.diag(alone)
+    assert white @ errors @ white.T == pytest.approx(np.eye(4), abs=1e-12)
+
+
+def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
+    place, speed, work, _, doubt = work_points(_swung([1.0, -1.0, 1.5]), RIG, 0.001, 9.0)
+
+    def misfits(p: Array) -> tuple[Array, Array]:
+        return p[0] * place**2 / 2 + p[1] - (work - speed**2 / 2), np.zeros(0)
+
+    _, constants, log = refitted(
+        np.array([1.0, 0.0]),
+        [0],
+        doubt,
+        lambda _: np.full(len(place), 1e-6),
+        misfits,
+        np.array([1.0]),
+        np.array([50.0]),
+        (1e-9, np.array([50.0])),
+    )
+    assert constants == pytest.approx([STIFFNESS, 0.0], rel=1e-6)
+    assert log == pytest.approx(np.log(np.diag(whitening(doubt, np.full(len(place), 1e-6)))).sum())
+
+
+def test_each_constant_costs_the_logarithm_of_the_number_of_points() -> None:
+    fits = {"one": (10.0, np.array([1.0, 0.0])), "two": (6.0, np.array([1.0, 2.0]))}
+    free = {"one": (0,), "two": (0, 1)}
+    assert cheapest(fits, free, 20)[0] == "two"
+    assert cheapest(fits, free, 100)[0] == "one"
+
+
+def test_the_time_of_a_half_swing_between_its_turning_points() -> None:
+    def speed_at(x: Array) -> Array:
+        return np.sqrt(np.maximum(STIFFNESS * (0.3**2 - x**2), 1e-12))
+
+    parts, places = parts_of_way(speed_at, 0.3, -0.3)
+    assert parts.sum() == pytest.approx(pi / STIFFNESS**0.5, rel=1e-3)
+    assert places[0] > places[-1]
+    assert len(places) == 400
