@@ -60,7 +60,9 @@ def replace(file: Path, content: str | bytes) -> None:
     """Write a file so that a kill leaves either the old or the new content."""
     fresh = file.with_name(f".{file.name}.new")
     try:
-        with fresh.open("wb") as stream:
+        # What an earlier kill left is removed, and a link that a stranger left is not written through.
+        fresh.unlink(missing_ok=True)
+        with fresh.open("xb") as stream:
             stream.write(content.encode("utf-8") if isinstance(content, str) else content)
             stream.flush()
             os.fsync(stream.fileno())

@@ -41,7 +41,7 @@ class ToolCall(Record):
 class Frame(Record):
     """A picture of what could be seen, which came with a result, as PNG."""
 
-    name: str
+    name: str = Field(pattern=r"^[0-9a-f]{24}$")
     """Hash of its content. Its file in the run folder is `frames/{name}.png`."""
     png: bytes = Field(default=b"", exclude=True, repr=False)
     """The content; empty in records that were read from disk."""
@@ -91,6 +91,10 @@ def total_usage(parts: Iterable[Usage]) -> Usage | None:
     )
 
 
+UNREAD = "Your reply could not be read, so nothing was run"
+"""Start of the note of a turn whose reply could not be read, for example because it had two lists of calls."""
+
+
 class Turn(Record):
     """One iteration: what the agent said, its calls, and their returns."""
 
@@ -104,6 +108,11 @@ class Turn(Record):
     usage: Usage | None = None
     agent_s: float = 0.0
     server_s: float = 0.0
+
+    @property
+    def is_unread(self) -> bool:
+        """Whether the reply could not be read, so that none of its calls was run."""
+        return self.note.startswith(UNREAD)
 
 
 class Versions(Record):

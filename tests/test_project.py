@@ -25,6 +25,7 @@ CITATION: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text(enco
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT: dict[str, Any] = PYPROJECT["project"]
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 TARGETS = set(re.findall(r"^([a-z-]+):", MAKEFILE, flags=re.MULTILINE))
 GUIDES = ("CONTRIBUTING.md", "SECURITY.md")
 
@@ -48,6 +49,27 @@ def test_every_make_target_is_explained_and_is_no_file() -> None:
     phony = re.search(r"^\.PHONY: ((?:.*\\\n)*.*)$", MAKEFILE, flags=re.MULTILINE)
     assert phony is not None
     assert TARGETS == explained == set(phony[1].replace("\\", "").split())
+
+
+def test_the_tests_and_their_coverage_need_no_published_packs() -> None:
+    """What they cover must be covered for a newcomer too, who does not have them."""
+    recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)
+    assert recipe is not None
+    assert re.match(r"\t@PHYSMENT_ORIGINAL=/nonexistent \S+ -m pytest .*--cov", recipe[1])
+    assert not Path("/nonexistent").exists()
+    commands = [line for line in CI.splitlines() if line and not line.startswith("#")]
+    assert commands[-3:] == ["make check", "make test", ".venv/bin/python -m pytest -m published -rs"]
+
+
+def test_every_test_that_reads_the_published_packs_is_marked() -> None:
+    """So it is skipped with one reason where they are absent, and run without coverage where they are there."""
+    reading = {
+        file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8")
+        for file in (ROOT / "tests").rglob("test_*.py")
+        if re.search(r"import .*\bORIGINAL\b", file.read_text(encoding="utf-8"))
+    }
+    assert set(reading) == {"tests/evaluator/failures/test_labels.py", "tests/scenes/test_packs_format.py"}
+    assert [name for name, text in reading.items() if "@pytest.mark.published\n" not in text] == []
 
 
 def test_the_workflow_tests_every_supported_python_with_locked_and_lowest_dependencies() -> None:

@@ -1,16 +1,17 @@
 """A person at a terminal as an agent, with the briefing, tools and budget of every other agent."""
 
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, cast
 
 from pydantic import JsonValue
 
-from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.protocols.typed import TypingError, parse_line, signature
-from evaluator.records import EpisodeKey, Exchange
+from evaluator.records import EpisodeKey, Exchange, ToolCall
 
 COMMANDS = ("help", "task", "log", "note", "quit")
 """What can be typed besides calls. A command costs no iteration."""
@@ -26,6 +27,9 @@ Give arguments in their order, or as name=value. A mistyped line is not sent and
   note TEXT       a thought, for the record    quit    leave without an answer (as Ctrl-D, Ctrl-C)
 
 """
+
+_COMMAS = re.compile(r"(?<![\w.,])(?<!\w\()[-+−]?[\d.]+(?:,[\d.]+)+")
+"""Digits on both sides of commas without a space, but not the arguments of a function as in `atan2(1,2)`."""
 
 
 class Left(AgentError):
@@ -55,6 +59,35 @@ class Terminal(Protocol):
             KeyboardInterrupt: The person wants to leave.
         """
         ...
+
+
+def refuse_commas(calls: Sequence[ToolCall]) -> None:
+    """Refuse answers with a comma that may be a decimal sign, may group thousands, or may separate two numbers.
+
+    An answer can be given once, and in many countries 7,848 means 7.848. A list whose numbers all have a point,
+    such as 3.26,16.6, can be read in one way only.
+
+    Raises:
+        TypingError: An answer is ambiguous; the message says how to write it.
+    """
+    for call in calls:
+        answer = call.arguments.get("answer") if call.tool == ANSWER else None
+        texts = cast(list[object], answer) if isinstance(answer, list) else [answer]
+        for text in texts:
+            found = _COMMAS.finditer(text) if isinstance(text, str) else ()
+            for written in (match[0] for match in found):
+                parts = written.split(",")
+                if not all("." in part for part in parts):
+                    raise TypingError(
+                        f"{written} can be read in several ways and is not sent; write {_readings(parts)}"
+                    )
+
+
+def _readings(parts: Sequence[str]) -> str:
+    """How to write each meaning that digits between commas can have."""
+    ways = [f"{parts[0].replace('.', '')}.{parts[1]}"] if len(parts) == 2 and "." not in parts[1] else []
+    ways += ["".join(parts)] if all(len(part.partition(".")[0]) == 3 for part in parts[1:]) else []
+    return " or ".join([*ways, f"[{', '.join(parts)}]"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +128,7 @@ class _HumanPlayer:
                 continue
             try:
                 calls = parse_line(line, self.briefing.tools)
+                refuse_commas(calls)
             except TypingError as error:
                 self.terminal.show(f"  {error}")
                 continue

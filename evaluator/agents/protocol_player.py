@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from evaluator.episode.player import Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records import Exchange, ToolCall
-from scenes.protocol import Protocol, Reading
+from evaluator.records import Episode, Exchange, ToolCall
+from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading
 
 
 @dataclass(slots=True)
@@ -48,3 +48,13 @@ def reading_of(exchange: Exchange) -> Reading:
     if exchange.is_error:
         return {"error": exchange.text}
     return dict(exchange.content or {}) if exchange.returned else {}
+
+
+def calls_and_readings(episode: Episode) -> Exchanges:
+    """The calls of an episode with what a protocol was given for each; the answer is left out."""
+    return [
+        (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
+        for turn in episode.turns
+        for exchange in turn.exchanges
+        if exchange.call.tool != ANSWER
+    ]

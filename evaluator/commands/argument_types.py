@@ -6,8 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evaluator.errors import UsageError
+
 if TYPE_CHECKING:
     from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name
+
+PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
+"""How many worked examples a prompt shows; the first is the usual one."""
+PROTOCOLS = ("native", "text")
+"""How agents write their calls; the first is the usual one."""
 
 
 def count_of(things: str) -> Callable[[str], int]:
@@ -76,6 +83,45 @@ def port(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
     return int(text)
+
+
+def folder_to_write(text: str) -> Path:
+    """A folder that exists or can be made.
+
+    Raises:
+        UsageError: A file is in its place or above it.
+    """
+    path = Path(text)
+    _refuse_file_on_the_way(path, path)
+    return path
+
+
+def file_to_write(text: str) -> Path:
+    """A file that exists or can be made.
+
+    Raises:
+        UsageError: A folder is in its place, or a file above it.
+    """
+    path = Path(text)
+    _refuse_file_on_the_way(path, path.parent)
+    if path.is_dir():
+        raise UsageError(f"{path} cannot be written: it is a folder, and a file is needed")
+    return path
+
+
+def _refuse_file_on_the_way(path: Path, folder: Path) -> None:
+    """Refuse to write to a path below a file, before any work is done for it.
+
+    Raises:
+        UsageError: The nearest part of the folder that exists is a file, or cannot be looked at.
+    """
+    try:
+        found = next((part for part in (folder, *folder.parents) if part.exists()), None)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror}") from error
+    if found is not None and not found.is_dir():
+        name = "it" if found == path else str(found)
+        raise UsageError(f"{path} cannot be written: {name} is a file, and a folder is needed")
 
 
 def _number(text: str) -> float:

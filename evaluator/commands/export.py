@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from evaluator.commands.argument_types import trust_edited
+from evaluator.commands.argument_types import file_to_write, folder_to_write, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.errors import StoreError
 from evaluator.report.inspect_log import write_inspect_logs
@@ -32,20 +32,21 @@ def add(commands: Commands) -> None:
     export.set_defaults(run=_export)
     export.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     export.add_argument("--to", required=True, choices=("parquet", "inspect"), help="which format")
-    export.add_argument("--out", type=Path, metavar="PATH", help="file of parquet, folder of inspect")
+    export.add_argument("--out", metavar="PATH", help="file of parquet, folder of inspect")
     trust_edited(export)
 
 
 def _export(args: argparse.Namespace) -> int:
+    out = args.out and (folder_to_write if args.to == "inspect" else file_to_write)(args.out)
     folder = RunFolder(args.folder)
     run = folder.read_run()
     seal_note(folder, trust=args.trust_edited)
     graded = read_graded(folder)
     if args.to == "inspect":
-        for file in write_inspect_logs(args.out or folder.path / "inspect", run, graded):
+        for file in write_inspect_logs(out or folder.path / "inspect", run, graded):
             print(file)
         return 0
-    file = args.out or folder.path / "exchanges.parquet"
+    file = out or folder.path / "exchanges.parquet"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

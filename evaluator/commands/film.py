@@ -2,12 +2,10 @@
 
 import argparse
 import functools
-import json
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any
 
 from mcp import Client
 from rich.console import Console
@@ -17,10 +15,11 @@ from evaluator import durable
 from evaluator.certify.viewed_episode import viewed_episode, viewing
 from evaluator.commands.argument_types import seed_key
 from evaluator.commands.base import Commands, run_async
-from evaluator.errors import StoreError, UsageError
+from evaluator.errors import UsageError
 from evaluator.films.filming import Opens, film_of
 from evaluator.records import Episode, EpisodeKey, Outcome
-from evaluator.report.films import FOLDER, film_file
+from evaluator.report.attachments import FILMS, film_file, own_folder, regular_file
+from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.held_back import seeds_of
@@ -34,7 +33,7 @@ in a small file. If the laboratory returns anything but what is stored, to the l
   physment-eval film runs/mine --reveal                     for authors: with all that is hidden, from the start
   physment-eval report runs/mine                            then shows them in its notebooks
 
---episodes takes conditions, separated by commas: {", ".join(CONDITIONS)}. The films are in DIR/{FOLDER}; keep that
+--episodes takes conditions, separated by commas: {", ".join(CONDITIONS)}. The films are in DIR/{FILMS}; keep that
 folder beside the report. A film made with --reveal shows what agents must not see, and says so. Exit code: 1 if a film
 was refused.
 """
@@ -73,7 +72,7 @@ def _film(args: argparse.Namespace) -> int:
     for sentence in refused:
         print(f"physment-eval: {sentence}", file=sys.stderr)
     print(
-        f"{len(episodes) - len(refused)} films in {folder.path / FOLDER}; physment-eval report {args.folder} shows them"
+        f"{len(episodes) - len(refused)} films in {folder.path / FILMS}; physment-eval report {args.folder} shows them"
     )
     return 1 if refused else 0
 
@@ -81,31 +80,24 @@ def _film(args: argparse.Namespace) -> int:
 async def _make(folder: RunFolder, episodes: Sequence[Episode], opens: Opens, *, revealed: bool) -> list[str]:
     """Make the films that are not there; returns a sentence for each that was refused."""
     hashes, refused = line_hashes(folder), list[str]()
-    try:
-        (folder.path / FOLDER).mkdir(exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{folder.path / FOLDER} cannot be written: {error.strerror}") from error
+    own_folder(folder.path / FILMS)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         for episode in progress.track(episodes, description="films"):
-            file = film_file(folder, episode.key)
-            begin = _beginning(hashes[episode.key], revealed=revealed)
-            if file.is_file() and file.read_text(encoding="utf-8").startswith(begin):
+            file = film_file(folder.path, hashes[episode.key])
+            if _is_made(file, hashes[episode.key], revealed=revealed):
                 continue
             try:
                 film = await film_of(episode, opens, hashes[episode.key], revealed=revealed)
             except UsageError as error:
                 refused.append(str(error))
                 continue
-            durable.replace(file, f"physmentFilm({json.dumps(film, separators=(',', ':'))});\n")
+            durable.replace(file, written(film))
     return refused
 
 
-def _beginning(record_sha256: str, *, revealed: bool) -> str:
-    """How the file of a film begins that needs not be made again."""
-    head: dict[str, Any] = {
-        "format": 1,
-        "episode": record_sha256,
-        **({"revealed": True} if revealed else {}),
-        "calls": [],
-    }
-    return f"physmentFilm({json.dumps(head, separators=(',', ':')).removesuffix(']}')}"
+def _is_made(file: Path, record_sha256: str, *, revealed: bool) -> bool:
+    """Whether there is such a film already."""
+    try:
+        return read(regular_file(file, MOST_BYTES), record_sha256).revealed == revealed
+    except (OSError, ValueError):
+        return False

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, seconds, seed_key, trust_edited
+from evaluator.commands.argument_types import count_of, folder_to_write, seconds, seed_key, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.commands.external import USUAL_CONCURRENCY
 from evaluator.commands.model_options import add_model_options, model_options
@@ -61,7 +61,7 @@ def add(commands: Commands) -> None:
     fork.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
     seed_key(fork)
     trust_edited(fork)
-    fork.add_argument("--out", type=Path, metavar="DIR", help="the new run folder (default runs/TIME-AGENT)")
+    fork.add_argument("--out", type=folder_to_write, metavar="DIR", help="the new run folder (default runs/TIME-AGENT)")
     fork.add_argument("--resume", action="store_true", help="continue the fork in --out")
     fork.add_argument(
         "--concurrency",

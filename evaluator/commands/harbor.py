@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import folder_to_write
 from evaluator.commands.base import Commands, run_async
 from evaluator.episode.connect import HostLaboratory, connect
 from evaluator.errors import UsageError
@@ -38,7 +39,7 @@ def add(commands: Commands) -> None:
         " are written; 1 some are left out.",
     )
     write.set_defaults(run=_write)
-    write.add_argument("folder", type=Path, metavar="DIR", help="folder for the folders of the tasks")
+    write.add_argument("folder", type=folder_to_write, metavar="DIR", help="folder for the folders of the tasks")
     write.add_argument(
         "--scenes", metavar="SEL", help="such as 7-20 · easy · category:easy-single (default: the suite)"
     )

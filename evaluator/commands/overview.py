@@ -23,7 +23,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
                                                    another agent goes on from a stored episode
   physment-eval film runs/mine                     its episodes as films, for its report
   physment-eval submit runs/mine                   its results in one file, for a leaderboard
-  physment-eval check-submission FILE runs/mine    grade and replay the run: is the file true?
+  physment-eval check-submission FILE runs/mine    does the run give the file, graded and replayed?
   physment-eval reveal-seeds runs/mine             disclose or check the held-back seeds of a run
 
   physment-eval scenes list                        the scenes, with their certificates

@@ -17,7 +17,7 @@ from rich.markdown import Markdown
 from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, port, scene_id, seed
+from evaluator.commands.argument_types import count_of, folder_to_write, port, scene_id, seed
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.listening import listening, open_page, page_token
 from evaluator.commands.play_page import play_on_page
@@ -28,6 +28,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.episode.views import shows_views, view_now
+from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.run_record import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -63,7 +64,7 @@ def add(commands: Commands) -> None:
     play.add_argument("--budget", type=count_of("iterations"), default=20, metavar="N", help="iterations (default 20)")
     play.add_argument("--server", default="stdio", metavar="S", help="as in run (default stdio)")
     play.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
-    play.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-human)")
+    play.add_argument("--out", type=folder_to_write, metavar="DIR", help="run folder (default runs/TIME-human)")
     play.add_argument(
         "--web", action="store_true", help="play in the browser, on a page for this machine and one person alone"
     )
@@ -138,13 +139,19 @@ async def _episode(
         folder: Where the run is recorded.
         agent: The person.
         page: Receives what may be seen, if the person sees it; none of it is recorded.
+
+    Raises:
+        UsageError: `--server` names no server that can be reached.
     """
     key = EpisodeKey(scene=args.scene, seed=args.seed, agent="human", budget=args.budget)
     plan = Plan(scenes=(args.scene,), agents=("human",), budgets=(args.budget,), seeds=(args.seed,))
-    async with (
-        connect(args.server, args.scenes_dir, declared=() if page is None else (shows_views(),)) as laboratory,
-        laboratory.open(args.scene, args.seed) as client,
-    ):
+    declared = () if page is None else (shows_views(),)
+    async with contextlib.AsyncExitStack() as stack:
+        laboratory = await stack.enter_async_context(connect(args.server, args.scenes_dir, declared=declared))
+        try:
+            client = await stack.enter_async_context(laboratory.open(args.scene, args.seed))
+        except InfrastructureError as error:
+            raise UsageError(str(error)) from error
         record = run_record(plan, [files], await server_record(client, args.server))
         toolboxes = None if page is None else Toolboxes(look=page.look)
         if page is not None:

@@ -6,7 +6,7 @@ Modules of the evaluator are imported inside functions, and of the commands only
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 
@@ -39,15 +39,20 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     """The options of a command line; its `run` executes the command.
 
     Raises:
-        UsageError: The study file that the command line names cannot be used.
-        SystemExit: The command line is wrong, or asks for help.
+        UsageError: The command line is wrong, or the study file that it names cannot be used.
+        SystemExit: The command line asks for help or the version.
     """
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
+    from evaluator.commands.parser import did_you_mean  # noqa: PLC0415
+    from evaluator.errors import UsageError  # noqa: PLC0415
 
     words = list(argv)
-    # `run` is the default command: insert it if the first word is not a command.
-    if not words or (words[0] not in COMMANDS and words[0] not in {"-h", "--help", "--version"}):
+    # `run` is the default command: insert it if the first word is an option.
+    if not words or (words[0].startswith("-") and words[0] not in {"-h", "--help", "--version"}):
         words.insert(0, "run")
+    elif words[0] not in COMMANDS and not words[0].startswith("-"):
+        close = did_you_mean(words[0], COMMANDS)
+        raise UsageError(f"there is no command {words[0]}{close} (see physment-eval --help)")
     program, commands = parser(words[0])
     if words[0] == "run":
         from evaluator.commands.run_options import long_options  # noqa: PLC0415
@@ -57,7 +62,7 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     return program.parse_args(words)
 
 
-def parser(command: str) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
     """The command line as far as a command needs it, and the parsers of its commands by name.
 
     Args:
@@ -65,8 +70,9 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, dict[str, argparse.Ar
             options, which is enough to list them.
     """
     from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
+    from evaluator.commands.parser import EvaluatorParser  # noqa: PLC0415
 
-    program = argparse.ArgumentParser(
+    program = EvaluatorParser(
         "physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")

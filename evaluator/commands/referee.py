@@ -16,7 +16,7 @@ import anyio.lowlevel
 import uvicorn
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, port, price, seconds
+from evaluator.commands.argument_types import count_of, folder_to_write, port, price, seconds
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.listening import is_loopback, listening
 from evaluator.episode.connect import HostLaboratory, connect
@@ -109,7 +109,9 @@ def add(commands: Commands) -> None:
         help=f"open variants of the split {HELD_BACK} alone: the key in FILE gives the seeds, a seed in a request then"
         " numbers a variant, and neither replies nor records tell the seeds",
     )
-    command.add_argument("--out", type=Path, metavar="DIR", help="run folder for the graded episodes (default: none)")
+    command.add_argument(
+        "--out", type=folder_to_write, metavar="DIR", help="run folder for the graded episodes (default: none)"
+    )
     command.add_argument(
         "--name", default="trainer", metavar="NAME", help="who plays, in the records of --out (default %(default)s)"
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of
+from evaluator.commands.argument_types import count_of, file_to_write, folder_to_write
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import connect
@@ -60,14 +60,17 @@ def add(commands: Commands) -> None:
     command.add_argument("--server", default="host", metavar="S", help="as for run (default host)")
     command.add_argument("--json", action="store_true", help="print figures and every disagreement as JSON")
     command.add_argument(
-        "--keep", type=Path, metavar="DIR", help="keep the episodes as a run folder, for grade, report and replay"
+        "--keep",
+        type=folder_to_write,
+        metavar="DIR",
+        help="keep the episodes as a run folder, for grade, report and replay",
     )
     command.add_argument(
         "--as-logged",
         action="store_true",
         help="with --keep, keep the logged episodes with the results that the models read, not the replayed ones",
     )
-    command.add_argument("--out", type=Path, metavar="FILE", help="write the tables to FILE as Markdown")
+    command.add_argument("--out", type=file_to_write, metavar="FILE", help="write the tables to FILE as Markdown")
 
 
 def _replay(args: argparse.Namespace) -> int:
@@ -90,7 +93,8 @@ def _replay(args: argparse.Namespace) -> int:
             record = run_record(plan, packs, server)
             if folder is not None:
                 folder.write_run(record)
-            with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter())) as display:
+            models = sorted({log.model for log in logs})
+            with ProgressDisplay(Console(stderr=True), len(logs), Tally(keys, Meter(), models)) as display:
 
                 def ended(replayed: PlayedLog) -> None:
                     episode = replayed.episode

@@ -1,19 +1,18 @@
 """`physment-eval report`: one or several graded runs as a page, as tables, as figures."""
 
 import argparse
-import os
+import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from urllib.parse import quote
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import trust_edited
+from evaluator.commands.argument_types import folder_to_write, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results
+from evaluator.report.attachments import Attachments, attached
 from evaluator.report.export import csv_text, latex, markdown
-from evaluator.report.films import FOLDER as FILMS
-from evaluator.report.films import filmed
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.paper_tables import paper_tables
 from evaluator.report.pictures import pictures
@@ -33,8 +32,9 @@ failure modes, cost, and a notebook of each episode. The page opens from disk an
   physment-eval report runs/mine --export latex             the tables too: runs/mine/tables.tex
   physment-eval report runs/mine --figures svg              the figures too: runs/mine/figures/*.svg
 
-Several runs need --out. Runs of different packs may share a report: name each folder of packs with --scenes-dir, and
-every run is scored with the packs that it was played on.
+Several runs need --out. Films and frames are checked and written beside the page, so that its folder can be moved.
+Runs of different packs may share a report: name each folder of packs with --scenes-dir, and every run is scored with
+the packs that it was played on.
 """
 
 
@@ -47,7 +47,9 @@ def add(commands: Commands) -> None:
     )
     command.set_defaults(run=_report)
     command.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders")
-    command.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: the run folder, if one)")
+    command.add_argument(
+        "--out", type=folder_to_write, metavar="DIR", help="where to write (default: the run folder, if one)"
+    )
     command.add_argument(
         "--scenes-dir",
         type=Path,
@@ -81,7 +83,16 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
     """
     record = folder.read_run()
     shown = pictures(record.packs, keys.folder)
-    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, films=filmed(folder), seal=seal)])
+    found = _attached(folder, rows, folder)
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal)])
+
+
+def _attached(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
+    """Write the films and frames of a run beside a report, and say what is left out."""
+    found = attached(folder, [row.episode for row in rows], target.path)
+    for sentence in found.left_out:
+        print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
+    return found
 
 
 def _report(args: argparse.Namespace) -> int:
@@ -93,13 +104,17 @@ def _report(args: argparse.Namespace) -> int:
     packs = [_packs(ring) for ring in rings]
     target = RunFolder(args.out or args.folders[0])
     runs = [
-        _read(RunFolder(path), name, rings, packs, target, trust=args.trust_edited)
+        _read(RunFolder(path), name, rings, packs, trust=args.trust_edited)
         for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
     try:
         target.path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"{target.path} cannot be written: {error.strerror}") from error
+    runs = [
+        replace(run, attachments=_attached(RunFolder(path), run.rows, target))
+        for path, run in zip(args.folders, runs, strict=True)
+    ]
     written = [write_report(target, runs)]
     if args.export:
         written += _export(target, agent_results(runs), args.export)
@@ -141,20 +156,13 @@ def _read(
     name: str,
     rings: Sequence[KeyRing],
     packs: Sequence[Sequence[PackFiles]],
-    target: RunFolder,
     *,
     trust: bool,
 ) -> Run:
     record, seal = folder.read_run(), seal_note(folder, trust=trust)
     keys = _ring_of(record.packs, rings, packs)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    frames, films = (_address(place, target) for place in (folder.frames_folder, folder.path / FILMS))
-    return Run(name, record, rows, pictures(record.packs, keys.folder), frames, filmed(folder), films, seal)
-
-
-def _address(place: Path, target: RunFolder) -> str:
-    """The address of a folder, relative to the page of the report."""
-    return quote(Path(os.path.relpath(place.resolve(), target.path.resolve())).as_posix())
+    return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal)
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import seed_key, trust_edited
+from evaluator.commands.argument_types import folder_to_write, seed_key, trust_edited
 from evaluator.commands.base import Commands
 from evaluator.commands.report import report_on
 from evaluator.commands.terminal import print_results
@@ -35,7 +35,7 @@ def add(commands: Commands) -> None:
     merging = commands.add_parser("merge", description=_MERGE)
     merging.set_defaults(run=_merge)
     merging.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders, or folders of shards")
-    merging.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new run folder")
+    merging.add_argument("--out", type=folder_to_write, required=True, metavar="DIR", help="the new run folder")
     grade.add_argument("folder", type=Path, help="run folder")
     for command in (grade, merging):
         trust_edited(command)

@@ -186,7 +186,9 @@ async def _play_missing(run: PreparedRun) -> str:
         done = folder.episodes()
         run.meter.add_all(episode.usage for episode in done.values())
         todo = missing(run.keys, done)
-        display = stack.enter_context(ProgressDisplay(run.console, len(todo), Tally(run.answers, run.meter)))
+        display = stack.enter_context(
+            ProgressDisplay(run.console, len(todo), Tally(run.answers, run.meter, run.plan.agents))
+        )
         runner = Runner(
             play=play,
             folder=folder,

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
-from evaluator.commands.argument_types import count_of, seconds, trust_edited, us_dollars
+from evaluator.commands.argument_types import (
+    PROMPTINGS,
+    PROTOCOLS,
+    count_of,
+    folder_to_write,
+    seconds,
+    trust_edited,
+    us_dollars,
+)
 from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.episode.contender import Contender
 from evaluator.errors import UsageError
@@ -33,9 +41,6 @@ from scenes.splits import HELD_BACK, splits
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
-
-PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
-PROTOCOLS = ("native", "text")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,6 +187,7 @@ def _matrix(group: "ArgumentGroup") -> None:
     )
     group.add_argument(
         "--scenes",
+        "--scene",
         metavar="SEL",
         help=f"such as 7-111 · 7,9 · easy · hard · open · category:easy-single (default {SUITE}: all but open worlds)",
     )
@@ -272,7 +278,7 @@ def _course(group: "ArgumentGroup") -> None:
         metavar="i/n",
         help="play the i-th of n parts, into a folder of its own (default: the index that Slurm or Kubernetes gives)",
     )
-    group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
+    group.add_argument("--out", type=folder_to_write, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
     group.add_argument("--resume", action="store_true", help="continue the run in --out")
     trust_edited(group)
     group.add_argument(

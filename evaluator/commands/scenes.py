@@ -11,7 +11,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.certify.records import SceneCertificate, engine_note, read_certificates
-from evaluator.commands.argument_types import count_of, scene_id
+from evaluator.commands.argument_types import (
+    PROMPTINGS,
+    PROTOCOLS,
+    count_of,
+    file_to_write,
+    folder_to_write,
+    scene_id,
+    seed,
+)
 from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
 from evaluator.scores.grouping import NO_RUNG
@@ -57,22 +65,17 @@ def add(commands: Commands) -> None:
     listing.add_argument("--scenes", metavar="SEL", help="such as 7-111 · 7,9 · open · category:easy-single")
     listing.add_argument("--split", metavar="NAME", help=f"the scenes of a split: {' · '.join(splits())}")
     listing.add_argument(
-        "--html", type=Path, metavar="FILE", help="also write one page: a card with a picture for each, and filters"
+        "--html",
+        type=file_to_write,
+        metavar="FILE",
+        help="also write one page: a card with a picture for each, and filters",
     )
     listing.add_argument(
         "--link",
         metavar="ADDRESS",
         help="where the cards lead: a website's page of the scenes (default: docs/reference/scenes.md, if it is there)",
     )
-    show = actions.add_parser(
-        "show", help="what an agent is told of a scene", description="Print the opening prompt of a scene."
-    )
-    show.set_defaults(run=_show)
-    show.add_argument("scene", type=scene_id, metavar="N", help="id of the scene")
-    show.add_argument("--seed", type=int, default=0, metavar="S", help="variant (default 0)")
-    show.add_argument(
-        "--private", action="store_true", help="also what no agent may know: hidden values, key, why, how"
-    )
+    show = _add_show(actions)
     new = actions.add_parser(
         "new",
         help="write a small working scene to start from",
@@ -81,6 +84,35 @@ def add(commands: Commands) -> None:
     new.set_defaults(run=_new)
     new.add_argument("scene", type=scene_id, metavar="N", help="id of the new scene, such as 112")
     new.add_argument("--category", required=True, choices=[one.value for one in Category], help="what kind of scene")
+    pages = _add_pages(actions)
+    for command in (listing, show, pages):
+        command.add_argument(
+            "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
+        )
+    new.add_argument("--scenes-dir", type=Path, required=True, metavar="DIR", help="your folder of scene packs")
+
+
+def _add_show(actions: Commands) -> argparse.ArgumentParser:
+    show = actions.add_parser(
+        "show",
+        help="what an agent is told of a scene",
+        description="Print the opening prompt of a scene, as an agent of `run` gets it with the same options.",
+    )
+    show.set_defaults(run=_show)
+    show.add_argument("scene", type=scene_id, metavar="N", help="id of the scene")
+    show.add_argument("--seed", type=seed, default=0, metavar="S", help="variant (default 0)")
+    show.add_argument("--prompting", choices=PROMPTINGS, default=PROMPTINGS[0], help="as in run (default %(default)s)")
+    show.add_argument("--protocol", choices=PROTOCOLS, default=PROTOCOLS[0], help="as in run (default %(default)s)")
+    show.add_argument(
+        "--budget", type=count_of("iterations"), default=20, metavar="N", help="iterations (default %(default)s)"
+    )
+    show.add_argument(
+        "--private", action="store_true", help="also what no agent may know: hidden values, key, why, how"
+    )
+    return show
+
+
+def _add_pages(actions: Commands) -> argparse.ArgumentParser:
     pages = actions.add_parser(
         "pages",
         help="write the documentation of the scenes, with pictures",
@@ -88,7 +120,9 @@ def add(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     pages.set_defaults(run=_pages)
-    pages.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR", help="where to (default docs)")
+    pages.add_argument(
+        "--out", type=folder_to_write, default=Path("docs"), metavar="DIR", help="where to (default docs)"
+    )
     pages.add_argument("--no-pictures", action="store_true", help="draw nothing; the page says so")
     pages.add_argument(
         "--jobs",
@@ -97,11 +131,7 @@ def add(commands: Commands) -> None:
         metavar="N",
         help="processes (default: one per core)",
     )
-    for command in (listing, show, pages):
-        command.add_argument(
-            "--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)"
-        )
-    new.add_argument("--scenes-dir", type=Path, required=True, metavar="DIR", help="your folder of scene packs")
+    return pages
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -165,7 +195,8 @@ def _answer_type(pack: Pack) -> str:
     if spec is None:
         return ""
     unit = ", ".join(spec.unit) if isinstance(spec.unit, tuple) else spec.unit
-    return " / ".join(spec.options) if spec.options else f"{spec.kind.value} [{unit}]"
+    named = f"{spec.kind.value} [{unit}]" if unit else spec.kind.value
+    return " / ".join(spec.options) if spec.options else named
 
 
 def _state(files: PackFiles, certificate: SceneCertificate | None) -> str:
@@ -186,7 +217,8 @@ def _show(args: argparse.Namespace) -> int:
         pack = read_pack(files)
         knobs = draw_knobs(files, pack, args.seed)
         mjcf = drawn_mjcf(files, pack, knobs, canonical=args.seed == 0)
-        console.print(prompt_of(files, mjcf), markup=False, highlight=False)
+        prompt = prompt_of(files, mjcf, args.prompting, args.protocol, args.budget)
+        console.print(prompt, markup=False, highlight=False, soft_wrap=True)
         if args.private:
             subject = Subject.open(files)
             truth = subject.truth(subject.draw(args.seed))

@@ -1,4 +1,4 @@
-"""`physment-eval submit` and `check-submission`: the results of a run in one file, and whether they are true."""
+"""`physment-eval submit` and `check-submission`: the results of a run in one file, and whether the run gives them."""
 
 import argparse
 import os
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from evaluator.agents.recorded import load_recorded
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, seed_key
+from evaluator.commands.argument_types import count_of, file_to_write, seed_key
 from evaluator.commands.base import Commands, run_async
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
@@ -24,7 +24,14 @@ _CHECK = """\
 Check a submission against its run folder. The folder is graded again and the submission made again: every field must be
 the same. Then every episode is replayed: the laboratory must return what the records say.
 
-Exit code: 0 it is true; 1 a replay differs; 2 the submission or the folder was changed, or they do not belong together.
+This proves that the file holds the results of these records, by the packs and the grader of this machine, and that the
+laboratory at --server returns the recorded readings to the recorded calls. It cannot prove who made the calls, or how:
+the seal is a checksum without a secret, so whoever forges a run can seal it again and passes the first part. Forged
+readings are found by the replay alone, in a place that you trust: your machine, your packs, your server. Forged calls
+and answers that fit the laboratory are not found.
+
+Exit code: 0 both parts agree; 1 a replay differs; 2 the submission or the folder was changed, or they do not belong
+together.
 """
 
 
@@ -43,7 +50,9 @@ def add(commands: Commands) -> None:
         command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
         command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
         seed_key(command)
-    submit.add_argument("--out", type=Path, metavar="FILE", help="where to (default submission.json in the run folder)")
+    submit.add_argument(
+        "--out", type=file_to_write, metavar="FILE", help="where to (default submission.json in the run folder)"
+    )
     check.add_argument(
         "--server", default="host", metavar="S", help="stdio · host (default) · the URL of a host · a command"
     )

@@ -1,6 +1,6 @@
 """A run in the terminal: its progress as a bar or as lines, and its results as tables."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
-from evaluator.scores.metrics import GroupSummary, RunSummary
+from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
 from evaluator.scores.wording import curve_sentence, decimal, share
@@ -60,9 +60,11 @@ class ProgressDisplay:
     def ended(self, episode: Episode) -> None:
         """Count a finished episode, and show the results so far."""
         self._done += 1
-        verdict = self._tally.add(episode)
-        self._bar.update(self._task, advance=1, state=self._tally.line())
-        line = f"[{self._done}/{self._total}] {_describe(episode)}: {verdict.value} ({self._tally.line()})"
+        verdict, key = self._tally.add(episode), episode.key
+        state = printable(self._tally.line(key.agent))
+        self._bar.update(self._task, advance=1, state=state)
+        named = f"{printable(key.agent)}, " if len(self._tally.agents) > 1 else ""
+        line = f"[{self._done}/{self._total}] {named}{_describe(episode)}: {verdict.value} ({state})"
         if episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
             self._console.print(f"{line}: {printable(episode.error or '')}", markup=False, highlight=False)
         elif not self._console.is_terminal:
@@ -83,19 +85,24 @@ def print_results(console: Console, graded: GradedRun) -> None:
     """Print the results of a run: one row for each episode unless there are many, then the totals."""
     if len(graded.rows) <= _MOST_ROWS:
         console.print(_episode_table(graded.rows))
-    for line in summary_lines(graded.summary):
+    for line in summary_lines(graded.summary, graded.rows):
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _episode_table(rows: Iterable[ScoredEpisode]) -> Table:
+def _episode_table(rows: Sequence[ScoredEpisode]) -> Table:
+    """A row for each episode; it names the agent if there are several."""
     table = Table(box=None, pad_edge=False)
+    several = len({row.key.agent for row in rows}) > 1
+    if several:
+        table.add_column("agent", overflow="fold")
     for title in ("scene", "seed", "budget", "iterations"):
         table.add_column(title, justify="right")
     for title in ("outcome", "answer", "", "reason"):
         table.add_column(title, overflow="fold")
-    for row in sorted(rows, key=lambda row: (row.key.scene, row.key.seed, row.key.budget)):
+    for row in sorted(rows, key=lambda row: (row.key.scene, row.key.seed, row.key.budget, row.key.agent)):
         key, episode, grade = row.key, row.episode, row.grade
         table.add_row(
+            *([Text(printable(key.agent))] if several else []),
             str(key.scene),
             str(key.seed),
             str(key.budget),
@@ -129,16 +136,26 @@ def _short(answer: JsonValue) -> str:
     return "" if answer is None else str(answer)[:60]
 
 
-def summary_lines(summary: RunSummary) -> list[str]:
-    """The totals of a run, line by line: of the suite, then of open worlds."""
+def summary_lines(summary: RunSummary, rows: Iterable[ScoredEpisode]) -> list[str]:
+    """The totals of a run, line by line: of the suite, then of open worlds.
+
+    Args:
+        summary: The numbers of the run.
+        rows: Its episodes, because the summary pools the agents in open worlds.
+    """
     lines = _suite_lines(summary) if summary.overall.n or Rung.OPEN not in summary.by_rung else []
-    open_worlds = summary.by_rung.get(Rung.OPEN)
-    if open_worlds is not None:
-        lines.append(
-            f"open worlds: all predictions right {_right(open_worlds)}, predictions right {share(open_worlds.c)}"
-        )
-        lines += [_cost(open_worlds), _outcomes(open_worlds)]
+    played = [row for row in rows if row.is_open]
+    agents = sorted({row.key.agent for row in played})
+    for agent in agents:
+        group = summarise([row for row in played if row.key.agent == agent]).by_rung[Rung.OPEN]
+        named = f"{agent}: " if len(agents) > 1 or len(summary.by_agent) > 1 else ""
+        lines += [f"{named}{line}" for line in _open_lines(group)]
     return lines
+
+
+def _open_lines(group: GroupSummary) -> list[str]:
+    right = f"open worlds: all predictions right {_right(group)}, predictions right {share(group.c)}"
+    return [right, _cost(group), _outcomes(group)]
 
 
 def _right(group: GroupSummary) -> str:

@@ -11,7 +11,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES, Check, SceneCertificate, file_for
+from evaluator.certify.records import (
+    CATCH_CERTIFICATES,
+    CERTIFICATES,
+    FAMILY_CERTIFICATES,
+    PREDICTION_CERTIFICATES,
+    Check,
+    SceneCertificate,
+    file_for,
+)
 from evaluator.commands.argument_types import count_of
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import LocalHost
@@ -36,13 +44,21 @@ and, where a scene with limits asks for a prediction:
   structure   seeds draw several laws; the wrong one, fitted to the reference's readings, gives a wrong answer
   instrument  the reference keeps the limits and needs at least half of them
 
+and, where a scene names latches, nets, rims, guards or stops (`catches`):
+
+  holds       they hold against the largest allowed loads, and readings stay consistent
+
+and, where the pack names the family of laws that the task states:
+
+  determined  every law of the family that fits the reference's readings gives the right answer; the state is stable
+
 This runs the solution.py of each scene: name only folders you trust. The results go into certificates.json in the
 folder of the scenes as they are found, so an interrupted run goes on where it was. A sound scene that has not changed
 since keeps its certificate; --all proves it again. Certificates hold on the version of MuJoCo that is installed; those
 of a second version go into a file of its own, such as certificates-4.0.0.json. Exit code: 0 all sound, 1 some are not.
 """
-_TABLE_WIDTH = 170
-"""Columns that the table of ten certificates needs."""
+_TABLE_WIDTH = 194
+"""Columns that the table of all certificates needs."""
 _LINT = """\
 Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
 
@@ -154,9 +170,9 @@ def _verify(args: argparse.Namespace) -> int:
 def _print_certificates(console: Console, certificates: list[SceneCertificate]) -> None:
     table = Table(box=None, pad_edge=False)
     table.add_column("scene", justify="right")
-    titles = CERTIFICATES
-    if any(len(one.checks) > len(CERTIFICATES) for one in certificates):
-        titles += PREDICTION_CERTIFICATES
+    made = {check.name for one in certificates for check in one.checks}
+    further = [name for name in (*PREDICTION_CERTIFICATES, *CATCH_CERTIFICATES, *FAMILY_CERTIFICATES) if name in made]
+    titles = [*CERTIFICATES, *further]
     for title in titles:
         table.add_column(title, justify="center")
     for title in ("engine gap", "answer gap", "interventions", "iterations"):

@@ -1,8 +1,26 @@
 """What a broken connection to a server means: an error of our own inside it, or a failed server with its last words."""
 
+import socket
+import ssl
+from collections.abc import Iterator
 from typing import IO, cast
 
+import httpx2
+
 from evaluator.errors import EvaluatorError, InfrastructureError
+
+_WORDED: tuple[tuple[type[Exception], str], ...] = (
+    (socket.gaierror, "no machine of that name is known"),
+    (ssl.SSLError, "no secure connection can be made: its certificate is not trusted, or it does not speak TLS"),
+    (FileNotFoundError, "there is no such program"),
+    (PermissionError, "it may not be executed"),
+    (
+        httpx2.ConnectError,
+        "nothing accepts connections there; start `physment-mcp serve` there, or correct the address",
+    ),
+    (httpx2.TimeoutException, "it did not answer in time"),
+)
+"""What errors of Python and its libraries mean, the most special first: their own words name no server."""
 
 
 def server_failure(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
@@ -15,7 +33,21 @@ def server_failure(what: str, error: Exception, errors: IO[str]) -> Infrastructu
     """
     errors.seek(0)
     lines = [line.strip() for line in errors.read().splitlines() if line.strip()]
-    return InfrastructureError(f"{what}: {lines[-1] if lines else repr(first_error(error))}")
+    return InfrastructureError(f"{what}: {lines[-1] if lines else reason(first_error(error))}")
+
+
+def reason(error: BaseException) -> str:
+    """Why there is no connection to a server, as a clause for the operator."""
+    causes = list(_causes(error))
+    worded = (clause for kind, clause in _WORDED if any(isinstance(cause, kind) for cause in causes))
+    return next(worded, str(error) or repr(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error, what it was raised from, and so on."""
+    while error is not None:
+        yield error
+        error = error.__cause__
 
 
 def own_error(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:

@@ -4,6 +4,7 @@ import contextlib
 import functools
 import json
 import os
+import re
 import secrets
 import shlex
 import ssl
@@ -24,7 +25,7 @@ from mcp.client.extension import ClientExtension
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
-from evaluator.episode.broken_connection import first_error, own_error, server_failure, without_seed
+from evaluator.episode.broken_connection import first_error, own_error, reason, server_failure, without_seed
 from evaluator.episode.forked_processes import ForkedLaboratory
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
@@ -122,7 +123,7 @@ class HostLaboratory:
             async with place as client:
                 yield client
         except Exception as error:
-            failure = InfrastructureError(f"the host {self.base_url} failed: {first_error(error)!r}")
+            failure = InfrastructureError(f"the host {self.base_url} failed: {reason(first_error(error))}")
             raise without_seed(own_error(error, EvaluatorError) or failure, drawn, seed) from error
 
     @contextlib.asynccontextmanager
@@ -159,7 +160,7 @@ class HostLaboratory:
                 timeout=_START_TIMEOUT_S,
             )
         except httpx2.HTTPError as error:
-            raise InfrastructureError(f"the host {self.base_url} cannot be reached: {error!r}") from error
+            raise InfrastructureError(f"the host {self.base_url} cannot be reached: {reason(error)}") from error
         body: Any = {}
         with contextlib.suppress(ValueError):
             body = reply.json()
@@ -320,12 +321,12 @@ async def connect(
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
             yield replace(laboratory, seed_of=seed_of, declared=declared)
-    elif server.startswith(("http://", "https://")):
+    elif re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", server):
         try:
             url = httpx2.URL(server.rstrip("/"))
         except httpx2.InvalidURL as error:
             raise UsageError(f"--server {server}: not a URL: {error}") from error
-        if not url.host or (url.port or 0) > 65535:
+        if url.scheme not in {"http", "https"} or not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
         yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of, declared=declared)
     else:

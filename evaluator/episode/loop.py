@@ -18,6 +18,7 @@ from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, 
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from evaluator.errors import AgentError, InfrastructureError
 from evaluator.records import (
+    UNREAD,
     Episode,
     EpisodeKey,
     Exchange,
@@ -154,9 +155,12 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 
 
 async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
-    """Run the calls of a turn in order, until one does not fit its schema or the answer is accepted."""
+    """Run the calls of a turn in order, until one does not fit its schema or the answer is accepted.
+
+    A call that the laboratory refuses does not stop the others. The prompt states both rules, for each protocol.
+    """
     if reply.malformed:
-        return _Batch((), f"Your reply could not be read, so nothing was run: {reply.malformed}", answered=False)
+        return _Batch((), f"{UNREAD}: {reply.malformed}", answered=False)
     if not reply.calls:
         return _Batch((), "Your reply held no tool call.", answered=False)
     exchanges: list[Exchange] = []

@@ -13,6 +13,7 @@ from evaluator.failures.course import (
     Place,
     exchanges,
     has_answered,
+    measured_numbers,
     read_before_answer,
     shows_motion,
     step_duration,
@@ -28,7 +29,14 @@ LEAST_TIME_S = 0.1
 """Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""
 
 _PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
-_PERIOD_BY_FORMULA = re.compile(r"\bT ?(?:=|≈)[^\n=≈]{0,24}(?:(?:=|≈)[^\n=≈]{0,24})?(?:=|≈|\\approx) ?$")
+_EQUALS = r"(?:=|≈|\\approx)"
+_TERM = r"(?:(?!\\approx)[^\n=≈]){0,40}"
+_PERIOD_BY_FORMULA = re.compile(rf"\bT ?{_EQUALS}{_TERM}(?:{_EQUALS}{_TERM})?{_EQUALS} ?$")
+_LATEX = re.compile(r"\\(?:text|mathrm|rm) ?\{([^{}]{0,40})\}|\$|\\[(),; ]")
+"""Signs between a number and its unit, which say how to set them and no more; a text in braces is kept."""
+_FROM_GEOMETRY = re.compile(
+    r"\bfrom (?:the )?(?:static |initial |given )?(?:geometry|positions?|coordinates)\b", re.IGNORECASE
+)
 _SECOND = parse_unit("s")
 _OBJECT_ID = re.compile(r"object_\d+|\d+")
 
@@ -37,8 +45,8 @@ def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
     """Answered with iterations left, before any reading; or wrongly, with half of them left, from the start alone.
 
     The first case: it had seen the result of no successful reading. The second case: it was strictly wrong, changed
-    nothing, let time pass, and had read nothing since. Readings in the same batch as the answer do not count, because
-    the agent had not seen them.
+    nothing, let time pass, and had read nothing since, or answered from the start all the same. Readings in the same
+    batch as the answer do not count, because the agent had not seen them.
     """
     left = episode.allowance - len(episode.turns)
     if not has_answered(episode) or left <= 0:
@@ -64,10 +72,26 @@ def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
 
 
 def _knows_only_the_start(episode: Episode, readings: Sequence[Place]) -> bool:
-    """Whether it changed nothing, let time pass, and read nothing after that."""
+    """Whether it changed nothing, let time pass, and read nothing after that or did not use what it read."""
     steps = [(place.turn, place.position) for place in exchanges(episode) if step_duration(place)]
     acted = any(place.tool in ACTIONS and succeeded(place) for place in exchanges(episode))
-    return bool(steps) and not acted and all((place.turn, place.position) < steps[0] for place in readings)
+    if not steps or acted:
+        return False
+    before = [place for place in readings if (place.turn, place.position) < steps[0]]
+    after = [place for place in readings if (place.turn, place.position) > steps[0]]
+    return not after or (bool(before) and _uses_the_start(episode.turns[-1].reasoning, before, after))
+
+
+def _uses_the_start(text: str, before: Sequence[Place], after: Sequence[Place]) -> bool:
+    """Whether an answer is said to come from geometry, or repeats readings of the start and none that came later."""
+    if _FROM_GEOMETRY.search(text):
+        return True
+    start = {abs(value) for place in before for value in measured_numbers(place)} - {0.0}
+    later = {abs(value) for place in after for value in measured_numbers(place)}
+    said = [(abs(float(number.value)), float(number.half_unit)) for number in spoken_numbers(text)]
+    from_start = [(value, half) for value, half in said if any(abs(value - read) <= half for read in start)]
+    others = [(value, half) for value, half in said if (value, half) not in from_start]
+    return bool(from_start) and not any(abs(value - read) <= half for value, half in others for read in later)
 
 
 def too_little_time(episode: Episode) -> Failure | None:
@@ -114,7 +138,7 @@ def _before_motion(simulated: float, last: Place) -> Failure:
 
 def _before_a_period(episode: Episode, simulated: float, patterns: Sequence[re.Pattern[str]]) -> Failure | None:
     turn = answering_turn(episode)
-    text = episode.turns[turn].reasoning
+    text = _LATEX.sub(lambda found: found[1] or "", episode.turns[turn].reasoning)
     for number in spoken_numbers(text):
         period = float(number.value)
         if (
@@ -141,8 +165,9 @@ def answer_format(episode: Episode, grade: Grade, expected: ExpectedForm) -> Fai
 
     The forms: a right value that only normalised grading accepts, a wrong number of values, words where numbers were
     requested, a choice that is not among the options, or a quantity in place of the number of an object or a case.
+    Nothing is found if the prompt asks another question than the pack: then the expected form was not asked for.
     """
-    if not has_answered(episode) or grade.strict is not Verdict.INCORRECT:
+    if not has_answered(episode) or grade.strict is not Verdict.INCORRECT or not expected.was_asked(episode.prompt):
         return None
     why = _difference(episode, grade, expected)
     if not why:

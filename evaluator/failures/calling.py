@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
 from evaluator.failures.course import (
@@ -41,6 +41,11 @@ _PREFERS_MEASURED = re.compile(
     re.IGNORECASE,
 )
 _KILOGRAM = parse_unit("kg")
+_RATIOS = (
+    frozenset({"get_rotational_energy", "get_angular_momentum"}),
+    frozenset({"get_kinetic_energy", "get_momentum"}),
+)
+"""Tools of whose results the mass cancels in the ratio, which is half the spin or half the speed."""
 _TEXT_ARGUMENTS = frozenset({"name", "joint", "shape", "type", "answer", "reasoning", "label"})
 """Arguments whose value is a text; a text in any other argument is a placeholder for a value the agent did not have."""
 
@@ -139,10 +144,11 @@ def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
     """Called a tool with arguments that do not fit its schema, with a text in place of a value, or with a wrong mass.
 
     A wrong mass differs by more than `MASS_TOLERANCE` from the mass that `get_parameters` returned for the same object,
-    earlier or later. Tools that take a mass use it without checking it. Or it answered, strictly wrong, with a mass
-    that it measured where the task states another one.
+    earlier or later, and does not cancel in a ratio. Tools that take a mass use it without checking it. Or it answered,
+    strictly wrong, with a mass that it measured where the task states another one.
     """
     masses = _measured_masses(episode)
+    with_unit_mass = [place for place in exchanges(episode) if _number(place.arguments.get("mass")) == 1]
     evidence: list[Evidence] = []
     for place in exchanges(episode):
         if place.tool == ANSWER:
@@ -151,7 +157,12 @@ def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
         measured = next((masses[name] for name in objects_named(place) if name in masses), None)
         if _does_not_fit(place) or _has_placeholder(place):
             evidence.append(Evidence(turn=place.turn, exchange=place.position, quote=quote_at(place.exchange.text)))
-        elif measured is not None and mass is not None and abs(mass - measured) > MASS_TOLERANCE * measured:
+        elif (
+            measured is not None
+            and mass is not None
+            and abs(mass - measured) > MASS_TOLERANCE * measured
+            and not _cancels(place, mass, with_unit_mass, masses)
+        ):
             evidence.append(
                 Evidence(
                     turn=place.turn,
@@ -175,6 +186,25 @@ def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
         explanation=f"It made {calls} with arguments that do not fit the tool or the object.",
         evidence=(*evidence[:MAX_EVIDENCE], *adopted),
     )
+
+
+def _cancels(place: Place, mass: float, with_unit_mass: Sequence[Place], masses: Mapping[str, float]) -> bool:
+    """Whether a mass of 1 kg cancels in the ratio of two results.
+
+    The ratio is that of one object's energy and momentum, or of one tool's results for two objects of equal mass.
+    """
+    name = _the_object(place)
+    pair = next((tools for tools in _RATIOS if place.tool in tools), frozenset({place.tool}))
+    return mass == 1 and any(
+        other.tool in pair - {place.tool}
+        if _the_object(other) == name
+        else other.tool == place.tool and _is_near(masses.get(name, 0.0), masses.get(_the_object(other), -1.0))
+        for other in with_unit_mass
+    )
+
+
+def _the_object(place: Place) -> str:
+    return next(iter(objects_named(place)), "")
 
 
 def _adopted_mass(episode: Episode, measured: Mapping[str, float]) -> Iterator[Evidence]:

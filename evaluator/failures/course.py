@@ -71,9 +71,13 @@ def is_reading(place: Place) -> bool:
 
 def shows_motion(place: Place) -> bool:
     """Whether a reading of motion or contact has a non-zero value."""
+    return place.tool in MOTION_READINGS and any(abs(value) > _STILL for value in measured_numbers(place))
+
+
+def measured_numbers(place: Place) -> Iterator[float]:
+    """All numbers in a result, but for the clock and the count of time steps; true counts as 1."""
     content = place.exchange.content or {}
-    measured = {name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}}
-    return place.tool in MOTION_READINGS and any(abs(value) > _STILL for value in _numbers(measured))
+    return _numbers({name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}})
 
 
 def _numbers(value: Any) -> Iterator[float]:

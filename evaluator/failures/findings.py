@@ -48,16 +48,32 @@ class ExpectedForm:
     options: tuple[str, ...] = ()
     objects: Mapping[str, str] = field(default_factory=dict[str, str])
     """Object id, such as `object_2` → public name."""
+    task: str = ""
+    """The question whose answer has this form; empty if unknown."""
+
+    def was_asked(self, prompt: str) -> bool:
+        """Whether a prompt asks this question. A published log may ask an older one, with an answer of another form."""
+        return _words(self.task) in _words(prompt)
 
 
-def expected_form(key: AnswerKey) -> ExpectedForm:
-    """The expected form of an answer; it is the same for all seeds of a scene."""
+def _words(text: str) -> str:
+    return " ".join(text.split()).rstrip(".")
+
+
+def expected_form(key: AnswerKey, task: str = "") -> ExpectedForm:
+    """The expected form of an answer; it is the same for all seeds of a scene.
+
+    Args:
+        key: The key at any seed.
+        task: The question as the pack words it.
+    """
     return ExpectedForm(
         kind=key.spec.kind,
         parts=len(key.value) if isinstance(key.value, tuple) else None,
         is_numeric=all(plain_number(part) is not None for part in key.parts),
         options=key.spec.options,
         objects=key.objects,
+        task=task,
     )
 
 

@@ -43,7 +43,7 @@ _AGREES = re.compile(
 )
 _DOUBTED = re.compile(
     r"\bcontradict|\bcounter-?intuitive|\bunexpected(?:ly)? |\bcontrary to|\bunusual\b|\banomal|\bunrealistic|"
-    r"\bshould\b[^.\n]{0,24}[.…,;] ?(?:however|but|yet)\b[^.\n]{0,12}"
+    r"\bshould\b(?:(?!should\b)[^.\n]){0,160}?[.…,;] ?(?:however|but|yet)\b[^.\n]{0,12}"
     r"\b(?:simulat\w+|measure\w+|readings?|results?|data)\b[^.\n]{0,20}\b(?:indicate|show|suggest|sa(?:y|id)|reveal|give)|"
     r"\bexpected\b[^.\n]{0,12}\.? but (?:got|measured)|\bphysically impossible|\bnot modell?ed|\bdespite the name",
     re.IGNORECASE,

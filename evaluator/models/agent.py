@@ -132,7 +132,7 @@ class _ModelPlayer:
             return Reply(_paragraphs(thought, text), malformed=problem, usage=usage, thought_chars=len(thought))
         if self.text:
             reply = parse_reply(text)
-            if response.tool_calls and not reply.calls:
+            if response.tool_calls:  # beside a list they would be a second set of calls
                 said = _paragraphs(thought, text)
                 return Reply(said, malformed=_NATIVE_IN_TEXT, usage=usage, thought_chars=len(thought))
             said = _paragraphs(thought, reply.reasoning)

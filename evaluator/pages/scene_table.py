@@ -36,7 +36,7 @@ hidden values or their ranges, no hidden objects, no methods.
   is the same for every seed: no hidden object, and no part whose position, size or colour depends on the seed. If
   nothing is left, it is a schematic of what an agent may read. Each leads to a larger picture with axes and a scale;
   the scale holds at the distance of the middle of the picture.
-- **Answer**: its kind, with its unit or the number of options.
+- **Answer**: its options; or its numbers, each with its unit, and how close is close enough.
 - **Iterations, interventions**: the number of turns of the reference protocol, and of calls in them that change the
   world; minimum and maximum over several seeds, because the length at one seed could reveal the answer.
 - **Objects**: the number of objects that an agent knows from the start.

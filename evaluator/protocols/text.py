@@ -1,20 +1,17 @@
 """The paper's text protocol: a reply is prose with one JSON list of calls, and results are returned as text.
 
-The calls of a reply are searched for in this order:
+Only text after the last `</think>` can contain calls. There they may be one list of call objects, a sequence of single
+call objects, or the markup that some models fall back to (`<|tool_call_begin|> functions.step:0 …`). The key of the
+tool is `tool`, `name` or `function`; the key of the arguments is `parameters`, `arguments`, `args` or `input`.
+`lenient_json` describes the accepted JSON.
 
-1. Only text after the last `</think>` can contain calls.
-2. The last fenced block with calls counts. If its JSON is broken, the reply is malformed and nothing runs.
-3. Otherwise the last well-formed list of call objects in the prose, or a sequence of single call objects.
-4. Otherwise calls in the markup that some models fall back to (`<|tool_call_begin|> functions.step:0 …`).
-
-The key of the tool is `tool`, `name` or `function`; the key of the arguments is `parameters`, `arguments`, `args` or
-`input`. `lenient_json` describes the accepted JSON. The parser never guesses: if an item of the list is not a call, if
-arguments are outside `parameters`, or if the JSON is broken, nothing runs and the agent is told why.
+The parser never guesses. Nothing runs, and the agent is told why, if a reply has several sets of calls, readable or
+not; if an item of the list is not a call; if arguments are outside `parameters`; or if the JSON is broken. That several
+sets are an error is the paper's rule: see docs/decisions/0040-one-set-of-calls.md.
 """
 
 import json
 import re
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,6 +33,8 @@ _NATIVE = re.compile(
 _CLOSING = re.compile(r"\s*+[\]}]")
 _UNMATCHED = "the brackets of the list of calls do not match"
 _MARKUP = re.compile(r"<\|tool_call|</?tool_call>|<tool>|<function=")
+_CALL_IN_MARKUP = re.compile(r"<\|tool_call_begin\|>|<tool>|<function=")
+_IN_MARKUP = "calls stand in markup where a JSON list of calls is needed"
 _NATIVE_SIGNS = re.compile(r"<\|tool_calls_section_(?:begin|end)\|>")
 
 
@@ -67,10 +66,17 @@ def parse_reply(text: str) -> Reply:
     start = _end_of_thought(text)
     if start == 0 and text.lstrip().startswith("<think>"):
         return Reply(reasoning=text, malformed="it ends inside <think>, before any call")
-    chosen = _chosen(_attempts(text, start), _fenced_spans(text, start)) or _native(text, start)
-    if chosen is None:
-        problem = "calls stand in markup where a JSON list of calls is needed" if _MARKUP.search(text, start) else ""
+    found = sorted([*_attempts(text, start), *_native(text, start)], key=lambda attempt: attempt.start)
+    if not found:
+        return Reply(reasoning=text, malformed=_IN_MARKUP if _MARKUP.search(text, start) else "")
+    if len(found) > 1:
+        places = " and at ".join(_line_and_column(text, attempt.start) for attempt in (found[0], found[-1]))
+        which = "" if len(found) == 2 else "first and last "
+        problem = f"it has {len(found)} sets of calls, {which}at {places}; write all calls in one JSON list"
         return Reply(reasoning=text, malformed=problem)
+    (chosen,) = found
+    if _CALL_IN_MARKUP.search(text[start : chosen.start]) or _CALL_IN_MARKUP.search(text, chosen.end):
+        return Reply(reasoning=text, malformed=f"it has calls in a JSON list and in markup; {_IN_MARKUP}")
     if chosen.problem:
         return Reply(
             reasoning=text, malformed=f"{chosen.problem} ({_line_and_column(text, chosen.problem_at)} of your reply)"
@@ -111,31 +117,6 @@ def _end_of_thought(text: str) -> int:
         if attempt.start < at < attempt.end:
             at = text.rfind(_END_OF_THOUGHT, 0, attempt.start)
     return at + len(_END_OF_THOUGHT) if at >= 0 else 0
-
-
-def _chosen(attempts: Sequence[_Attempt], fenced: Sequence[tuple[int, int]]) -> _Attempt | None:
-    """The attempt that counts; None if there is none."""
-    starts = [start for start, _ in fenced]
-    for attempt in reversed(attempts):
-        block = bisect_right(starts, attempt.start) - 1
-        if block >= 0 and attempt.start < fenced[block][1]:
-            return attempt
-    well_formed = (attempt for attempt in reversed(attempts) if not attempt.problem)
-    return next(well_formed, attempts[-1] if attempts else None)
-
-
-def _fenced_spans(text: str, start: int) -> list[tuple[int, int]]:
-    """Start and end of the fenced blocks, in order; an unclosed block ends at the next one or at the end of text."""
-    spans: list[tuple[int, int]] = []
-    opened: re.Match[str] | None = None
-    for fence in _FENCE.finditer(text, start):
-        if opened is not None:
-            spans.append((opened.end(), fence.start()))
-        # A fence with a language opens a block, even if the previous block is not closed.
-        opened = fence if opened is None or fence.group(1) else None
-    if opened is not None:
-        spans.append((opened.end(), len(text)))
-    return spans
 
 
 def _attempts(text: str, start: int) -> list[_Attempt]:
@@ -197,7 +178,9 @@ def _calls(value: JsonValue) -> tuple[ToolCall, ...]:
         if _is_call(value):
             return (_call(value, 1),)
         lists = [calls for part in value.values() if isinstance(part, list) and (calls := _calls(part))]
-        return lists[0] if len(lists) == 1 else ()
+        if len(lists) > 1:
+            raise _NotACallError(f"an object holds {len(lists)} lists of calls; write all calls in one JSON list")
+        return lists[0] if lists else ()
     if not isinstance(value, list) or not any(isinstance(item, dict) and _is_call(item) for item in value):
         return ()
     return tuple(_call(item, number) for number, item in enumerate(value, start=1))
@@ -227,37 +210,50 @@ def _call(value: JsonValue, number: int) -> ToolCall:
         raise _NotACallError(f'call {number} has both "{given[0]}" and "{given[1]}"')
     if not given and len(value) > 1:
         raise _NotACallError(f'call {number} has no "parameters"')
-    return ToolCall(tool=tool.strip(), arguments=_arguments(value[given[0]] if given else {}, number))
+    if any(_calls(part) for name, part in value.items() if name not in _PARAMETERS and isinstance(part, dict | list)):
+        raise _NotACallError(f"call {number} holds further calls; write all calls in one JSON list")
+    return ToolCall(tool=tool.strip(), arguments=_arguments(value[given[0]] if given else {}, f"of call {number}"))
 
 
-def _arguments(value: JsonValue, number: int) -> dict[str, JsonValue]:
+def _arguments(value: JsonValue, whose: str) -> dict[str, JsonValue]:
     if isinstance(value, str):
         try:
             value = read_json(value)
         except ValueError as error:
-            raise _NotACallError(f"the parameters of call {number} are a text that is no JSON: {error}") from None
+            raise _NotACallError(f"the parameters {whose} are a text that is no JSON: {error}") from None
     if value is None:
         return {}
     if not isinstance(value, dict):
-        raise _NotACallError(f"the parameters of call {number} are no JSON object")
+        raise _NotACallError(f"the parameters {whose} are no JSON object")
     return value
 
 
-def _native(text: str, start: int) -> _Attempt | None:
-    """Calls in a model's native markup, which names the tool and JSON arguments and so is unambiguous."""
+def _native(text: str, start: int) -> list[_Attempt]:
+    """Calls in a model's native markup, which names the tool and JSON arguments and so is unambiguous.
+
+    Calls with anything but markup and white space between them are different sets.
+    """
     matches = list(_NATIVE.finditer(text, start))
     # If any markup is left over, a part of it is damaged and a call may be missing.
     rest = _NATIVE.sub("", text[start:])
     sections = len(_NATIVE_SIGNS.findall(rest))
     if not matches or sections % 2 or "<|" in _NATIVE_SIGNS.sub("", rest):
-        return None
-    calls: list[ToolCall] = []
-    for number, match in enumerate(matches, start=1):
-        try:
-            calls.append(ToolCall(tool=match[1], arguments=_arguments(match[2], number)))
-        except _NotACallError as error:
-            return _Attempt(match.start(), match.end(), (), str(error), match.start())
-    return _Attempt(matches[0].start(), matches[-1].end(), tuple(calls))
+        return []
+    sets: list[_Attempt] = []
+    for match in matches:
+        attempt = _native_call(match)
+        if sets and not text[sets[-1].end : attempt.start].strip():
+            attempt = _joined(text, [sets.pop(), attempt])
+        sets.append(attempt)
+    return sets
+
+
+def _native_call(match: re.Match[str]) -> _Attempt:
+    try:
+        call = ToolCall(tool=match[1], arguments=_arguments(match[2], f"of {match[1]}"))
+    except _NotACallError as error:
+        return _Attempt(match.start(), match.end(), (), str(error), match.start())
+    return _Attempt(match.start(), match.end(), (call,))
 
 
 def _prose(text: str, chosen: _Attempt) -> str:

@@ -135,7 +135,7 @@ def _wanted(kinds: Mapping[str, Any]) -> str:
         return "true or false"
     if "object" in kinds:
         return _OBJECT
-    return "a number" if kinds.keys() & {"number", "integer"} else "a list such as [1,0,0]"
+    return "a number such as 0.5" if kinds.keys() & {"number", "integer"} else "a list such as [1,0,0]"
 
 
 def _split(text: str, separator: str | None) -> list[str]:

@@ -237,19 +237,18 @@ def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | No
     """Which run is better on which episodes, by how much, and with what certainty."""
     episodes = f"{found.n} common episode{'s' if found.n != 1 else ''}"
     scenes = f"{found.n_scenes} scene{'s' if found.n_scenes != 1 else ''}"
-    # The run that is ahead comes first, so the difference is always a gain.
+    # The run that is ahead comes first; the difference is B minus A, as everywhere else.
     ahead = 0 if found.difference < 0 else 1
-    sign = 1 if ahead else -1
+    first, second = (f"{labels[side]} ({'AB'[side]})" for side in (ahead, 1 - ahead))
     shares = [f"{100 * correct / found.n:.1f} %" for correct in (found.first_correct, found.second_correct)]
-    gap = f"{points(sign * found.difference)} points"
+    gap = f"B − A = {points(found.difference)} points"
     if found.interval is not None:
-        low, high = sorted((sign * found.interval.low, sign * found.interval.high))
-        gap += f" (95 % interval {points(low)} to {points(high)})"
+        gap += f" (95 % interval {points(found.interval.low)} to {points(found.interval.high)})"
     chance = f"p = {found.p_value:.2g}" if found.p_value >= 1e-4 else "p < 0.0001"
     tail = f"{shares[ahead]} against {shares[1 - ahead]} right, {gap}; {chance}, {_TESTS[found.test]}."
     if better is None:
-        return f"{labels[ahead]} and {labels[1 - ahead]} cannot be told apart on {episodes} of {scenes}: {tail}"
-    return f"{labels[ahead]} is better than {labels[1 - ahead]} on {episodes} of {scenes}: {tail}"
+        return f"{first} and {second} cannot be told apart on {episodes} of {scenes}: {tail}"
+    return f"{first} is better than {second} on {episodes} of {scenes}: {tail}"
 
 
 def points(value: float) -> str:

@@ -39,6 +39,8 @@ class EpisodeScores(Record):
     """Share of the intermediate quantities of the scene that are stated rightly; None if it names none."""
     silent_turns: int
     """Turns without visible reasoning."""
+    unread_turns: int
+    """Turns whose reply could not be read, for example because it had several lists of calls."""
     calls: int
     """Calls that V counts."""
     disabled_calls: int
@@ -87,6 +89,7 @@ def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_to
         r=non_repetition([turn.reasoning for turn in episode.turns]),
         step_credit=sum(grade.steps.values()) / len(grade.steps) if grade.steps else None,
         silent_turns=sum(not turn.reasoning.strip() for turn in episode.turns),
+        unread_turns=sum(turn.is_unread for turn in episode.turns),
         calls=len(made),
         disabled_calls=len(made) - len(enabled),
     )

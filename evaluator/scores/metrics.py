@@ -77,6 +77,8 @@ class GroupSummary(Record):
     """Mean FS*, 0 to 100: over the dimensions that an episode defines."""
     silent_turns: float | None
     """Share of all turns that have no visible reasoning; None without turns."""
+    unread_turns: int = 0
+    """Turns whose reply could not be read, so that nothing was run."""
     disabled_calls: int
     """Calls of tools that the scene disables."""
     experiment_cost: MedianCost
@@ -257,6 +259,7 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         final_score=fmean(scores) if scores and len(defined["g_prime"]) == len(scores) else None,
         final_score_of_defined=fmean(scores_of_defined) if scores else None,
         silent_turns=sum(row.scores.silent_turns for row in scored) / turns if turns else None,
+        unread_turns=sum(row.scores.unread_turns for row in scored),
         disabled_calls=sum(row.scores.disabled_calls for row in scored),
         experiment_cost=median_cost([row.experiment_cost for row in scored]),
         failures=failure_counts((row.grade, row.failures) for row in scored),

@@ -56,7 +56,7 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         scores=dimensions(episode, record.grade, grounding, facts.disabled_tools),
         experiment_cost=cost_of(episode, facts.limits),
         grounding=grounding,
-        failures=failures_of(episode, record.grade, expected_form(keys.key(episode.key.scene, 0))),
+        failures=failures_of(episode, record.grade, expected_form(keys.key(episode.key.scene, 0), facts.task)),
     )
 
 

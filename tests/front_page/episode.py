@@ -14,7 +14,8 @@ from pydantic import JsonValue
 from evaluator.records import Episode, Exchange, GradeRecord
 
 PACKS = Path(__file__).parent / "packs"
-SCENE, SEED = 26, 1
+SCENE, SEED = 904, 1
+"""The number is of no scene of the suite, so pictures and texts do not show it."""
 RAMPS = 12
 SLIDES = 0.01
 """Momentum of 1 kg [kg·m/s] above which the slider slides; `solution.py` of the scene draws the same line."""
@@ -70,10 +71,15 @@ def _x_of(exchange: Exchange) -> float:
     return float(exchange.content["momentum"]["x"])
 
 
+def title(episode: Episode) -> str:
+    """What the README calls the episode."""
+    return f"twelve ramps, seed {episode.key.seed}"
+
+
 def transcript(episode: Episode, grade: GradeRecord) -> list[str]:
     """The episode, one line for each call; the number at the start of a line is the iteration."""
     calls = sum(len(turn.exchanges) for turn in episode.turns)
-    lines = [f"twelve ramps, seed {episode.key.seed}, at most {episode.key.budget} iterations"]
+    lines = [f"{title(episode)}, at most {episode.key.budget} iterations"]
     for number, turn in enumerate(episode.turns, start=1):
         for place, exchange in enumerate(turn.exchanges):
             call = _call(exchange.call.tool, exchange.call.arguments)
@@ -89,7 +95,8 @@ def caption(episode: Episode, grade: GradeRecord) -> str:
         for number, done in enumerate(measurements(episode), start=1)
     ]
     return (
-        f"Twelve ramps, each steeper than the one before, and a red slider on four of them. Iteration {' '.join(parts)}"
+        f"Twelve ramps, each steeper than the one before, and a red slider on {len(parts)} of them. Iteration"
+        f" {' '.join(parts)}"
         f" Answer: {episode.answer}, {grade.grade.strict.value}."
     )
 

@@ -17,7 +17,7 @@ from PIL import Image
 
 from evaluator.records import Episode, GradeRecord
 from physment_mcp.world.pictures.drawing import Visible, staged
-from tests.front_page.episode import RAMPS, Measurement, measurements, reading
+from tests.front_page.episode import RAMPS, Measurement, measurements, reading, title
 from tests.front_page.exposure import exposure
 
 WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW = 800, 40, 84, 160, 34
@@ -59,7 +59,7 @@ def page_of(episode: Episode, grade: GradeRecord) -> str:
     height = ROWS_TOP + ROW * (len(tried) + 1) + 12 + NOTE_LINE * len(NOTE)
     parts = [
         '<text class="title" x="0" y="18">Which is the shallowest ramp on which the slider begins to slide?</text>',
-        f'<text class="soft end" x="{WIDTH}" y="18">scene {episode.key.scene}, seed {episode.key.seed}</text>',
+        f'<text class="soft end" x="{WIDTH}" y="18">{title(episode)}</text>',
         f'<image x="{STRIP_LEFT}" y="{STRIP_TOP}" width="{STRIP_WIDTH}" height="{STRIP_HEIGHT}"'
         f' href="data:image/png;base64,{strip}"/>',
         *_scale(),

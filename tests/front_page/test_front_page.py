@@ -11,7 +11,7 @@ from evaluator.records import Episode, GradeRecord, Verdict
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs, read_pack
 from tests.builders.paths import ROOT
-from tests.front_page.episode import RAMPS, block, caption, measurements, played, transcript
+from tests.front_page.episode import RAMPS, SCENE, block, caption, measurements, played, title, transcript
 from tests.front_page.exposure import exposure
 from tests.front_page.make import DESCRIPTION, PICTURES
 
@@ -70,9 +70,13 @@ def test_the_exposure_shows_the_ramps_and_where_the_slider_was_set_down_and_wher
 
 
 def place(body: ET.Element) -> list[float]:
-    geom = body.find("geom")
-    assert geom is not None
-    return [float(value) for value in str(geom.get("pos")).split()]
+    return [float(value) for value in str(body.get("pos")).split()]
+
+
+def test_the_episode_is_not_taken_for_one_of_a_scene_of_the_suite(episode: Played) -> None:
+    assert SCENE not in {files.scene_id for files in list_packs()}
+    shown = (title(episode[0]), caption(*episode), *transcript(*episode))
+    assert [text for text in shown if re.search(r"\bscene\b", text, re.IGNORECASE)] == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -91,7 +91,12 @@ function number(name: string, schema: Schema, required: boolean): Field {
 }
 
 function numberIn(name: string, input: HTMLInputElement, required: boolean): number | undefined {
-  const typed = input.value.trim().replace(",", ".").replace("−", "-");
+  const written = input.value.trim();
+  // Three digits after a comma may be decimals or thousands, and a wrong guess would cost an experiment.
+  if (/^[-−+]?\d{1,3},\d{3}$/.test(written)) {
+    throw new Error(`${name}: ${written} can be read in two ways; write ${written.replace(",", ".")} or ${written.replace(",", "")}`);
+  }
+  const typed = written.replace(",", ".").replace("−", "-");
   if (typed === "" && !required) return undefined;
   const value = Number(typed);
   if (typed === "" || !Number.isFinite(value)) throw new Error(`${name}: ${typed || "nothing"} is not a number`);

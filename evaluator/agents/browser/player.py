@@ -10,11 +10,12 @@ from typing import Any
 import anyio
 import mcp_types as types
 
-from evaluator.agents.human import Left
-from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.agents.human import Left, refuse_commas
+from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.episode.views import joined, view_in
 from evaluator.errors import RefusedRequest
+from evaluator.protocols.typed import TypingError
 from evaluator.records import EpisodeKey, Exchange, ToolCall
 
 MOST_CALLS = 50
@@ -73,7 +74,7 @@ class PageState:
         """Take a turn of the person.
 
         Raises:
-            RefusedRequest: No turn is awaited, or a call fits no tool; it costs nothing.
+            RefusedRequest: No turn is awaited, a call fits no tool, or an answer is ambiguous; it costs nothing.
         """
         if self.ended is not None:
             raise RefusedRequest(409, f"the episode is over: {self.ended}")
@@ -88,6 +89,10 @@ class PageState:
             problem = first_problem(schema_validator(schemas[call.tool]), call.arguments)
             if problem:
                 raise RefusedRequest(400, f"{call.tool}: {problem}")
+        try:
+            refuse_commas(calls)
+        except TypingError as error:
+            raise RefusedRequest(400, f"{ANSWER}: {error}") from None
         self._reply, self.waiting, self._turn_begins = Reply(note[:MOST_NOTE], tuple(calls)), False, True
         self._replied.set()
         self.change()

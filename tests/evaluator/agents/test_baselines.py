@@ -43,8 +43,6 @@ def chance(key: AnswerKey) -> float:
     """The probability that a guess is right, which follows from the key and from how guesses are drawn."""
     if key.spec.options:
         return 1 / len(key.spec.options)
-    if key.spec.wordings:
-        return 0.0  # the guessers answer a question in words with a number
     values = key.value if isinstance(key.value, tuple) else (key.value,)
     low, high = GUESS_RANGE
     probability = 1.0

@@ -4,7 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.commands.program import main
+from evaluator.commands.argument_types import file_to_write, folder_to_write
+from evaluator.commands.overview import COMMANDS
+from evaluator.commands.program import main, parser
+from tests.builders.cli_reference import listed
 
 
 @pytest.mark.parametrize(
@@ -36,9 +39,7 @@ from evaluator.commands.program import main
 def test_an_argument_of_the_wrong_kind_is_refused_in_its_own_unit(
     words: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 2
+    assert main(words) == 2
     assert sentence in capsys.readouterr().err
 
 
@@ -47,6 +48,59 @@ def test_the_values_in_a_study_file_are_checked_in_the_same_way(
 ) -> None:
     file = tmp_path / "study.toml"
     file.write_text('max_cost = "free"\n', encoding="utf-8")
-    with pytest.raises(SystemExit):
-        main(["run", "--config", str(file)])
+    assert main(["run", "--config", str(file)]) == 2
     assert "--max-cost: free is not an amount of money above 0, in US dollars" in capsys.readouterr().err
+
+
+WRITES = [
+    "run",
+    "merge other",
+    "report other",
+    "referee",
+    "play 7",
+    "fork other --turn 1 --agent blind",
+    "scenes pages",
+    "export other --to inspect",
+]
+"""Commands whose `--out` is a folder."""
+
+
+@pytest.mark.parametrize("words", WRITES)
+def test_a_file_where_a_folder_is_to_be_written_is_refused_before_any_work(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("mine", encoding="utf-8")
+    for out, what in ((file, "it"), (file / "below" / "it", str(file))):
+        assert main([*words.split(), "--out", str(out)]) == 2
+        said = f"physment-eval: {out} cannot be written: {what} is a file, and a folder is needed\n"
+        assert capsys.readouterr() == ("", said)
+    assert main([*words.split(), "--out", str(tmp_path / ("x" * 300))]) == 2
+    assert capsys.readouterr().err.endswith(" cannot be written: File name too long\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert file.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["submit other --out", "export other --to parquet --out", "scenes list --html", "replay-original logs --out"],
+)
+def test_a_folder_where_a_file_is_to_be_written_is_refused_before_any_work(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words.split(), str(tmp_path)]) == 2
+    said = f"physment-eval: {tmp_path} cannot be written: it is a folder, and a file is needed\n"
+    assert capsys.readouterr() == ("", said)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_that_names_what_is_written_is_checked_when_it_is_read(name: str) -> None:
+    command = parser(name)[1][name]
+    written = [
+        action
+        for one in (command, *(child for _, child in listed(command).values()))
+        for action in one._actions
+        if {"--out", "--keep", "--html"} & set(action.option_strings)
+    ]
+    if name != "export":  # whether it is a file or a folder depends on --to
+        assert [action.dest for action in written if action.type not in {file_to_write, folder_to_write}] == []

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -12,9 +13,9 @@ from random import Random
 
 import pytest
 
+from evaluator.commands.argument_types import PROMPTINGS, PROTOCOLS
 from evaluator.commands.overview import COMMANDS
 from evaluator.commands.program import main
-from evaluator.commands.run_options import PROMPTINGS, PROTOCOLS
 from evaluator.records import Outcome
 from evaluator.store import RunFolder
 from scenes import default_folder
@@ -117,6 +118,19 @@ def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path, host
     assert "strict accuracy" in done.stderr
 
 
+def test_a_run_of_several_agents_names_each_and_pools_none(tmp_path: Path, host_url: str) -> None:
+    agents = ("--agent", "reference", "--agent", "blind")
+    said = physment_eval("--server", host_url, *agents, "--scenes", "7,21", "--out", "run", cwd=tmp_path).stdout
+    progress = [line for line in said.splitlines() if re.match(r"\[\d/4\] ", line)]
+    assert [sum(f"] {agent}, scene " in line for line in progress) for agent in ("reference", "blind")] == [2, 2]
+    assert {"reference 2/2 right", "blind 0/2 right"} < set(re.findall(r"\w+ \d/\d right", said))
+    assert "/4 right" not in said
+    table = [line.split()[:2] for line in said.splitlines() if "answered" in line and "/" not in line]
+    assert table[:4] == [["blind", "7"], ["reference", "7"], ["blind", "21"], ["reference", "21"]]
+    assert "reference: strict accuracy 100.0 % (2/2)" in said
+    assert "blind: strict accuracy 0.0 % (0/2)" in said
+
+
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
@@ -127,7 +141,12 @@ def test_json_prints_one_object_and_the_rest_goes_to_stderr(tmp_path: Path, host
         (["--resume"], "--resume needs the folder"),
         (["--server", "no-such-program --scene {scene}"], "the server command 'no-such-program --scene 7' failed"),
         (["--server", f"{sys.executable} -c raise(SystemExit('no-licence'))"], "no-licence"),
-        (["--server", "http://127.0.0.1:9"], "cannot be reached"),
+        (["--server", "no-such-program"], "there is no such program"),
+        (["--server", "http://127.0.0.1:9"], "cannot be reached: nothing accepts connections there; start"),
+        (["--server", "htp://foo"], "--server htp://foo: not the URL of a host, such as http://127.0.0.1:8000"),
+        (["--scne", "7"], "there is no option --scne; did you mean --scenes? (see physment-eval run --help)"),
+        (["--xyzzy=7"], "there is no option --xyzzy (see physment-eval run --help)"),
+        (["--executor", "rai"], "--executor: rai is none of local, ray; did you mean ray?"),
     ],
     ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
 )
@@ -136,8 +155,30 @@ def test_wrong_usage_gives_one_sentence_and_leaves_no_files(
 ) -> None:
     out = [] if words == ["--resume"] else ["--out", tmp_path / "run"]
     scene = [] if "--scenes" in words else ["--scenes", "7"]
-    assert problem in refused(capsys, "run", *words, *scene, *out)
+    said = refused(capsys, "run", *words, *scene, *out)
+    assert problem in said
+    assert "Error(" not in said, "an error of Python is not for operators"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["reprot", "runs/x"], "there is no command reprot; did you mean report? (see physment-eval --help)"),
+        (["quux"], "there is no command quux (see physment-eval --help)"),
+        (["scenes", "lst"], "there is no command lst; did you mean list? (see physment-eval scenes --help)"),
+        (
+            ["scenes", "show", "7", "--sede", "3"],
+            "there is no option --sede; did you mean --seed? (see physment-eval scenes show --help)",
+        ),
+        (["--scne", "7"], "there is no option --scne; did you mean --scenes? (see physment-eval run --help)"),
+        (["watch"], "the following arguments are required: DIR (see physment-eval watch --help)"),
+    ],
+)
+def test_a_mistyped_command_or_option_is_answered_with_the_nearest(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refused(capsys, *words) == f"physment-eval: {said}\n"
 
 
 @pytest.fixture

@@ -109,6 +109,10 @@ def test_what_is_wrong_is_refused_in_a_sentence_and_costs_nothing(tmp_path: Path
         wrong = [
             ({"calls": [{"tool": "fly", "arguments": {}}]}, "there is no tool 'fly'"),
             ({"calls": [{"tool": "step", "arguments": {"duration": "x"}}]}, "step: duration"),
+            (
+                {"calls": [{"tool": "answer", "arguments": {"answer": "7,848"}}]},
+                "answer: 7,848 can be read in several ways and is not sent; write 7.848 or 7848 or [7, 848]",
+            ),
             ({"calls": []}, "an iteration has 1 to 50 calls"),
             ({"call": 1}, "no iteration: "),
         ]
@@ -163,7 +167,11 @@ def test_a_person_fills_in_a_form_sees_what_came_back_and_answers(tmp_path: Path
         page.run(f"({fill})('duration', 'soon')")
         page.run("document.getElementById('add').click()")
         assert page.run("document.getElementById('said').textContent") == "duration: soon is not a number"
-        page.run(f"({fill})('duration', '0.8')")
+        page.run(f"({fill})('duration', '1,500')")
+        page.run("document.getElementById('add').click()")
+        said = "duration: 1,500 can be read in two ways; write 1.500 or 1500"
+        assert page.run("document.getElementById('said').textContent") == said
+        page.run(f"({fill})('duration', '0,8')")
         page.run("document.getElementById('add').click()")
         page.run(f"({choose})('get_velocity')")
         page.run("document.getElementById('run').click()")

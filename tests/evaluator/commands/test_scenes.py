@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from evaluator.certify.records import CERTIFICATES_FILE
+from evaluator.store import RunFolder
 from scenes import default_folder
 from tests.builders.commands import physment_eval
 
@@ -105,8 +106,8 @@ def test_list_and_run_say_on_which_engine_the_certificates_hold(packs: Path) -> 
     note = f"hold on MuJoCo 0.1, but {engine} is installed here"
     listed = physment_eval("scenes", "list", *folder).stdout
     assert ("certificate on MuJoCo 0.1" in listed, note in listed) == (True, True)
-    # It is said before the first episode; here the run cannot begin, because its folder is a file.
-    done = physment_eval("run", "--scenes", "7", "--out", packs / CERTIFICATES_FILE, *folder)
+    # It is said before the first episode; here the run cannot begin, because there is no server.
+    done = physment_eval("run", "--scenes", "7", "--server", "http://127.0.0.1:9", "--out", packs / "run", *folder)
     assert (done.returncode, note in done.stderr) == (2, True)
 
 
@@ -126,6 +127,45 @@ def test_scenes_show_prints_the_private_half_only_when_asked() -> None:
     assert private.startswith(public)
     assert "key at seed 3:" in private
     assert "no scene 6; the scenes here are 7, 8" in physment_eval("scenes", "show", "6").stderr
+
+
+@pytest.mark.parametrize(
+    ("prompting", "protocol", "budget"), [("zero-shot", "native", 20), ("one-shot-cot", "text", 5)]
+)
+def test_scenes_show_prints_what_an_agent_of_a_run_is_told(
+    prompting: str, protocol: str, budget: int, tmp_path: Path, host_url: str
+) -> None:
+    choice = ("--prompting", prompting, "--protocol", protocol)
+    run = ("--agent", "blind", "--scenes", "26", "--seeds", "3", "--budgets", str(budget), "--out", "run")
+    assert physment_eval("--server", host_url, *run, *choice, cwd=tmp_path).returncode == 0
+    (episode,) = RunFolder(tmp_path / "run").episodes().values()
+    shown = physment_eval("scenes", "show", "26", "--seed", "3", *choice, "--budget", str(budget))
+    assert (shown.returncode, shown.stdout) == (0, f"{episode.prompt}\n")
+    if budget == 20:
+        assert physment_eval("scenes", "show", "26", "--seed", "3").stdout == shown.stdout
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("scene7.xml", 'type="sphere"', 'type="sfere"', "scene 7 cannot be opened: the scene's XML does not compile"),
+        ("scene7.json", '"object_id": "1"', '"object_id": "2"', "scene 7 cannot be opened: "),
+    ],
+)
+def test_scenes_show_says_in_a_sentence_why_a_scene_is_refused(
+    packs: Path, file: str, old: str, new: str, said: str
+) -> None:
+    edit(packs / "Scene7" / file, old, new)
+    shown = physment_eval("scenes", "show", "7", "--scenes-dir", packs)
+    assert (shown.returncode, shown.stdout, shown.stderr.count("\n")) == (2, "", 1)
+    assert shown.stderr.startswith(f"physment-eval: {said}")
+
+
+def test_scenes_list_names_no_unit_where_an_answer_has_none() -> None:
+    listed = physment_eval("scenes", "list", "--scenes", "7,15,57,70").stdout
+    assert "None" not in listed
+    assert "number [m/s]" in listed
+    assert "they stay together" in " ".join(listed.split())
 
 
 def test_a_new_scene_never_overwrites_an_existing_scene(tmp_path: Path) -> None:

@@ -105,8 +105,8 @@ async def test_the_error_of_a_server_that_dies_holds_the_last_line_that_it_wrote
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ("no-such-program {scene}", "No such file"),
-        ("/ {scene}", "Permission denied"),
+        ("no-such-program {scene}", "there is no such program"),
+        ("/ {scene}", "it may not be executed"),
         (f"{PYTHON} -c 'import sys; sys.exit(\"no licence\")' {{scene}}", "no licence"),
         (f"{PYTHON} -c 'print(1)' {{scene}}", "Connection closed"),
         (f"{PYTHON} -m physment_mcp --scene 999 --seed {{seed}}", "no scene 999"),

@@ -11,9 +11,10 @@ from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.episode.loop import play_episode
+from evaluator.episode.loop import opening_prompt, play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, InfrastructureError
+from evaluator.protocols.text import feedback_text, parse_reply
 from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, LOOK, STEP, VERSIONS, answer, call, episode_key
@@ -114,6 +115,31 @@ async def test_a_reply_without_calls_and_an_unreadable_reply_cost_an_iteration_e
     assert len(episode.turns) == 3
     assert "no tool call" in episode.turns[0].note
     assert "no list of calls" in episode.turns[1].note
+    assert [turn.is_unread for turn in episode.turns] == [False, True, False]
+
+
+async def test_of_two_lists_in_a_reply_none_is_run_and_the_agent_reads_why() -> None:
+    lists = (
+        '[{"tool": "step", "parameters": {"duration": 1}}]\n\nThen: [{"tool": "answer", "parameters": {"answer": 1}}]'
+    )
+    agent = Replies([parse_reply(lists), Reply(calls=(LOOK,)), Reply(calls=(ANSWER,))])
+    episode = await play(agent)
+    assert (episode.turns[0].exchanges, episode.turns[0].is_unread) == ((), True)
+    assert agent.seen[1] is not None
+    assert "2 sets of calls" in feedback_text(agent.seen[1])
+    content = episode.turns[1].exchanges[0].content
+    assert content is not None
+    assert content["sim_time"] == 0
+
+
+@pytest.mark.parametrize("protocol", ["native", "text"])
+async def test_the_prompt_states_which_calls_of_a_reply_are_run(protocol: str) -> None:
+    """What `test_a_call_that_does_not_fit_its_schema_stops_the_batch…` and the test after it show of the loop."""
+    async with Client(open_episode(7).server()) as client:
+        key = episode_key(protocol=protocol)
+        prompt = await opening_prompt(client, key, 5)
+        assert prompt.count("A call that fits no tool ends them: the calls before it stand") == 1
+        assert prompt.count("A call that the laboratory refuses does not end them") == 1
 
 
 async def test_the_agent_learns_how_many_iterations_are_left() -> None:

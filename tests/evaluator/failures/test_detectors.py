@@ -266,6 +266,38 @@ def test_arguments_that_do_not_fit_are_a_wrong_parameter(exchange: Exchange) -> 
     assert [(evidence.turn, evidence.exchange) for evidence in failure.evidence] == [(0, 1)]
 
 
+def computed(tool: str, object_id: str, mass: float = 1) -> Exchange:
+    return returned(tool, {"value": 0.5}, object_id=object_id, mass=mass)
+
+
+WEIGHED = [
+    returned("get_parameters", {"mass": mass}, object_id=name) for name, mass in (("object_1", 2.0), ("object_2", 2.0))
+]
+HEAVIER = returned("get_parameters", {"mass": 4.0}, object_id="object_2")
+
+
+@pytest.mark.parametrize(
+    ("weighed", "calls", "wrong"),
+    [
+        # The worked example of the prompt: ω = 2 E / L, for any mass.
+        (WEIGHED, [("get_rotational_energy", "object_1", 1), ("get_angular_momentum", "object_1", 1)], False),
+        (WEIGHED, [("get_kinetic_energy", "object_1", 1), ("get_momentum", "object_1", 1)], False),
+        # Two objects of one mass are compared.
+        (WEIGHED, [("get_angular_momentum", "object_1", 1), ("get_angular_momentum", "object_2", 1)], False),
+        # The masses differ, so they do not cancel; nor do they where only one result is asked for, or two masses given.
+        ([WEIGHED[0], HEAVIER], [("get_momentum", "object_1", 1), ("get_momentum", "object_2", 1)], True),
+        (WEIGHED, [("get_momentum", "object_1", 1)], True),
+        (WEIGHED, [("get_rotational_energy", "object_1", 1), ("get_momentum", "object_1", 1)], True),
+        (WEIGHED, [("get_rotational_energy", "object_1", 1), ("get_angular_momentum", "object_1", 3)], True),
+    ],
+)
+def test_a_mass_that_cancels_in_a_ratio_is_no_wrong_parameter(
+    weighed: list[Exchange], calls: list[tuple[str, str, float]], *, wrong: bool
+) -> None:
+    made = [computed(*call) for call in calls]
+    assert (FailureMode.WRONG_PARAMETER in found(answered(*SOUND, turn("", *weighed), turn("", *made)))) is wrong
+
+
 @pytest.mark.parametrize(("mass", "wrong"), [(1.0, True), (2.2, True), (2.05, False), (2.0, False)])
 def test_a_mass_that_differs_from_the_measured_one_is_a_wrong_parameter(mass: float, *, wrong: bool) -> None:
     energy = returned("get_kinetic_energy", {"kinetic_energy": 1.0}, object_id="object_1", mass=mass)
@@ -396,3 +428,18 @@ def test_the_summary_counts_the_failures_of_an_agent_that_never_looks(tmp_path: 
     overall = json.loads((run / "summary.json").read_text(encoding="utf-8"))["overall"]
     wrong = overall["n_scored"] - overall["n_correct"]
     assert overall["failures"]["premature_answer"] == {"n": 2, "n_incorrect": wrong}
+
+
+def test_the_form_of_an_answer_is_not_judged_where_another_question_was_asked() -> None:
+    """A published log may be older than the wording of its pack, which may ask for another form of answer."""
+    key, words = number_key(), answered(*SOUND, answer="faster")
+    form = expected_form(key, "How fast is the cart?\nAnswer in m/s.")
+    for prompt, judged in (
+        ("Task: How fast is the cart? Answer in m/s..", True),
+        ("# Scene\n\nHow fast is the cart?\nAnswer in m/s.\n\n# Objects", True),
+        ("Task: Does the cart get faster or slower?.", False),
+        ("Task: How fast is the cart?.", False),
+    ):
+        played = words.model_copy(update={"prompt": prompt})
+        shown = {failure.mode for failure in failures_of(played, grade_episode(played, key), form)}
+        assert (FailureMode.ANSWER_FORMAT in shown) is judged

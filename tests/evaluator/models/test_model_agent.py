@@ -108,8 +108,11 @@ def errors_marked(body: dict[str, Any]) -> list[bool]:
     return [block.get("is_error", False) for block in blocks if block.get("type") == "tool_result"]
 
 
-async def test_a_native_call_in_the_text_protocol_is_not_run_and_the_conversation_continues(service: Service) -> None:
-    service.say("", [STEP])
+@pytest.mark.parametrize("beside", ["", written(("find_objects", {}))])
+async def test_a_native_call_in_the_text_protocol_is_not_run_and_the_conversation_continues(
+    service: Service, beside: str
+) -> None:
+    service.say(beside, [STEP])
     service.say(written(("answer", {"answer": 1})))
     episode = await play(service, protocol="text")
     assert episode.turns[0].exchanges == ()

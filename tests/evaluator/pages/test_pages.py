@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,13 @@ from evaluator.certify.compiled_model import started
 from evaluator.certify.transcript import play
 from evaluator.certify.visible import visible_parts
 from evaluator.commands.program import main
-from evaluator.pages.listing import Listing, Steps
+from evaluator.pages.listing import Listing, Steps, answer_form
 from evaluator.pages.scene_table import KINDS, scenes_page
 from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
 from physment_mcp.world.pictures.framing import FramedParts, view_of
 from scenes import (
+    AnswerKind,
+    AnswerSpec,
     Category,
     Pack,
     PackFiles,
@@ -67,10 +70,8 @@ def three(tmp_path: Path) -> Path:
 def test_a_row_shows_what_an_agent_may_know(three: Path, tmp_path: Path) -> None:
     code, page, _ = written(three, tmp_path / "out", "--no-pictures")
     assert code == 0
-    assert re.search(
-        r"\| no picture drawn .*\| Speed of a dropped ball \| free fall \| number, m/s \| 2, 1 \| 1 \|", page
-    )
-    assert re.search(r"\| Two balls on one slope \| rolling inertia \| objects, 3 options \| 2, 1 \| 2 \|", page)
+    assert re.search(r"\| no picture drawn \|.* \| free fall \| a number \(m/s\); within 5 % \| 2, 1 \| 1 \|", page)
+    assert r" rolling inertia | one of 3: object\_1, object\_2, 0 | 2, 1 | 2 |" in page
     assert page.index("## easy-single\n") < page.index("## easy-single-hidden\n")
 
 
@@ -133,6 +134,53 @@ def test_no_row_depends_on_a_private_field() -> None:
             }
         )
         assert Listing.of(files, public, steps) == Listing.of(files, pack, steps), files.scene_id
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ({"kind": "number", "unit": "m/s", "abs_tol": 0.02}, "a number (m/s); within 5 % plus 0.02 m/s"),
+        ({"kind": "number", "unit": "1", "rel_tol": 0.01}, "a number (no unit); within 1 %"),
+        ({"kind": "number", "rel_tol": 0}, "a number; within rounding"),
+        (
+            {"kind": "numbers", "unit": "N", "labels": ["at x = 1.50 m", "at x = -1.50 m"]},
+            "2 numbers: at x = 1.50 m (N), at x = -1.50 m (N); within 5 %",
+        ),
+        (
+            {"kind": "numbers", "unit": ["m", "1"], "labels": ["way", "count"], "abs_tol": 0.02},
+            "2 numbers: way (m), count (no unit); within 5 % plus 0.02",
+        ),
+        ({"kind": "numbers", "labels": ["way", "count"]}, "2 numbers: way, count; within 5 %"),
+        ({"kind": "numbers", "unit": ["m", "s"]}, "2 numbers (m, s); within 5 %"),
+        ({"kind": "numbers", "unit": "m and s"}, "several numbers (m and s); within 5 %"),
+        ({"kind": "numbers"}, "several numbers; within 5 %"),
+        ({"kind": "choice", "options": ["heavier", "lighter"]}, "one of 2: heavier, lighter"),
+        ({"kind": "text"}, "a sentence"),
+        (
+            {
+                "kind": "formula",
+                "unit": "N",
+                "variables": {"x": {"meaning": "way", "unit": "m", "range": [0, 1]}},
+            },
+            "a formula in x (N); within 5 %",
+        ),
+    ],
+)
+def test_the_form_of_an_answer_is_told_as_far_as_it_is_public(spec: dict[str, Any], words: str) -> None:
+    assert answer_form(AnswerSpec.model_validate(spec)) == words
+    assert answer_form(None) == ""
+
+
+def test_each_list_of_numbers_is_told_as_long_as_its_answer_is() -> None:
+    """A pack whose spec does not say how many numbers it asks for is told without a count."""
+    for files, pack in readable():
+        spec = pack.answer_spec
+        if spec is None or spec.kind is not AnswerKind.NUMBERS:
+            continue
+        assert isinstance(pack.answer, tuple)
+        counted = spec.labels or isinstance(spec.unit, tuple)
+        expected = f"{len(pack.answer)} numbers" if counted else "several numbers"
+        assert answer_form(spec).startswith(expected), files.scene_id
 
 
 def test_the_list_contains_no_private_sentence_of_any_pack() -> None:
@@ -211,7 +259,7 @@ def test_a_broken_pack_is_left_out_and_reported(
     assert "scene 8 is left out" in said
     assert "scene 21 is listed without its run" in said
     assert "Two balls" not in page
-    assert "Something is in the chamber | Newton's second law | number, kg | – | 1 |" in page
+    assert "Something is in the chamber | Newton's second law | a number (kg); within 5 % | – | 1 |" in page
 
 
 def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has_no_pictures(

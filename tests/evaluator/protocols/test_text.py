@@ -98,10 +98,6 @@ def test_a_list_with_a_missing_or_extra_bracket_never_runs_only_a_part(
         '<|tool_call_argument_begin|> {"object_id": "object_1"} <|tool_call_end|> <|tool_calls_section_end|>',
         f"At [0, 0, 1] it has v = {{2}}.\n[{STEP_TEXT}, {LOOK_TEXT}]\nThen [1, 2, 3] follows, or {{'x': 1}}.",
         f"[{ANSWER_TEXT}]\n</think>\nNo, I look first.\n[{STEP_TEXT}, {LOOK_TEXT}]",
-        f"```json\n[{ANSWER_TEXT}]\n```\nNo:\n```json\n[{STEP_TEXT}, {LOOK_TEXT}]\n```",
-        f"```json\n[{STEP_TEXT}, {LOOK_TEXT}]\n```\nLater I will write [{ANSWER_TEXT}].",
-        f"[{ANSWER_TEXT}] or rather [{STEP_TEXT}, {LOOK_TEXT}]",
-        f'It returned {{"tool": "step", "parameters": {{...}}}}.\n\n[{STEP_TEXT}, {LOOK_TEXT}]',
     ],
 )
 def test_an_unambiguous_reply_is_parsed(text: str) -> None:
@@ -123,7 +119,6 @@ def test_an_unambiguous_reply_is_parsed(text: str) -> None:
         ('[{"tool": "step", "parameters": 1}]', "no JSON object"),
         ('[{"tool": "step", "parameters": {}, "args": {}}]', 'both "parameters" and "args"'),
         ('[{"tool": {"name": "step"}, "parameters": {}}]', "does not name its tool"),
-        (f"[{STEP_TEXT}]\n```json\n[{{'tool': x}}]\n```", "this is no JSON value"),
         (
             '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1} <|tool_call_end|> <|too',
             "markup",
@@ -135,7 +130,7 @@ def test_an_unambiguous_reply_is_parsed(text: str) -> None:
         ),
         (
             '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 1/3} <|tool_call_end|>',
-            "call 1 are a text that is no JSON: a comma or }",
+            "parameters of step are a text that is no JSON: a comma or }",
         ),
         ("<tool>get_position</tool><parameter>object_1</parameter>", "markup"),
         (f"<think>I could write [{STEP_TEXT}]", "inside <think>"),
@@ -153,6 +148,47 @@ def test_an_ambiguous_reply_runs_nothing_and_says_why(text: str, said: str) -> N
     reply = parse_reply(text)
     assert said in reply.malformed
     assert (reply.calls, reply.reasoning) == ((), text)
+
+
+NATIVE_STEP = '<|tool_call_begin|> functions.step:0 <|tool_call_argument_begin|> {"duration": 0.5} <|tool_call_end|>'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"[{STEP_TEXT}]\n[{LOOK_TEXT}]", "2 sets of calls, at line 1, column 1 and at line 2, column 1"),
+        (f"```json\n[{STEP_TEXT}]\n```\nThen:\n```json\n[{LOOK_TEXT}]\n```", "2 sets of calls"),
+        (f"```json\n[{STEP_TEXT}]\n```\n```json\n[{STEP_TEXT}]\n```", "2 sets of calls"),
+        (f"```json\n[{STEP_TEXT}]\n```\nLater I will write [{ANSWER_TEXT}].", "2 sets of calls"),
+        (f"[{ANSWER_TEXT}] or rather [{STEP_TEXT}, {LOOK_TEXT}]", "2 sets of calls"),
+        (f"[{STEP_TEXT}], then {LOOK_TEXT}, then {ANSWER_TEXT}", "3 sets of calls, first and last at line 1, column 1"),
+        (f"[{STEP_TEXT}]\n```json\n[{{'tool': x}}]\n```", "2 sets of calls"),
+        (f'It returned {{"tool": "step", "parameters": {{...}}}}.\n\n[{STEP_TEXT}, {LOOK_TEXT}]', "2 sets of calls"),
+        (f"{NATIVE_STEP} and then {NATIVE_STEP}", "2 sets of calls"),
+        (f"{NATIVE_STEP}\n[{LOOK_TEXT}]", "2 sets of calls"),
+        (f"<tool>get_position</tool>\n[{STEP_TEXT}]", "in a JSON list and in markup"),
+        (f'{{"now": [{STEP_TEXT}], "later": [{LOOK_TEXT}]}}', "an object holds 2 lists of calls"),
+        (
+            '[{"tool": "step", "parameters": {"duration": 1}, "then": [' + LOOK_TEXT + "]}]",
+            "call 1 holds further calls",
+        ),
+    ],
+)
+def test_several_sets_of_calls_run_nothing_and_the_agent_is_told(text: str, said: str) -> None:
+    """The paper tells its agents that more than one set of calls is an error of JSON syntax."""
+    reply = parse_reply(text)
+    assert said in reply.malformed
+    assert "one JSON list" in reply.malformed or "a JSON list of calls is needed" in reply.malformed
+    assert (reply.calls, reply.reasoning) == ((), text)
+
+
+@given(CALLS, CALLS, PROSE)
+def test_of_two_lists_none_runs_whatever_stands_between(
+    first: list[ToolCall], second: list[ToolCall], prose: str
+) -> None:
+    reply = parse_reply(f"{written(first)}\n{prose}\n{written(second)}")
+    assert reply.calls == ()
+    assert reply.malformed
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Comparing two runs: which episodes form pairs, which run is better, and what is refused."""
 
 import json
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -59,7 +60,8 @@ def test_the_better_of_two_agents_is_named_with_the_certainty() -> None:
     assert (found.strict.first_correct, found.strict.second_correct, found.strict.n) == (15, 25, 40)
     assert found.strict.p_value == pytest.approx(2 / 2**10)
     assert found.sentence.startswith(
-        "y is better than x on 40 common episodes of 40 scenes: 62.5 % against 37.5 % right, +25.0 points (95 % interv"
+        "y (B) is better than x (A) on 40 common episodes of 40 scenes: 62.5 % against 37.5 % right, B − A = +25.0"
+        " points (95 % interval +"
     )
     assert found.sentence.endswith("; p = 0.002, exact McNemar test.")
 
@@ -84,23 +86,24 @@ def test_the_order_of_the_runs_does_not_change_who_is_better() -> None:
     assert forth.strict.p_value == back.strict.p_value
     assert forth.strict.difference == -back.strict.difference == pytest.approx(21 / 120)
     assert forth.strict.test is PairedTest.SIGN_FLIP
-    for found in (forth, back):
-        assert found.sentence.startswith(
-            "y is better than x on 120 common episodes of 40 scenes: 55.0 % against 37.5 % right, +17.5 points"
-        )
+    told = "on 120 common episodes of 40 scenes: 55.0 % against 37.5 % right, B − A ="
+    assert forth.sentence.startswith(f"y (B) is better than x (A) {told} +17.5 points (95 % interval +")
+    assert back.sentence.startswith(f"y (A) is better than x (B) {told} −17.5 points (95 % interval −")
 
 
 def test_a_run_compared_with_itself_is_labelled_first_and_second() -> None:
     found = compare(side("one", bool), side("one", bool))
     assert (found.a, found.b, found.better) == ("one (first)", "one (second)", None)
     lone = compare(side("one", bool, scenes=[8]), side("two", bool, scenes=[8]))
-    assert "on 1 common episode of 1 scene: 100.0 % against 100.0 % right, +0.0 points; p = 1" in lone.sentence
+    assert "on 1 common episode of 1 scene: 100.0 % against 100.0 % right, B − A = +0.0 points; p = 1" in lone.sentence
 
 
 def test_runs_without_a_significant_difference_are_not_ranked() -> None:
     found = compare(side("one", lambda key: key.scene < 30), side("two", lambda key: key.scene < 31))
     assert (found.better, found.a, found.b) == (None, "one", "two")
-    assert found.sentence.startswith("two and one cannot be told apart on 40 common episodes of 40 scenes: 60.0 % ")
+    assert found.sentence.startswith(
+        "two (B) and one (A) cannot be told apart on 40 common episodes of 40 scenes: 60.0 % "
+    )
     assert "p = 1, exact McNemar test" in found.sentence
 
 
@@ -216,12 +219,25 @@ def test_the_command_prints_a_sentence_and_a_table(runs: tuple[str, str], capsys
     assert main(["compare", *runs]) == 0
     said = capsys.readouterr().out
     assert said.startswith(
-        "y is better than x[/] on 32 common episodes of 16 scenes: 87.5 % against 31.2 % right, +56.2"
+        "y (B) is better than x[/] (A) on 32 common episodes of 16 scenes: 87.5 % against 31.2 % right, B − A = +56.2"
     )
     lines = {line.split("  ")[0].strip(): line.split() for line in said.splitlines() if "/" in line}
     assert lines["strict"][1:7] == ["16", "10/32", "31.2", "%", "28/32", "87.5"]
     for group in ("budget", "category", "easy-single", "quantitative", "modality"):
         assert group in said
+
+
+def test_the_sentence_and_the_table_say_the_same_difference_in_either_order(
+    runs: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for first, second, difference in ((*runs, "+56.2"), (*reversed(runs), "−56.2")):
+        assert main(["compare", first, second]) == 0
+        said = capsys.readouterr().out
+        (strict,) = (line for line in said.splitlines() if line.startswith(" strict"))
+        told = re.search(r"B − A = (\S+) points \(95 % interval (\S+) to (\S+)\)", said)
+        assert told is not None
+        assert told[1] == difference
+        assert f"  {told[1]}  {told[2]} to {told[3]}  " in strict
 
 
 def test_the_command_says_if_the_runs_had_different_engines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

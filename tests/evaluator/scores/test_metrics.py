@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluator.records import (
+    UNREAD,
     Exchange,
     Grade,
     NormalisationClass,
@@ -189,7 +190,8 @@ def test_a_run_of_one_category_has_no_held_out_accuracy_and_no_final_score() -> 
 def test_a_whole_run_computed_by_hand() -> None:
     played = episode(turn("It moves at 1.5 m/s", exchange(), exchange(error=True)), turn("", exchange("answer")))
     silent = episode(turn("", exchange("answer")), key=episode_key(8))
-    lost = episode(turn("no idea"), outcome=Outcome.BUDGET_EXHAUSTED, key=episode_key(51))
+    unread = turn("no idea").model_copy(update={"note": f"{UNREAD}: it has 2 sets of calls"})
+    lost = episode(unread, outcome=Outcome.BUDGET_EXHAUSTED, key=episode_key(51))
     broken = episode(outcome=Outcome.INFRASTRUCTURE_ERROR, key=episode_key(52))
     summary = summarise(
         [
@@ -211,6 +213,7 @@ def test_a_whole_run_computed_by_hand() -> None:
     assert overall.r == 1
     # Of four turns, the second of the first episode and the only one of the second say nothing.
     assert overall.silent_turns == pytest.approx(2 / 4)
+    assert overall.unread_turns == 1
     assert overall.n_defined == {
         "c": 3,
         "e": 3,
@@ -246,6 +249,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         "n_scenes": 0,
         "n_correct": 0,
         "disabled_calls": 0,
+        "unread_turns": 0,
         "n_defined": dict.fromkeys(overall.n_defined, 0),
     }
     assert {name: group.n for name, group in summary.by_quadrant.items()} == {"easy-multi": 2, "easy-single": 2}

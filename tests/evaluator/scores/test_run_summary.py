@@ -59,11 +59,11 @@ def test_the_interval_of_a_group_is_clustered_by_scene() -> None:
     assert one_each.interval_method is IntervalMethod.WILSON
 
 
-def open_worlds(graded: tuple[float, ...]) -> list[ScoredEpisode]:
+def open_worlds(graded: tuple[float, ...], agent: str = "x") -> list[ScoredEpisode]:
     """An episode in an open world for each share of predictions that is right."""
     return [
         scored(
-            episode(turn("", returned("step", {"sim_time": 2.0})), key=episode_key(201 + number)),
+            episode(turn("", returned("step", {"sim_time": 2.0})), key=episode_key(201 + number, agent=agent)),
             grade(share == 1, graded=share),
             "open",
             limits=LabLimits(calls=4, lab_time=8),
@@ -81,16 +81,31 @@ def test_open_worlds_stand_on_a_rung_of_their_own_and_change_no_other_number() -
 
 
 def test_in_open_worlds_c_is_the_share_of_predictions_that_are_right() -> None:
-    summary = summarise(open_worlds((1.0, 2 / 3, 0.0)))
+    played = open_worlds((1.0, 2 / 3, 0.0))
+    summary = summarise(played)
     found = summary.by_rung["open"]
     assert (found.n_correct, found.n_scored, found.c) == (1, 3, pytest.approx(5 / 9))
     assert (found.experiment_cost.calls, found.experiment_cost.calls_of_limit) == (1, 0.25)
     assert (summary.overall.n, summary.by_category, summary.by_agent) == (0, {}, {})
-    assert summary_lines(summary) == [
+    assert summary_lines(summary, played) == [
         "open worlds: all predictions right 33.3 % (1/3), predictions right 55.6 %",
         "cost of experiment (medians): calls 1, lab time 2 s",
         "answered 3",
     ]
+
+
+def test_several_agents_are_never_pooled_in_the_terminal() -> None:
+    def of(agent: str) -> list[ScoredEpisode]:
+        right = agent == "good"
+        return [*rows(lambda _: right, agents=(agent,), scenes=4), *open_worlds((float(right),) * 4, agent)]
+
+    played = [*of("good"), *of("bad")]
+    lines = summary_lines(summarise(played), played)
+    assert not [line for line in lines if "/8)" in line]
+    for agent, right in (("good", "100.0 % (4/4)"), ("bad", "0.0 % (0/4)")):
+        assert sum(line.startswith(f"{agent}: strict accuracy {right}") for line in lines) == 1
+        assert sum(line.startswith(f"{agent}: open worlds: all predictions right {right}") for line in lines) == 1
+    assert all(line.startswith(("good: ", "bad: ")) for line in lines)
 
 
 def test_the_rungs_of_the_suite_are_easy_and_hard_and_packs_without_a_category_have_none() -> None:
@@ -104,7 +119,7 @@ def test_the_rungs_of_the_suite_are_easy_and_hard_and_packs_without_a_category_h
         "hard": (1, 2),
         NO_RUNG: (0, 1),
     }
-    assert "by rung  easy: 0.0 % (0/1)   hard: 50.0 % (1/2)   –: 0.0 % (0/1)" in summary_lines(summary)
+    assert "by rung  easy: 0.0 % (0/1)   hard: 50.0 % (1/2)   –: 0.0 % (0/1)" in summary_lines(summary, [])
 
 
 def test_every_grouping_counts_every_episode_once() -> None:
@@ -188,13 +203,15 @@ def test_the_summary_fits_its_published_schema_and_reads_back() -> None:
 
 
 def test_the_terminal_shows_denominators_and_the_effect_of_the_budget() -> None:
-    lines = summary_lines(summarise(rows(lambda key: key.budget > 5, budgets=(5, 20))))
+    played = rows(lambda key: key.budget > 5, budgets=(5, 20))
+    lines = summary_lines(summarise(played), played)
     assert "by budget  5: 0.0 % (0/12)   20: 100.0 % (12/12)" in lines
     assert (
         "accuracy is rising with the budget on 12 episodes of 12 scenes at each budget, with 99 % certainty;"
         " gains have not ended at 20" in lines
     )
-    two = summary_lines(summarise(rows(lambda key: key.budget > 5, budgets=(5, 20), agents=("x", "y"))))
+    played = rows(lambda key: key.budget > 5, budgets=(5, 20), agents=("x", "y"))
+    two = summary_lines(summarise(played), played)
     assert any(line.startswith("x, zero-shot, native: accuracy is rising") for line in two)
 
 

@@ -147,6 +147,28 @@ def test_a_forged_reading_is_found_by_the_replay(folder: RunFolder, check: Calla
     assert "sim_time" in sentence
 
 
+def test_a_sealed_forgery_that_fits_the_laboratory_passes_and_the_help_says_so(
+    folder: RunFolder, check: Callable[..., tuple[int, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody gave this answer, but the laboratory would have taken it."""
+
+    def forge(episode: Episode) -> Episode:
+        content, given = json.loads(episode.model_dump_json()), json.dumps(episode.answer)
+        last = content["turns"][-1]["exchanges"][-1]
+        content["turns"][-1]["exchanges"][-1] = json.loads(json.dumps(last).replace(given, "0.125"))
+        return Episode.model_validate({**content, "answer": 0.125})
+
+    rewrite(folder, forge)
+    assert next(iter(folder.episodes().values())).answer == 0.125
+    assert check()[0] == 0
+    with pytest.raises(SystemExit):
+        main(["check-submission", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the seal is a checksum without a secret, so whoever forges a run can seal it again" in said
+    assert "Forged readings are found by the replay alone, in a place that you trust" in said
+    assert "it is true" not in said
+
+
 def test_a_frame_that_the_records_do_not_name_is_refused(folder: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:
     frame = Frame.of(b"what was seen")
 

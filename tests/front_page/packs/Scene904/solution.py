@@ -1,4 +1,4 @@
-"""Scene 26: halve the range of ramps until one is left."""
+"""Scene 904: halve the range of ramps until one is left."""
 
 from math import cos, radians, sin
 

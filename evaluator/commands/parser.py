@@ -1,0 +1,54 @@
+"""The parser of the command line. Each of its errors is one sentence, which names the nearest word that is known."""
+
+import argparse
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+from evaluator.errors import UsageError
+
+
+class EvaluatorParser(argparse.ArgumentParser):
+    """Raises UsageError where argparse prints the usage and exits. The parsers of its commands do the same."""
+
+    def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
+        """Refuse an unknown option before the parser takes its value for something else.
+
+        Raises:
+            UsageError: The command line is wrong.
+        """
+        self._refuse_unknown_options(args[0])
+        return super().parse_known_args(*args, **kwargs)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, and where the usage is.
+
+        Raises:
+            UsageError: Always.
+        """
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+    def _refuse_unknown_options(self, words: Sequence[str]) -> None:
+        options = [option for option in self._option_string_actions if option.startswith("--")]
+        families = [action for action in self._actions if action.nargs == argparse.PARSER]
+        commands = {name for family in families for name in family.choices or ()}
+        for word in words:
+            option = word.partition("=")[0]
+            if word == "--" or word in commands:
+                return  # what follows is for somebody else
+            if option.startswith("--") and " " not in option and not any(one.startswith(option) for one in options):
+                self.error(f"there is no option {option}{did_you_mean(option, options)}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        close = did_you_mean(str(value), map(str, action.choices))
+        if action.nargs == argparse.PARSER:
+            raise argparse.ArgumentError(None, f"there is no command {value}{close}")
+        raise argparse.ArgumentError(action, f"{value} is none of {', '.join(map(str, action.choices))}{close}")
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """The known word that is nearest to a mistyped one, as the end of a sentence; empty if none is near."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
