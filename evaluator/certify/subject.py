@@ -94,12 +94,15 @@ class Subject:
         return {}
 
     def truth(self, draw: Draw) -> AnswerValue:
-        """The answer key of a draw: from `theory`, or from `measure` if there is no closed form."""
-        if self.solution.theory is not None:
-            return self.solution.theory(draw.knobs)
-        if draw.mjcf not in self._truths:
-            self._truths[draw.mjcf] = cast("AnswerValue", self.measured(draw))
-        return self._truths[draw.mjcf]
+        """The answer key of a draw: from `theory`, or from `measure` if there is no closed form.
+
+        Cached, because the certificates ask for it hundreds of times, and a `theory` may integrate a motion.
+        """
+        wanted = repr(draw)
+        if wanted not in self._truths:
+            theory = self.solution.theory
+            self._truths[wanted] = theory(draw.knobs) if theory else cast("AnswerValue", self.measured(draw))
+        return self._truths[wanted]
 
     def agrees(self, value: object, key: AnswerValue, share: float = 1.0) -> bool:
         """Whether a value agrees with the key within this share of the tolerance; words must be equal."""
