@@ -6,7 +6,13 @@ import xml.etree.ElementTree as ET
 import pytest
 from PIL import Image
 
-from evaluator.certify.records import read_certificates
+from evaluator.certify.records import (
+    CATCH_CERTIFICATES,
+    CERTIFICATES,
+    FAMILY_CERTIFICATES,
+    PREDICTION_CERTIFICATES,
+    read_certificates,
+)
 from evaluator.records import Episode, GradeRecord, Verdict
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs, read_pack
@@ -97,8 +103,18 @@ def test_the_numbers_of_the_readme_are_true() -> None:
     text = " ".join(README.read_text(encoding="utf-8").split())
     certificates = read_certificates(default_folder())
     assert certificates is not None
-    assert {len(scene.checks) for scene in certificates.scenes} <= {6, 10}
-    assert "Six certificates" in text
+    kinds = [{check.name for check in scene.checks} for scene in certificates.scenes]
+    assert set.intersection(*kinds) == set(CERTIFICATES)
+    assert set.union(*kinds) == {
+        *CERTIFICATES,
+        *PREDICTION_CERTIFICATES,
+        *CATCH_CERTIFICATES,
+        *FAMILY_CERTIFICATES,
+    }
+    counts = [CERTIFICATES, PREDICTION_CERTIFICATES, CATCH_CERTIFICATES + FAMILY_CERTIFICATES]
+    assert [len(names) for names in counts] == [6, 4, 2]
+    for claim in ("Six certificates, each on", "has four more:", "Two show, where they apply,"):
+        assert claim in text
     categories = [read_pack(files).category for files in list_packs()]
     suite = [category for category in categories if category is not Category.OPEN]
     for claim in (

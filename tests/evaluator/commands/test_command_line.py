@@ -144,7 +144,7 @@ def test_a_run_of_several_agents_names_each_and_pools_none(tmp_path: Path, host_
         (["--server", "no-such-program"], "there is no such program"),
         (["--server", "http://127.0.0.1:9"], "cannot be reached: nothing accepts connections there; start"),
         (["--server", "htp://foo"], "--server htp://foo: not the URL of a host, such as http://127.0.0.1:8000"),
-        (["--scne", "7"], "there is no option --scne; did you mean --scenes? (see physment-eval run --help)"),
+        (["--scne", "7"], "there is no option --scne; did you mean --scene? (see physment-eval run --help)"),
         (["--xyzzy=7"], "there is no option --xyzzy (see physment-eval run --help)"),
         (["--executor", "rai"], "--executor: rai is none of local, ray; did you mean ray?"),
     ],
@@ -171,7 +171,7 @@ def test_wrong_usage_gives_one_sentence_and_leaves_no_files(
             ["scenes", "show", "7", "--sede", "3"],
             "there is no option --sede; did you mean --seed? (see physment-eval scenes show --help)",
         ),
-        (["--scne", "7"], "there is no option --scne; did you mean --scenes? (see physment-eval run --help)"),
+        (["--scne", "7"], "there is no option --scne; did you mean --scene? (see physment-eval run --help)"),
         (["watch"], "the following arguments are required: DIR (see physment-eval watch --help)"),
     ],
 )
