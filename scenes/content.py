@@ -21,6 +21,8 @@ _TABLE = Path(__file__).with_name("byte_hashes.json")
 """Hash of the bytes of a pack of the suite → hash of its content, from before packs were laid out."""
 _IN_ORDER = frozenset({"objects", "knobs", "derive", "apply"})
 """Fields of `scene{N}.json` whose names the reader goes through in the order in which they are written."""
+_DRAWN_ONLY = "schematic"
+"""Field of `scene{N}.json` that decides nothing but drawings."""
 _NUMBER_LISTS = frozenset(
     {"act", "axis", "axisangle", "ctrl", "ctrlrange", "diaginertia", "dir", "euler", "forcerange", "friction", "fromto"}
     | {"fullinertia", "gear", "gravity", "magnetic", "polycoef", "pos", "qpos", "quat", "qvel", "range", "rgba", "size"}
@@ -34,9 +36,9 @@ _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 def pack_hash(files: PackFiles) -> str:
     """Short hash of a pack's content, so that a record says which pack it was played on.
 
-    White space, comments, docstrings, and the order of fields and attributes do not change it. Every other change
-    does, also one of a number's type, since `1` and `1.0` are different values for `solution.py`. A file that cannot
-    be parsed counts with its bytes.
+    White space, comments, docstrings, the order of fields and attributes, and the `schematic` do not change it. Every
+    other change does, also one of a number's type, since `1` and `1.0` are different values for `solution.py`. A file
+    that cannot be parsed counts with its bytes.
     """
     parts = [
         (file.name, _content(file, read))
@@ -95,6 +97,7 @@ def _json(content: bytes) -> str:
     if isinstance(pack, dict):
         fields = cast("dict[str, Any]", pack)
         pack = {name: _pairs(value) if name in _IN_ORDER else value for name, value in fields.items()}
+        pack.pop(_DRAWN_ONLY, None)
         if isinstance(laws := fields.get("laws"), list):
             pack["laws"] = [_law(law) for law in cast("list[Any]", laws)]
     return json.dumps(pack, sort_keys=True)

@@ -216,6 +216,27 @@ class Catch(_PackModel):
     """Time that it may take to act [s]."""
 
 
+class SchematicPart(_PackModel):
+    """A cord, spring, rod, rail or pulley that the task tells of and the model has no body for, for drawings.
+
+    Public and the same at every seed: it names listed objects that are not hidden, and places that the task gives.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["cord", "spring", "rod", "rail", "pulley"]
+    """What is drawn."""
+    points: tuple[str | tuple[float, float, float], ...] = Field(min_length=1)
+    """Its course: ids such as `object_1` for the middle of an object, or places in the world [m]. A pulley has one."""
+
+    @model_validator(mode="after")
+    def _course_has_ends(self) -> Self:
+        if (self.kind == "pulley") != (len(self.points) == 1):
+            msg = f"a {self.kind} has {'one point' if self.kind == 'pulley' else 'two points or more'}"
+            raise ValueError(msg)
+        return self
+
+
 class Pack(_PackModel):
     """A whole `scene{N}.json`, public and private halves."""
 
@@ -265,6 +286,8 @@ class Pack(_PackModel):
     """What the prompt says catches, holds or stops something. Private."""
     family: dict[str, str] = {}
     """Kinds of laws by name, each with the words in which the task states it. Private."""
+    schematic: tuple[SchematicPart, ...] = ()
+    """What drawings show beside the objects. No part of the content that certificates hold for."""
     limits: LabLimits | None = None
     """How far an agent may go; told in the prompt. Published packs have none."""
     instruments: Instruments | None = None

@@ -16,7 +16,7 @@ from scenes.errors import PackError
 from scenes.folder import PackFiles, read_pack
 from scenes.laboratory import Instruments, LabLimits
 from scenes.model import drawn_mjcf
-from scenes.pack import Pack, Permissions
+from scenes.pack import Pack, Permissions, SchematicPart
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
 """An attribute by which a model makes MuJoCo read another file."""
@@ -76,6 +76,7 @@ class PublicPack(_Public):
     limits: LabLimits | None = None
     instruments: Instruments | None = None
     steps: tuple[PublicQuantity, ...] = ()
+    schematic: tuple[SchematicPart, ...] = ()
 
     @classmethod
     def of(cls, scene_id: int, pack: Pack) -> Self:
@@ -100,6 +101,7 @@ class PublicPack(_Public):
             steps=tuple(
                 PublicQuantity(name=name, meaning=step.meaning, unit=step.unit) for name, step in pack.steps.items()
             ),
+            schematic=pack.schematic,
         )
 
 

@@ -36,6 +36,14 @@ REVEALING_WORDS = frozenset(
     | {"stiff", "soft", "slippery", "sticky"}
 )
 """Words in the name of an object that would reveal one of its properties."""
+_TOLD = {
+    "cord": "cord|rope|thread|string|wire|line|band",
+    "spring": "spring|sprung",
+    "rod": "rod|arm|bar|pole|shaft|axle",
+    "rail": "rail|guide|track|groove|ramp",
+    "pulley": "pulley",
+}
+"""Kind of a part of the schematic → words by which a task tells of it."""
 _VARIANTS = 20
 """Number of seeds that are compiled if the parts or the forces of a model depend on the draw."""
 _EDITS = ("create_objects", "attach_objects", "delete_objects")
@@ -151,6 +159,18 @@ def _objects(_files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
             yield f"the task names {key}, which is hidden"
 
 
+def _schematic(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    known = {key for key in pack.objects if not pack.permissions_of(key).hidden}
+    for number, part in enumerate(pack.schematic):
+        if not re.search(rf"\b(?:{_TOLD[part.kind]})s?\b", pack.metadata.task):
+            yield f"schematic.{number} is a {part.kind}, of which the task does not tell"
+        yield from (
+            f"schematic.{number} names {point}, which an agent does not know from the start"
+            for point in part.points
+            if isinstance(point, str) and point not in known
+        )
+
+
 def _task(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     task = pack.metadata.task
     for tool in TOOL_NAMES:
@@ -252,6 +272,7 @@ _RULES: tuple[Callable[[PackFiles, Pack, str], Iterator[str]], ...] = (
     _solution,
     _laboratory,
     _objects,
+    _schematic,
     _task,
     _tools,
     _hidden,

@@ -74,6 +74,7 @@ def test_every_pack_of_the_suite_has_a_hash_of_its_own_that_says_how_it_was_made
         ('{"derive": {"a": 1, "b": 2}}', '{"derive": {"b": 2, "a": 1}}', False),
         ('{"laws": [{"let": {"a": 1, "b": 2}}]}', '{"laws": [{"let": {"b": 2, "a": 1}}]}', False),
         ('{"laws": [{"on": 1, "force": 2}]}', '{"laws": [{"force": 2, "on": 1}]}', True),
+        ('{"a": 1, "schematic": [1]}', '{"a": 1}', True),
         ('{"laws": [1]}', '{"laws": [1.0]}', False),
         ('{"objects": {"a": {"x": 1, "y": 2}}}', '{"objects": {"a": {"y": 2, "x": 1}}}', True),
         ("{", "{ ", False),
@@ -210,6 +211,7 @@ def test_every_change_of_a_value_changes_the_hash(
     kind = data.draw(st.sampled_from(["json", "attribute", "line"]))
     if kind == "json":
         pack = json.loads(files.json.read_text(encoding="utf-8"))
+        pack.pop("schematic", None)
         holder, name = data.draw(st.sampled_from(list(places(pack))))
         holder[name] = altered(holder[name])
         edited.json.write_text(json.dumps(pack), encoding="utf-8")

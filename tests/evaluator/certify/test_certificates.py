@@ -213,6 +213,10 @@ async def test_a_pack_that_cannot_be_read_fails_every_certificate(
     assert "no such file" in found["key"].reasons[0]
 
 
+def _part(kind: str, *points: object) -> list[dict[str, object]]:
+    return [{"kind": kind, "points": points}]
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -229,6 +233,12 @@ async def test_a_pack_that_cannot_be_read_fails_every_certificate(
         (lambda pack: pack["objects"]["object_1"].update(object_id="2"), "its XML has no body named object_2"),
         (lambda pack: pack.update(object_permissions={}), "everything about object_1 would be withheld"),
         (lambda pack: pack["object_permissions"].update(object_9_permissions={}), "belongs to no object"),
+        (
+            lambda pack: pack.update(schematic=_part("rail", "object_1", [1, 0, 0])),
+            "rail, of which the task does not tell",
+        ),
+        (lambda pack: pack.update(schematic=_part("cord", "object_4", [1, 0, 0])), "schematic.0 names object_4, which"),
+        (lambda pack: pack.update(schematic=_part("cord", "object_1")), "a cord has two points or more"),
         (lambda pack: pack["metadata"].update(task="Use apply_force."), "the task names the tool apply_force"),
         (lambda pack: pack["metadata"].update(task="Push object_3."), "the task names object_3, which is not listed"),
         (lambda pack: pack.update(disabled_tools={"fly": "x"}), "disabled_tools names fly, which is no tool"),
