@@ -234,8 +234,8 @@ def _part(kind: str, *points: object) -> list[dict[str, object]]:
         (lambda pack: pack.update(object_permissions={}), "everything about object_1 would be withheld"),
         (lambda pack: pack["object_permissions"].update(object_9_permissions={}), "belongs to no object"),
         (
-            lambda pack: pack.update(schematic=_part("rail", "object_1", [1, 0, 0])),
-            "rail, of which the task does not tell",
+            lambda pack: pack.update(schematic=_part("pulley", [1, 0, 0])),
+            "pulley, of which the task does not tell",
         ),
         (lambda pack: pack.update(schematic=_part("cord", "object_4", [1, 0, 0])), "schematic.0 names object_4, which"),
         (lambda pack: pack.update(schematic=_part("cord", "object_1")), "a cord has two points or more"),
