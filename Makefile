@@ -58,7 +58,7 @@ check: $(STAMP) ## check layout (ruff format), rules (ruff check) and types (pyr
 # The second command is quiet and only decides; if it fails, the third prints the lines that are missing. The packs and
 # logs of the published prototype are hidden, so that the tests and their coverage are the same for everybody.
 test: $(STAMP) ## run the whole test suite, and require full coverage of the core modules
-	@PHYSMENT_ORIGINAL=/nonexistent $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --cov --cov-report=term
+	@PHYSMENT_ORIGINAL=/nonexistent OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --cov --cov-report=term
 	@$(BIN)/coverage report --include=$(CORE) --fail-under=100 >/dev/null || \
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 

@@ -1,5 +1,6 @@
 """Certifies many scenes in parallel processes with one shared host; reads and writes the certificates file."""
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib.metadata import version
@@ -39,6 +40,8 @@ async def verify(
     Raises:
         InfrastructureError: The host failed.
     """
+    # Inherited by the processes. The matrices are small: a second thread of OpenBLAS would only spin beside the first.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     limiter, proven = anyio.CapacityLimiter(jobs), dict[int, SceneCertificate]()
 
     async def certify_one(files: PackFiles) -> None:

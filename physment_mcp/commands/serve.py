@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import os
+import re
 import signal
 import socket
 from importlib.util import find_spec
@@ -17,6 +18,8 @@ _OPEN_FILES = 65_536
 """Connections that may be open at a time, where the system lets us choose."""
 _LONGEST_TOKEN = 4096
 """[bytes]."""
+_NAME = re.compile(r"[A-Za-z0-9]{1,32}")
+"""What `--id-prefix` accepts."""
 
 
 def add(commands: Commands) -> None:
@@ -70,6 +73,13 @@ def add(commands: Commands) -> None:
         help='open an episode at the start, such as \'{"scene": 7, "max_calls": 60}\', at /episodes/0/mcp, for a client'
         " whose configuration holds a fixed address; with max_calls it can be played without the token of the host",
     )
+    serve.add_argument(
+        "--id-prefix",
+        type=_id_prefix,
+        metavar="NAME",
+        help="begin the id of every episode with NAME and a dot, so that a proxy in front of several hosts finds the"
+        " one that has it",
+    )
     _processes(serve)
     observations(serve, again=True)
     timestep(serve, again=True)
@@ -89,14 +99,6 @@ def _processes(serve: argparse.ArgumentParser) -> None:
         metavar="FD",
         help="descriptor of an inherited Unix socket, through which the program that starts this host also opens"
         " episodes, each on a socket of its own, without HTTP and without a token",
-    )
-    serve.add_argument(
-        "--workers",
-        type=positive(int),
-        default=1,
-        metavar="N",
-        help="processes that share the episodes, behind one port (default 1: this one; useful up to one for each"
-        " processor)",
     )
 
 
@@ -141,13 +143,11 @@ def run(args: argparse.Namespace) -> int:
         args.timestep,
         control=control,
         opened_at_start=None if args.open is None else args.open.encode(),
+        id_prefix=args.id_prefix or "",
     )
     _allow_open_files()
     try:
-        if args.workers > 1:
-            _serve_with_workers(args, token, exposed=exposed, names=names)
-        else:
-            serve(host, args.host, args.port)
+        serve(host, args.host, args.port)
     except OSError as error:
         raise UsageError(f"cannot listen on {args.host} port {args.port}: {error.strerror}") from error
     return 0
@@ -160,51 +160,24 @@ def _check_opened(args: argparse.Namespace) -> None:
         UsageError: It cannot be opened.
     """
     from physment_mcp.errors import NotOpened  # noqa: PLC0415 - as above
-    from physment_mcp.serving.admission import Admission  # noqa: PLC0415
-    from physment_mcp.serving.places import Places  # noqa: PLC0415
+    from physment_mcp.serving.admission import Admission, EpisodeQuota  # noqa: PLC0415
 
-    if args.workers > 1:
-        raise UsageError("--open: not with --workers, since one process plays one episode")
     try:
-        anyio.run(Admission(args.scenes_dir, Places(1), args.timestep, for_operator=True).open, args.open.encode())
+        admission = Admission(args.scenes_dir, EpisodeQuota(1), args.timestep, for_operator=True)
+        anyio.run(admission.open, args.open.encode())
     except NotOpened as refusal:
         raise UsageError(f"--open {args.open}: {refusal}") from refusal
 
 
-def _serve_with_workers(args: argparse.Namespace, token: str | None, *, exposed: bool, names: tuple[str, ...]) -> None:
-    """Serve with several processes, until interrupted.
+def _id_prefix(text: str) -> str:
+    """The prefix for ids of episodes, with its dot.
 
     Raises:
-        OSError: The address cannot be used.
-        UsageError: The workers cannot start, or this system does not allow them.
+        ArgumentTypeError: The name cannot stand in a path, or could be part of an id without a prefix.
     """
-    from physment_mcp.serving.host_worker import WorkerOptions  # noqa: PLC0415 - as above
-    from physment_mcp.serving.host_workers import serve_with_workers  # noqa: PLC0415
-    from physment_mcp.serving.listening import listen  # noqa: PLC0415
-
-    if args.control_fd is not None or not hasattr(socket, "send_fds"):
-        raise UsageError("--workers: not with --control-fd, nor on systems that pass no connections between processes")
-    folder = None if args.scenes_dir is None else str(args.scenes_dir)
-
-    def options(number: int, source: int, memory: int) -> WorkerOptions:
-        return WorkerOptions(
-            number=number,
-            workers=args.workers,
-            source=source,
-            memory=memory,
-            scenes_dir=folder,
-            max_episodes=args.max_episodes,
-            idle_timeout_s=args.idle_timeout,
-            token=token,
-            exposed=exposed,
-            names=names,
-            observations=args.observations,
-            timestep=args.timestep,
-            log_level=args.log_level.upper(),
-        )
-
-    with listen(args.host, args.port) as listener:
-        anyio.run(serve_with_workers, listener, args.workers, options)
+    if not _NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"{text}: write at most 32 letters and digits")
+    return f"{text}."
 
 
 def _token(args: argparse.Namespace) -> str | None:

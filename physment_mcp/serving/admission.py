@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physment_mcp.errors import NotOpened, SceneError, quoted
 from physment_mcp.scene import kept_scene, load_scene
-from physment_mcp.serving.places import Places
 from physment_mcp.session import Session
 
 logger = logging.getLogger(__name__)
@@ -37,27 +36,46 @@ class EpisodeRequest(BaseModel):
 
 
 @dataclass(slots=True)
+class EpisodeQuota:
+    """Counts open episodes up to a limit."""
+
+    most: int
+    taken: int = 0
+
+    def take(self) -> bool:
+        """Count one more; returns False, and counts none, at the limit."""
+        if self.taken == self.most:
+            return False
+        self.taken += 1
+        return True
+
+    def leave(self) -> None:
+        """Count one less."""
+        self.taken -= 1
+
+
+@dataclass(slots=True)
 class Admission:
-    """Opens sessions as long as there are places."""
+    """Opens sessions up to a quota."""
 
     scenes_dir: Path | None
-    places: Places
-    """Of all episodes that may be open."""
+    quota: EpisodeQuota
+    """Of the episodes that may be open."""
     timestep: float | None
     """Time step that replaces those of the models [s]."""
     for_operator: bool
     """Whether refusals may tell details of packs: true if only the operator can ask."""
     _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
-    """The place for the scene that is being loaded, in a thread, because that takes up to 50 ms."""
+    """Held while a scene is loaded, in a thread, because that takes up to 50 ms."""
 
     async def open(self, body: bytes) -> tuple[EpisodeRequest, Session]:
-        """Open a session, which takes a place; whoever closes the episode gives it back.
+        """Open a session, which counts towards the quota until whoever closes the episode calls `quota.leave`.
 
         Args:
             body: The request in JSON.
 
         Raises:
-            NotOpened: The request is malformed, all places are taken, or the scene cannot be loaded.
+            NotOpened: The request is malformed, the quota is used up, or the scene cannot be loaded.
         """
         try:
             wanted = EpisodeRequest.model_validate_json(body or b"{}")
@@ -65,8 +83,8 @@ class Admission:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
             raise NotOpened(400, f'{quoted(where)[1:-1]}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
-        if not self.places.take():
-            raise NotOpened(429, f"{self.places.most} episodes are open, which is the limit; delete some or wait")
+        if not self.quota.take():
+            raise NotOpened(429, f"{self.quota.most} episodes are open, which is the limit; delete some or wait")
         try:
             kept = kept_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
             if kept is not None:
@@ -74,11 +92,11 @@ class Admission:
             async with self._loading:
                 return wanted, await anyio.to_thread.run_sync(self._load, wanted)
         except SceneError as error:
-            self.places.leave()
+            self.quota.leave()
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
             raise NotOpened(404, str(error) if self.for_operator else error.for_client) from error
         except BaseException:
-            self.places.leave()
+            self.quota.leave()
             raise
 
     def _load(self, wanted: EpisodeRequest) -> Session:

@@ -32,13 +32,11 @@ from starlette.types import Receive, Scope, Send
 
 from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
-from physment_mcp.serving.admission import Admission
+from physment_mcp.serving.admission import Admission, EpisodeQuota
 from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
-from physment_mcp.serving.forwarding import Forwarding, HostWorker
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.messages import fault_of
-from physment_mcp.serving.places import Places
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.sight import Sight, looking
 from physment_mcp.serving.slot import EpisodeSlot
@@ -95,10 +93,8 @@ class Host:
     """Makes the frames for results; None for results without frames."""
     timestep: float | None = None
     """Time step that replaces those of the models [s]."""
-    worker: HostWorker | None = None
-    """Which of the workers this is, if several processes are one host."""
-    places: Places | None = None
-    """The places of all workers; None if this process has them alone."""
+    id_prefix: str = ""
+    """Beginning of the id of every episode, by which a proxy finds this host among several."""
     control: socket.socket | None = None
     """Brings the sockets on which the program that started this host opens episodes; None if there is none."""
     opened_at_start: bytes | None = None
@@ -117,8 +113,8 @@ class Host:
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
         # A request with the token comes from the operator, who may read the details.
-        places = self.places or Places(self.max_episodes)
-        self._admission = Admission(self.scenes_dir, places, self.timestep, bool(self.token))
+        quota = EpisodeQuota(self.max_episodes)
+        self._admission = Admission(self.scenes_dir, quota, self.timestep, bool(self.token))
         self._look = looking(self.scenes_dir)
         self._sockets = SocketEpisodes(self._admission, self.watch, self._look, self._traffic)
 
@@ -138,7 +134,6 @@ class Host:
                 Middleware(EpisodesFirst, reaches_episode=self._is_open),
                 Middleware(AddressGate, names=self.names),
                 Middleware(BodyGate, most=MAX_BODY),
-                *([] if self.worker is None else [Middleware(Forwarding, worker=self.worker)]),
             ],
         )
 
@@ -188,10 +183,10 @@ class Host:
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)
         except BaseException:
-            self._admission.places.leave()
+            self._admission.quota.leave()
             raise
         if episode_id is None:
-            episode_id = f"{'' if self.worker is None else f'w{self.worker.number}.'}{secrets.token_urlsafe(18)}"
+            episode_id = f"{self.id_prefix}{secrets.token_urlsafe(18)}"
         self._episodes[episode_id] = _HostedEpisode(
             manager,
             slot,
@@ -252,7 +247,7 @@ class Host:
         return rest.partition("/")[0] in self._episodes
 
     async def _health(self, _request: Request) -> Response:
-        return JSONResponse({"status": "ok", "episodes": self._admission.places.taken})
+        return JSONResponse({"status": "ok", "episodes": self._admission.quota.taken})
 
     async def _create(self, request: Request) -> Response:
         if self.token is not None and not has_token(request, self.token):
@@ -281,7 +276,7 @@ class Host:
 
     def _close(self, episode_id: str) -> None:
         episode = self._episodes.pop(episode_id)
-        self._admission.places.leave()
+        self._admission.quota.leave()
         episode.close()
         episode.slot.close(_GONE)
 

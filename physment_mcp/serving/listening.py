@@ -11,10 +11,9 @@ import json
 import logging
 import socket
 import sys
-from collections.abc import Callable, Sized
+from collections.abc import Sized
 from typing import Any
 
-import anyio
 import uvicorn
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from uvicorn.protocols.http.flow_control import FlowControl
@@ -75,17 +74,6 @@ def serve(host: Host, address: str, port: int) -> None:
     _run(PatientServer(_config(host)), [listener])
 
 
-def serve_passed(host: Host, source: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve the connections that a front passes, until interrupted.
-
-    Args:
-        host: A worker.
-        source: Brings the connections.
-        ready: Called when they are served.
-    """
-    _run(PassedServer(_config(host), source, ready), [])
-
-
 def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
     """Serve until interrupted, and look for garbage only in what was made since the start, a little at a time.
 
@@ -111,8 +99,7 @@ def _give_memory_back() -> None:
 
 
 def _config(host: Host) -> uvicorn.Config:
-    workers = 1 if host.worker is None else host.worker.count
-    most = (_CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS) // workers
+    most = _CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS
     return uvicorn.Config(
         host.app(),
         http=bounded_protocol(Connections(most, most * 3 // 4)),
@@ -132,47 +119,6 @@ class PatientServer(uvicorn.Server):
         await super().startup(sockets)
         for listener in sockets or ():
             listener.listen(_WAITING)
-
-
-class PassedServer(uvicorn.Server):
-    """Serves connections that another process has accepted."""
-
-    def __init__(self, config: uvicorn.Config, source: socket.socket, ready: Callable[[], None]) -> None:
-        """Set up; arguments as for `serve_passed`."""
-        super().__init__(config)
-        self._source = source
-        self._ready = ready
-        self._taking: asyncio.Task[None] | None = None
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to serve connections."""
-        await super().startup(sockets)
-        self._taking = asyncio.create_task(self._take())
-        self._ready()
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Take no more connections, and end."""
-        if self._taking is not None:
-            self._taking.cancel()
-        await super().shutdown(sockets)
-
-    async def _take(self) -> None:
-        self._source.setblocking(False)
-        loop = asyncio.get_running_loop()
-        while True:
-            await anyio.wait_readable(self._source)
-            with contextlib.suppress(BlockingIOError):
-                mark, passed, _, _ = socket.recv_fds(self._source, 1, 1)
-                if not mark:
-                    return
-                for number in passed:
-                    connection = socket.socket(fileno=number)
-                    connection.setblocking(False)
-                    await loop.connect_accepted_socket(self._protocol, connection)
-
-    def _protocol(self) -> asyncio.Protocol:
-        made: Any = self.config.http_protocol_class
-        return made(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
 
 
 def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:

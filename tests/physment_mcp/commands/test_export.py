@@ -79,7 +79,7 @@ def test_an_older_export_that_writes_soft_objects_as_numbers_is_read_the_same(ex
 def test_an_exported_suite_says_nothing_private(exported: Path) -> None:
     keys = {
         "scene_id", "name", "task", "problem_type", "objects", "answer_form", "disabled_tools", "soft_objects",
-        "limits", "instruments", "steps",
+        "limits", "instruments", "steps", "schematic",
     }  # fmt: skip
     texts = everything_in(exported)
     assert CANARY not in texts
@@ -111,7 +111,7 @@ def test_no_private_field_of_a_pack_is_exported(
     """Every private field, and one that the format does not know, gets a text that can be searched for."""
     public = {
         "objects", "object_permissions", "number_of_objects", "answer_spec", "disabled_tools", "soft_objects", "format",
-        "limits", "instruments", "steps",
+        "limits", "instruments", "steps", "schematic",
     }  # fmt: skip
     assert {key.split(".")[0] for key in SECRETS} | public == Pack.model_fields.keys() | {"an_author_note"}
     for key, value in SECRETS.items():

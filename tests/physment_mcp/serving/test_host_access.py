@@ -266,7 +266,6 @@ def test_an_exposed_host_does_not_start_without_a_token(
     [
         (["--open", "{"], "Invalid JSON"),
         (["--open", '{"scene": 9999}'], "no scene 9999"),
-        (["--open", '{"scene": 7}', "--workers", "2"], "not with --workers"),
     ],
 )
 def test_an_episode_that_cannot_be_opened_at_the_start_is_refused_before_anything_is_served(
