@@ -73,13 +73,6 @@ def add(commands: Commands) -> None:
         help='open an episode at the start, such as \'{"scene": 7, "max_calls": 60}\', at /episodes/0/mcp, for a client'
         " whose configuration holds a fixed address; with max_calls it can be played without the token of the host",
     )
-    serve.add_argument(
-        "--id-prefix",
-        type=_id_prefix,
-        metavar="NAME",
-        help="begin the id of every episode with NAME and a dot, so that a proxy in front of several hosts finds the"
-        " one that has it",
-    )
     _processes(serve)
     observations(serve, again=True)
     timestep(serve, again=True)
@@ -88,6 +81,13 @@ def add(commands: Commands) -> None:
 
 def _processes(serve: argparse.ArgumentParser) -> None:
     """Declare the options about other processes."""
+    serve.add_argument(
+        "--id-prefix",
+        type=_id_prefix,
+        metavar="NAME",
+        help="begin the id of every episode with NAME and a dot, so that a proxy in front of several hosts finds the"
+        " one that has it",
+    )
     serve.add_argument(
         "--end-with-stdin",
         action="store_true",
