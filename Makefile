@@ -19,7 +19,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
   docs clients conformance inspect-test engines integrations harbor mcpb viewer lock \
-  containers test-lowest dist test-wheel release-page release release-check clean
+  test-lowest dist test-wheel release-page release release-check clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
 help: ## list the commands
@@ -168,9 +168,6 @@ mcpb: $(STAMP) ## build the bundle for Claude Desktop into dist/; npx, if instal
 # Scripts of packages are not run: none is needed. The files that it writes are committed.
 viewer: ## install node's packages as locked, check types, and build the viewer into the files that the packages hold
 	@cd viewer && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent check && npm run --silent build
-
-containers: $(STAMP) ## lint the Containerfile and carry its steps out here, without a container engine (2 minutes)
-	@$(BIN)/python -m tests.containers.run
 
 ##@ Dependencies (both need uv: pip install uv)
 

@@ -55,7 +55,7 @@ def test_the_tests_and_their_coverage_need_no_published_packs() -> None:
     """What they cover must be covered for a newcomer too, who does not have them."""
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)
     assert recipe is not None
-    assert re.match(r"\t@PHYSMENT_ORIGINAL=/nonexistent \S+ -m pytest .*--cov", recipe[1])
+    assert re.match(r"\t@PHYSMENT_ORIGINAL=/nonexistent .*-m pytest .*--cov", recipe[1])
     assert not Path("/nonexistent").exists()
     commands = [line for line in CI.splitlines() if line and not line.startswith("#")]
     assert commands[-3:] == ["make check", "make test", ".venv/bin/python -m pytest -m published -rs"]

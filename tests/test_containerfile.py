@@ -1,13 +1,50 @@
-"""The Containerfile, as far as it can be held without building: `make containers` carries its steps out."""
+"""The Containerfile, as far as it can be checked without building; the workflow builds both images."""
 
+import json
 import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from evaluator.commands.program import parsed
 from physment_mcp.commands.program import parser
 from tests.builders.paths import ROOT
-from tests.containers.recipe import Instruction, only, stages
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """A line of a Containerfile, with the lines that continue it."""
+
+    name: str
+    rest: str
+
+    @property
+    def words(self) -> list[str]:
+        """The words of the instruction: a JSON list, or as a shell splits them."""
+        return json.loads(self.rest) if self.rest.startswith("[") else shlex.split(self.rest)
+
+
+def stages(recipe: Path) -> dict[str, list[Instruction]]:
+    """The stages of a Containerfile by name, each with its instructions; the first of them is FROM."""
+    text = re.sub(r"^#.*\n", "", recipe.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    found: dict[str, list[Instruction]] = {}
+    current: list[Instruction] = []
+    for line in re.sub(r"\\\n\s*", "", text).splitlines():
+        name, _, rest = line.partition(" ")
+        if name == "FROM":
+            current = found.setdefault(rest.rpartition(" AS ")[2], [])
+        if name:
+            current.append(Instruction(name, rest.strip()))
+    return found
+
+
+def only(instructions: list[Instruction], name: str) -> Instruction:
+    """The one instruction of a stage that has this name."""
+    (found,) = (step for step in instructions if step.name == name)
+    return found
+
 
 STAGES = stages(ROOT / "Containerfile")
 IMAGES = ("laboratory", "evaluator")
