@@ -177,6 +177,14 @@ def test_a_reader_reaches_every_page_from_the_index() -> None:
     assert sorted(set(DOCS.rglob("*.md")) - reached) == []
 
 
+def test_every_decision_has_a_status_with_a_date() -> None:
+    status = re.compile(
+        r"# \d+\. .+\n\n\*\*Status\.\*\* (?:Accepted|Superseded by \[.+?\]\(.+?\)), \d{4}-\d\d-\d\d[.;]"
+    )
+    pages = (DOCS / "decisions").glob("0*.md")
+    assert [page.name for page in pages if not status.match(page.read_text(encoding="utf-8"))] == []
+
+
 def test_the_readme_and_the_index_lead_to_every_page_but_the_decisions() -> None:
     """Nobody has to search: a page is in the index itself, and so is each published schema."""
     listed = {target for target, _ in links(DOCS / "index.md")}
