@@ -74,7 +74,7 @@ def _near(course):
     return Laws(
         rates=_rates,
         structures=STRUCTURES,
-        box={**BOX, "mass": (0.35 * mass, 2.5 * mass)},
+        box={**BOX, "mass": (0.3 * mass, 6.0 * mass)},
         start=(0.0, 0.0, 0.0),
         sigma=(0.007, 0.012),
         longest_s=0.4,
