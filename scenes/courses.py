@@ -155,11 +155,8 @@ class Laws:
     def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
         """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
 
-        Args:
-            course: What was held and read.
-            structure: The structure.
-            search: Number of the random search. Further ones have other and more starts, and fit growing parts of
-                the course, because the fit of a long one has many local minima.
+        `search` is the number of the random search. Further ones have other and more starts, and fit growing parts of
+        the course, because the fit of a long one has many local minima.
         """
         starts = np.random.default_rng(search).random((len(self.names(structure)), self.starts * (1 + search)))
 
@@ -201,10 +198,13 @@ class Laws:
         return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure that fits best, each constant paid for, and its constants.
+        """The structure that fits best, each constant paid for, and its constants."""
+        return self.cheapest(self.fits(course))
 
-        While no structure explains the course, and each search improves the fit, the search is repeated from other
-        points of the box.
+    def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:
+        """Chi-square and constants of the best fit of every structure.
+
+        While none explains the course, and each search improves the fit, it is repeated from other points of the box.
         """
         fits = {structure: self.fitted(course, structure) for structure in self.structures}
         for search in range(1, _SEARCHES):
@@ -216,7 +216,7 @@ class Laws:
             # A course that none of the laws made, such as one with a catch in it, would be searched in vain.
             if min(cost for cost, _ in fits.values()) > _IN_VAIN * before:
                 break
-        return self.cheapest(fits)
+        return fits
 
     @staticmethod
     def explained(course: Course) -> float:

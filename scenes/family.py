@@ -80,14 +80,19 @@ def members(
         course: What was held and read.
         predict: The answer from a structure and its constants.
     """
-    return {structure: _fitted(laws, course, structure, predict) for structure in laws.structures}
+    fits = laws.fits(course)
+    return {structure: _fitted(laws, course, structure, fits[structure][1], predict) for structure in laws.structures}
 
 
 def _fitted(
-    laws: Laws, course: Course, structure: str, predict: Callable[[str, Mapping[str, float]], AnswerValue]
+    laws: Laws,
+    course: Course,
+    structure: str,
+    best: Mapping[str, float],
+    predict: Callable[[str, Mapping[str, float]], AnswerValue],
 ) -> Member:
-    """A structure, fitted: from the constants that `Laws` finds on, with shorter steps of the integration."""
-    names, best = laws.structures[structure], laws.fitted(course, structure)[1]
+    """A structure, fitted from the constants that `Laws` has found, with shorter steps of the integration."""
+    names = laws.structures[structure]
     finer = replace(laws, longest_s=laws.longest_s / _FINER)
     low, high = np.array([laws.box[name] for name in names]).T
 

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from scenes.courses import Array, accepted
-from scenes.protocol import Exchanges
+from scenes.family import member
+from scenes.protocol import AnswerValue, Exchanges, Member
 from scenes.rigs import Rig
 
 
@@ -110,6 +111,43 @@ def cheapest(
     """
     name = min(fits, key=lambda name: fits[name][0] + len(free[name]) * np.log(count))
     return name, fits[name][1]
+
+
+def weighed(
+    fits: Mapping[str, Array],
+    free: Mapping[str, Sequence[int]],
+    white: Array,
+    misfits: Callable[[Array], Array],
+    predict: Callable[[Array], AnswerValue],
+    highest: Array,
+) -> dict[str, Member]:
+    """The members of a family of potentials, fitted to the points with the same errors.
+
+    Args:
+        fits: All constants of each structure, from which the fit goes on.
+        free: Which constants each structure has.
+        white: Whitening matrix of the points.
+        misfits: Misfits of the points from all constants.
+        predict: The answer from all constants.
+        highest: Upper bounds of all constants; the lower ones are 0.
+    """
+
+    def of(name: str) -> Member:
+        which = list(free[name])
+
+        def full(constants: Array) -> Array:
+            every = fits[name].copy()
+            every[which] = constants
+            return every
+
+        def off(constants: Array) -> Array:
+            return white @ misfits(full(constants))
+
+        start = np.clip(fits[name][which], 1e-6, highest[which] - 1e-6)
+        best = least_squares(off, start, bounds=(0, highest[which]), x_scale=np.maximum(start, 1e-2)).x
+        return member(off, lambda constants: predict(full(constants)), best, [(0.0, high) for high in highest[which]])
+
+    return {name: of(name) for name in fits}
 
 
 def parts_of_way(speed_at: Callable[[Array], Array], start: float, end: float, count: int = 400) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 from scenes.courses import force, position, velocity
 from scenes.protocol import answer
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, work_points
+from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
 
 LATCH, FORCE, START = 1.1, 1.5, 2.0
 PLACE_ERROR, SPEED_ERROR = 0.0007, 0.0018
@@ -22,7 +22,7 @@ NAMES = ("f0", "k_right", "gr", "sr", "far_right", "k_left", "gl", "sl", "far_le
 FREE = {"left": (1, 2, 5, 6, 7, 8), "right": (1, 2, 3, 4, 5, 6), "both": (1, 2, 3, 4, 5, 6, 7, 8), "tight": (0, 1, 5)}
 """Which of the parameters a structure has; the others are 0."""
 GUESS = np.array([0.5, 6.0, 0.05, 15.0, 0.5, 6.0, 0.05, 15.0, 0.5])
-HIGHEST = np.array([3.0, 60.0, 0.3, 120.0, 0.9, 60.0, 0.3, 120.0, 0.9])
+HIGHEST = np.array([3.0, 60.0, 0.3, 120.0, 0.7, 60.0, 0.3, 120.0, 0.7])
 
 
 RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
@@ -51,6 +51,11 @@ def _points(readings):
     return place, work - speed**2 / 2, speed, force, doubt
 
 
+def _variances(p, x, speed, force):
+    """Variance of each point by itself, in J²."""
+    return (speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-6
+
+
 def _fitted(kind, readings):
     """Misfit and the parameters that fit the points best; errors of the work are carried on from push to push."""
     x, energy, speed, force, doubt = _points(readings)
@@ -58,7 +63,7 @@ def _fitted(kind, readings):
     best = None
 
     def alone(p):
-        return (speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-6
+        return _variances(p, x, speed, force)
 
     def misfits(p):
         return _potential(p, x) - energy, []
@@ -156,6 +161,21 @@ def solve(task):
 def fit(readings, structure):
     """Both numbers by the cords of a structure."""
     return _predict(_fitted(structure, readings)[1])
+
+
+def rivals(readings):
+    """The cords of each structure, fitted with the errors that follow from the best of them."""
+    x, energy, speed, force, doubt = _points(readings)
+    fits = {kind: _fitted(kind, readings) for kind in FREE}
+    _, best = cheapest(fits, FREE, len(x))
+    return weighed(
+        {kind: p for kind, (_, p) in fits.items()},
+        FREE,
+        whitening(doubt, _variances(best, x, speed, force)),
+        lambda p: _potential(p, x) - energy,
+        _predict,
+        HIGHEST,
+    )
 
 
 def _true(knobs):

@@ -9,7 +9,7 @@ from scenes.courses import Channel
 from scenes.loads import GRAVITY
 from scenes.protocol import answer
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, work_points
+from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
 
 PAWL, TORQUE = 2.2, 0.13
 ANGLE_ERROR, SPIN_ERROR = 0.0012, 0.003
@@ -27,7 +27,7 @@ NAMES = ("inertia", "weight", "kp", "from_plus", "km", "from_minus", "kt")
 FREE = {"plus": (0, 1, 2, 3), "minus": (0, 1, 4, 5), "both": (0, 1, 2, 3, 4, 5), "torsion": (0, 1, 6)}
 """Which of the parameters a structure has; the others are 0."""
 GUESS = np.array([0.13, 1.0, 1.8, 1.0, 1.8, 1.0, 0.7])
-HIGHEST = np.array([2.0, 10.0, 20.0, 2.0, 20.0, 2.0, 10.0])
+HIGHEST = np.array([2.0, 10.0, 20.0, 1.5, 20.0, 1.5, 10.0])
 
 
 RIG = Rig(
@@ -51,16 +51,26 @@ def _slope(p, angle):
     return (_potential(p, angle + 1e-5) - _potential(p, angle - 1e-5)) / 2e-5
 
 
+def _excess(p, angle, spin):
+    """Energy of the wheel, in J."""
+    return p[0] * spin**2 / 2 + _potential(p, angle)
+
+
+def _variances(p, angle, spin, torque):
+    """Variance of the energy at each point by itself, in J²."""
+    return (p[0] * spin * SPIN_ERROR) ** 2 + ((_slope(p, angle) - torque) * ANGLE_ERROR) ** 2 + 1e-8
+
+
 def _fitted(kind, readings):
     """Misfit and the parameters that fit the points best; errors of the work are carried on from turn to turn."""
     angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
     free, best = list(FREE[kind]), None
 
     def alone(p):
-        return (p[0] * spin * SPIN_ERROR) ** 2 + ((_slope(p, angle) - torque) * ANGLE_ERROR) ** 2 + 1e-8
+        return _variances(p, angle, spin, torque)
 
     def misfits(p):
-        return p[0] * spin**2 / 2 + _potential(p, angle) - work, (p[free] - GUESS[free]) / (8 * GUESS[free])
+        return _excess(p, angle, spin) - work, (p[free] - GUESS[free]) / (8 * GUESS[free])
 
     for start in (0.8, 1.2):
         p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
@@ -143,6 +153,21 @@ def solve(task):
 def fit(readings, structure):
     """Both spins by the cords or the spring of a structure."""
     return _predict(_fitted(structure, readings)[1])
+
+
+def rivals(readings):
+    """The cords or the spring of each structure, fitted with the errors that follow from the best of them."""
+    angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
+    fits = {kind: _fitted(kind, readings) for kind in FREE}
+    _, best = cheapest(fits, FREE, len(angle))
+    return weighed(
+        {kind: p for kind, (_, p) in fits.items()},
+        FREE,
+        whitening(doubt, _variances(best, angle, spin, torque)),
+        lambda p: _excess(p, angle, spin) - work,
+        _predict,
+        HIGHEST,
+    )
 
 
 def _true(knobs):

@@ -3,8 +3,10 @@
 import numpy as np
 from scipy.optimize import nnls
 
-from scenes.courses import Laws, force, position, recorded, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 POWERS = {"line": 1, "square": 2, "cube": 3}
 UNIT_M = 2.4
@@ -47,34 +49,26 @@ LAWS = Laws(
 )
 
 
+RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], significant=5)
+
+
 def _course(readings):
     """Pushes and readings until the guard grips."""
-    course = recorded(readings, [force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)])
+    course = RIG.course(readings)
     x, v = course.readings.T
     moving = np.nonzero((np.abs(v) > 0.1) | (np.abs(np.diff(x, prepend=0.0)) > 0.07))[0]
     end = len(v)
     if len(moving) and moving[-1] < end - 2:  # it stands for good: the guard gripped in the last leg with motion
         end = max(moving[-1], 1)
-    return type(course)(course.durations[:end], course.controls[:end], course.readings[:end])
+    return course.first(end)
 
 
-def _predict(structure, knobs):
-    """Speed at the asked place."""
+def predict(structure, knobs):
+    """Speed at the asked place: the work of the push, all of it in the motion."""
     return float(np.sqrt(2 * ASKED_N * ASKED_M / _effective(structure, knobs, ASKED_M)[0]))
 
 
-def _best(readings):
-    """The speed by the structure that fits best."""
-    return _predict(*LAWS.best(_course(readings)))
-
-
-def _leg(push, lasting):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[float(f"{push:.5g}"), 0, 0]),
-        call("step", duration=lasting),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
+MODEL = Predictor(LAWS, _course, predict)
 
 
 def _columns(x, v, to_x, to_v):
@@ -111,11 +105,7 @@ def _next(x, v, ahead, top):
 
 def solve(task):
     """Weak pushes, growing until the cart moves; then to and fro, slowly first."""
-    seen, push = [], FIRST_N
-    while not seen or seen[-1][1]["velocity"][0] < SEEN:
-        calls = _leg(push, SEARCH_S)
-        push *= GROWTH
-        seen += zip(calls, (yield calls), strict=True)
+    seen, _ = yield from RIG.touched(FIRST_N, GROWTH, SEARCH_S, lambda reading: reading[1] >= SEEN)
     number, ahead = 0, 1
     while len(seen) + 4 <= CALLS:
         course = _course(seen)
@@ -126,24 +116,17 @@ def solve(task):
             to_x = x + (v + target) / 2 * LEG_S
             pushed = float(_columns(x, v, to_x, target) @ p) / LEG_S
             x, v, number = to_x, target, number + 1
-            calls += _leg(float(np.clip(pushed, -GREATEST_N, GREATEST_N)), LEG_S)
+            calls += RIG.leg(float(np.clip(pushed, -GREATEST_N, GREATEST_N)), LEG_S)
         seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_best(seen))]
+    yield [answer(MODEL.best(seen))]
 
 
-def fit(readings, structure):
-    """The speed by the law of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+fit = MODEL.fit
 
 
-def structure(knobs):
-    """Power with which the turns per metre grow."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Work of the push, all of it in the motion."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Each power of the place, fitted."""
+    return members(LAWS, _course(readings), predict)
 
 
 def measure(engine, knobs):
@@ -168,13 +151,13 @@ def naive(knobs):
 
 def stage(task):
     """Push as asked, and read the speed at the end."""
-    calls = [*_leg(ASKED_N, 1.0), *_leg(ASKED_N, 17.0)]
+    calls = [*RIG.leg(ASKED_N, 1.0), *RIG.leg(ASKED_N, 17.0)]
     readings = yield calls
     yield [answer(max(abs(readings[7]["velocity"][0]), 1e-3))]
 
 
 def batch(task):
     """Pairs of pushes forth and back in even ratios over the whole range, and the same fit."""
-    calls = [asked for n in range(7) for sign in (1, -0.8) for asked in _leg(sign * 0.1 * 2.6**n, 0.8)]
+    calls = [asked for n in range(7) for sign in (1, -0.8) for asked in RIG.leg(sign * 0.1 * 2.6**n, 0.8)]
     readings = yield calls
-    yield [answer(_best(list(zip(calls, readings, strict=True))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]
