@@ -5,26 +5,29 @@ from itertools import product
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from scenes.courses import Laws, force, position, recorded, velocity
-from scenes.protocol import answer, call
+from scenes.courses import PLAIN, Laws, Predictor, force, position, velocity
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 SHOT_M_S, WEIGHT_M_S2 = 30.0, 9.81
 GREATEST_N, GREATEST_M_S2 = 20.0, 18.0
 LOW_M, HIGH_M, ROOM_M = -0.6, 11.4, 11.0
+NETS_M = (-1.0, 12.0)
 HIGHEST_M = 10.0
 """Height that has to be seen once: a layer may end just below."""
 LEVELS = (1.0, 1.0, 0.0, 1.0, 0.4, 0.0, 1.0, 1.0, 0.2)
-LEGS, CALLS = 13, 150
+LEGS, LOOKS, TOUCH_S, CALLS = 13, 3, 0.1, 150
 EDGE_M = 0.4
 """Half the thickness of the layer's edge."""
-GASES = {"uniform": (), "exponential": ("h",), "layer": ("edge", "rest")}
+GASES = {"exponential": ("h",), "layer": ("edge", "rest")}
 DRAGS = {"linear": "a", "square": "q"}
 
 
 def _rates(structure, knobs, time, state, push):
     """Time derivative of height and speed."""
     z, v = state
-    law, gas = structure.split(", ")
+    law, gas = ("square", "uniform") if structure == PLAIN else structure.split(", ")
     density = 1.0
     if gas == "exponential":
         density = np.exp(-z / knobs["h"])
@@ -37,21 +40,27 @@ def _rates(structure, knobs, time, state, push):
 LAWS = Laws(
     rates=_rates,
     structures={f"{law}, {gas}": ("m", DRAGS[law], *GASES[gas]) for law, gas in product(DRAGS, GASES)},
-    box={"m": (0.005, 6), "a": (0.1, 5), "q": (0.008, 0.6), "h": (2.5, 20), "edge": (2.0, 9.0), "rest": (0.05, 0.8)},
+    box={"m": (0.005, 6), "a": (0.1, 5), "q": (0.008, 0.6), "h": (3, 10), "edge": (3.0, 8.0), "rest": (0.1, 0.4)},
     start=(0.0, 0.0),
     sigma=(0.04, 0.08),
     longest_s=0.1,
     starts=200,
     tried=5,
     rounds=12,
+    plain=("m", "q"),
 )
+RIG = Rig([force("object_1", 2)], [position("object_1", 2), velocity("object_1", 2)])
 
 
 def _course(readings):
-    return recorded(readings, [force("object_1", 2)], [position("object_1", 2), velocity("object_1", 2)])
+    """The course up to where a net caught the glider."""
+    course = RIG.course(readings)
+    low, high = NETS_M
+    kept = course.until((course.readings[:, 0] < low) | (course.readings[:, 0] > high))
+    return kept if kept.count else course
 
 
-def _shot(structure, knobs):
+def predict(structure, knobs):
     """Greatest height, and speed when back, of the shot with full weight."""
 
     def rates(time, state):
@@ -75,14 +84,13 @@ def structure(knobs):
     return f"{knobs['law']}, {knobs['gas']}"
 
 
-def fit(readings, structure):
-    """The shot by the best fit of a structure."""
-    return _shot(structure, LAWS.fitted(_course(readings), structure)[1])
+MODEL = Predictor(LAWS, _course, predict)
+fit = MODEL.fit
 
 
-def theory(knobs):
-    """The shot from the drawn law."""
-    return _shot(structure(knobs), knobs)
+def rivals(readings):
+    """Each gas with each law, fitted."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
@@ -91,18 +99,10 @@ def naive(knobs):
     other = {"m": knobs["m"], "a": 8.0 * knobs["q"], "q": knobs["a"] / 8.0}
     law = "square" if drag == "a" else "linear"
     return {
-        "uniform gas": _shot(f"{knobs['law']}, uniform", {"m": knobs["m"], drag: knobs[drag]}),
+        "uniform gas": predict(f"{knobs['law']}, exponential", {**knobs, "h": 1e9}),
         "no gas": [SHOT_M_S**2 / (2 * WEIGHT_M_S2), SHOT_M_S],
-        "other law": _shot(f"{law}, {knobs['gas']}", {**knobs, **other}),
+        "other law": predict(f"{law}, {knobs['gas']}", {**knobs, **other}),
     }
-
-
-def _push(strength, duration, looks=2):
-    """A push, looked at in even intervals."""
-    look = max(1, round(duration / looks / 0.005)) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    push = call("apply_force", object_id="object_1", force_vector=[0.0, 0.0, round(float(strength), 4)])
-    return [push, *([call("step", duration=round(look, 3)), *eyes] * looks)]
 
 
 def _safe(z, v, acceleration, duration, greatest):
@@ -122,51 +122,39 @@ def _chosen(z, v, levels, sense, greatest, duration):
 
 def solve(task):
     """Pushes that grow until the glider moves visibly; then up and down, always short of the nets."""
-    seen, strength = [], 0.3
-    while True:
-        calls = _push(strength, 0.1, looks=1)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        v, before = readings[-1]["velocity"][2], seen[-5][1]["velocity"][2] if len(seen) > 4 else 0.0
-        if v - before > 0.25:
-            break
-        strength = min(4 * strength, GREATEST_N)
-    mass, sense = strength * 0.1 / (v - before), 1.0
-    z = highest = readings[-2]["position"][2]
+    seen, strength = yield from RIG.touched(0.3, 4.0, TOUCH_S, lambda reading: reading[1] > 0.25)
+    places, speeds = RIG.course(seen).readings.T
+    (z, v), before = (places[-1], speeds[-1]), [0.0, *speeds][-2]
+    mass, sense, highest = strength * TOUCH_S / max(v - before, 0.1), 1.0, z
     for leg in range(LEGS):
         greatest = min(0.95 * GREATEST_N / mass, GREATEST_M_S2)
-        duration = round(0.5 * np.sqrt(ROOM_M / greatest), 2)
+        duration = round(0.65 * np.sqrt(ROOM_M / greatest), 2)
         levels = (LEVELS[leg % len(LEVELS)], *((0.4, 0.0) if highest < HIGHEST_M and sense > 0 else ()))
         acceleration, sense = _chosen(z, v, levels, sense, greatest, duration)
-        calls = _push(acceleration * mass, duration, looks=3)
+        calls = RIG.leg(acceleration * mass, duration, LOOKS)
         if len(seen) + len(calls) > CALLS:
             break
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        z, v = readings[-2]["position"][2], readings[-1]["velocity"][2]
+        seen += zip(calls, (yield calls), strict=True)
+        course = RIG.course(seen)
+        z, v = course.readings[-1]
         highest = max(highest, z)
-        mass = LAWS.fitted(_course(seen), "square, uniform")[1]["m"] if leg < 3 else mass
-    yield [answer(_shot(*LAWS.best(_course(seen))))]
+        mass = LAWS.fitted(course, PLAIN)[1]["m"] if leg < 3 else mass
+    yield [answer(MODEL.best(seen))]
 
 
 PULSES = ((1, 0.3), (-2, 0.3), (4, 0.3), (-8, 0.3), (16, 0.3), (-8, 0.4), (8, 0.5), (-16, 0.4))
 
 
 def batch(task):
-    """Pushes up and down, ever stronger, and the same fit up to where a net may have caught."""
-    calls = [asked for strength, duration in PULSES for asked in _push(strength, duration)]
+    """Pushes up and down, ever stronger, and the same fit up to where a net caught."""
+    calls = [asked for strength, duration in PULSES for asked in RIG.leg(strength, duration, 2)]
     readings = yield calls
-    seen, kept = list(zip(calls, readings, strict=True)), []
-    for turn in range(0, len(seen), 7):
-        if any("position" in r and not LOW_M - 0.4 < r["position"][2] < HIGH_M + 0.6 for _, r in seen[turn : turn + 7]):
-            break
-        kept += seen[turn : turn + 7]
-    yield [answer(_shot(*LAWS.best(_course(kept or seen))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]
 
 
 def stage(task):
     """Push as hard as one can, to shoot; the net catches the glider."""
-    readings = yield [*_push(GREATEST_N, 1.0, looks=1), *_push(0.0, 3.0, looks=1)]
+    readings = yield [*RIG.leg(GREATEST_N, 1.0), *RIG.leg(0.0, 3.0)]
     yield [answer([readings[-2]["position"][2], abs(readings[-1]["velocity"][2])])]
 
 

@@ -5,13 +5,15 @@ from itertools import product
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from scenes.courses import Laws, force, position, recorded, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
-RADIUS_M, SHOT_M_S = 2.5, 10.0
+RADIUS_M, SHOT_M_S, RIM_M = 2.5, 10.0, 1.5
 GREATEST_N, GREATEST_M_S2 = 7.9, 14.0
-NEAR_M, CAUGHT_M = 1.3, 1.6
-LEGS, LEG_S, FREE_S, CALLS = 13, 0.6, 0.8, 150
+NEAR_M = 1.3
+LEGS, LEG_S, FREE_S, LOOKS, CALLS = 13, 0.78, 0.8, 3, 150
 STRUCTURES = {"softening": ("m", "k", "d", "s"), "stiffening": ("m", "k", "d", "b"), "slack": ("m", "k", "d", "l")}
 
 
@@ -54,14 +56,20 @@ def _laws(starts, tried, rounds):
 
 
 LAWS, QUICK = _laws(80, 3, 12), _laws(60, 1, 8)
+RIG = Rig(
+    [force("object_1", axis) for axis in (0, 1)],
+    [of("object_1", axis) for of in (position, velocity) for axis in (0, 1)],
+    decimals=6,
+)
 
 
 def _course(readings):
-    seen = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
-    return recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
+    """The course up to where the rim caught the puck."""
+    course = RIG.course(readings)
+    return course.until(np.hypot(*course.readings[:, :2].T) > RIM_M)
 
 
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Speed and pull on the circle, and the greatest distance of the shot."""
     pull = float(_pull(structure, knobs, RADIUS_M))
 
@@ -76,42 +84,22 @@ def _predict(structure, knobs):
     return [(pull * RADIUS_M) ** 0.5, knobs["m"] * pull, float(shot.y[0, -1])]
 
 
-def structure(knobs):
-    """How the cord pulls."""
-    return knobs["kind"]
+MODEL = Predictor(LAWS, _course, predict)
+fit = MODEL.fit
 
 
-def fit(readings, structure):
-    """The answer by the best fit of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def theory(knobs):
-    """The answer from the drawn law."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Each rule of the cord, fitted."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
     """A spring that pulls alike at 1.2 m; a spring that pulls alike at 0.9 m, without air."""
     far, middle = (float(_pull(knobs["kind"], knobs, r)) / r for r in (1.2, 0.9))
     return {
-        "in proportion": _predict("slack", {**knobs, "k": far, "l": 0.0}),
-        "in proportion, no air": _predict("slack", {**knobs, "k": middle, "d": 0.0, "l": 0.0}),
+        "in proportion": predict("slack", {**knobs, "k": far, "l": 0.0}),
+        "in proportion, no air": predict("slack", {**knobs, "k": middle, "d": 0.0, "l": 0.0}),
     }
-
-
-def _push(strength, duration, looks=3):
-    """A push, with looks in even intervals."""
-    look = max(1, round(duration / looks / 0.005)) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    vector = [*(round(float(part), 6) for part in strength), 0.0]
-    push = call("apply_force", object_id="object_1", force_vector=vector)
-    return [push, *([call("step", duration=round(look, 3)), *eyes] * looks)]
-
-
-def _now(readings):
-    """Place and velocity after the last look."""
-    return np.array([*readings[-2]["position"][:2], *readings[-1]["velocity"][:2]])
 
 
 def _reached(structure, knobs, course):
@@ -128,7 +116,9 @@ def _chosen(fits, course, widest, wanted):
     Whether it can be stopped is asked as if the cord pulled no more farther out than where the puck has been.
     """
     greatest = min(GREATEST_N, GREATEST_M_S2 * min(knobs["m"] for knobs in fits.values()))
-    angles, shares = (part.ravel() for part in np.meshgrid(np.arange(12) * np.pi / 6, (0.0, 0.15, 0.3, 0.5, 0.75, 1.0)))
+    angles, shares = (
+        part.ravel() for part in np.meshgrid(np.arange(12) * np.pi / 6, (0.0, 0.04, 0.1, 0.2, 0.4, 0.7, 1.0))
+    )
     pushes = greatest * shares * np.array([np.cos(angles), np.sin(angles)])
     far = np.zeros(len(shares))
     for (structure, knobs), stopped in product(fits.items(), (False, True)):
@@ -144,49 +134,36 @@ def _chosen(fits, course, widest, wanted):
 
 def solve(task):
     """Pushes that grow until the puck moves visibly; then swings out to near the rim, planned with quick fits."""
-    seen, strength = [], 0.01
-    while True:
-        calls = _push((strength, 0.0), 0.1, looks=1)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        if _now(readings)[2] > 0.25 or strength >= GREATEST_N:
-            break
-        strength = min(4 * strength, GREATEST_N)
+    seen, _ = yield from RIG.touched(0.01, 4.0, 0.1, lambda reading: reading[2] > 0.25)
     for leg in range(LEGS):
-        course = _course(seen)
+        course = RIG.course(seen)
         found = {structure: QUICK.fitted(course, structure) for structure in STRUCTURES}
         least = min(cost for cost, _ in found.values())
         fits = {structure: knobs for structure, (cost, knobs) in found.items() if cost < 2 * least + 50}
-        widest = max(np.hypot(*part["position"][:2]) for _, part in seen if "position" in part)
+        widest = float(np.hypot(*course.readings[:, :2].T).max())
         wanted = min(0.4 + 0.2 * leg, 0.2 + 1.3 * widest, NEAR_M)
-        calls = _push(_chosen(fits, course, widest, wanted), LEG_S)
+        calls = RIG.leg(_chosen(fits, course, widest, wanted), LEG_S, LOOKS)
         if len(seen) + len(calls) > CALLS:
             break
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(MODEL.best(seen))]
 
 
 PULSES = ((0.02, 0), (0, 0.06), (-0.2, 0), (0, -0.5), (1.5, 0), (0, 4.0), (-7.0, 0), (0, -7.0))
 
 
 def batch(task):
-    """Ever stronger pushes, and the same fit up to where the rim may have caught."""
-    calls = [asked for strength in PULSES for asked in _push(strength, 0.5, looks=2)]
+    """Ever stronger pushes, and the same fit up to where the rim caught."""
+    calls = [asked for strength in PULSES for asked in RIG.leg(strength, 0.5, 2)]
     readings = yield calls
-    seen, kept = list(zip(calls, readings, strict=True)), []
-    for turn in range(0, len(seen), 7):
-        places = [reading["position"] for _, reading in seen[turn : turn + 7] if "position" in reading]
-        if any(np.hypot(*place[:2]) > CAUGHT_M for place in places):
-            break
-        kept += seen[turn : turn + 7]
-    yield [answer(_predict(*LAWS.best(_course(kept or seen))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]
 
 
 def stage(task):
     """Push outwards as hard as one can; the rim catches the puck."""
-    readings = yield _push((GREATEST_N, 0.0), 2.0, looks=1)
-    yield [answer([abs(_now(readings)[3]), GREATEST_N, float(np.hypot(*_now(readings)[:2]))])]
+    readings = yield RIG.leg(GREATEST_N, 2.0)
+    far, speed = readings[-2]["position"], readings[-1]["velocity"]
+    yield [answer([abs(speed[1]), GREATEST_N, float(np.hypot(*far[:2]))])]
 
 
 def measure(engine, knobs):

@@ -3,13 +3,15 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from scenes.courses import Channel, Laws, recorded
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Laws, Predictor
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 HELD_RAD = 1.8
 GREATEST_NM, GREATEST_RAD_S2 = 5.9, 25.0
-NEAR_RAD, CAUGHT_RAD = 0.67, 0.82
-LEGS, LEG_S, COAST_S, CALLS = 11, 0.6, 2.0, 150
+NEAR_RAD, PAWL_RAD = 0.67, 0.8
+LEGS, LEG_S, COAST_S, LOOKS, CALLS = 11, 0.6, 2.0, 2, 150
 PENDULUMS = ("object_1", "object_2")
 TOGETHER, AGAINST = np.array([1.0, 1.0]), np.array([1.0, -1.0])
 STRUCTURES = {
@@ -60,14 +62,25 @@ def _laws(starts, tried, rounds):
 LAWS, QUICK = _laws(80, 3, 12), _laws(60, 1, 5)
 
 
+RIG = Rig(
+    [Channel("apply_torque", body, "torque_vector", 1) for body in PENDULUMS],
+    [
+        Channel(tool, body, field)
+        for tool, field in (("get_position", "angle"), ("get_velocity", "angular_velocity"))
+        for body in PENDULUMS
+    ],
+    decimals=6,
+)
+
+
 def _course(readings):
-    torques = [Channel("apply_torque", body, "torque_vector", 1) for body in PENDULUMS]
-    seen = [Channel("get_position", body, "angle") for body in PENDULUMS]
-    seen += [Channel("get_velocity", body, "angular_velocity") for body in PENDULUMS]
-    return recorded(readings, torques, seen)
+    """The course up to where a pawl caught a pendulum."""
+    course = RIG.course(readings)
+    kept = course.until(abs(course.readings[:, :2]).max(axis=1) > PAWL_RAD)
+    return kept if kept.count else course
 
 
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Torque that holds object_1, and its spin at angle 0 after the release, with object_2 clamped."""
 
     def rates(time, state):
@@ -83,44 +96,22 @@ def _predict(structure, knobs):
     return [float(knobs["i"] * held), float(abs(swing.y[1, -1]))]
 
 
-def structure(knobs):
-    """What joins the pendulums."""
-    return knobs["kind"]
+MODEL = Predictor(LAWS, _course, predict)
+fit = MODEL.fit
 
 
-def fit(readings, structure):
-    """The answer by the best fit of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
-
-
-def theory(knobs):
-    """The answer from the drawn law."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Each coupling, fitted."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
     """No coupling; a coupling in proportion to the difference; the torque of the weight as if it were a spring."""
     stiff = 0.0 if knobs["kind"] == "oil" else knobs["k"]
     return {
-        "no coupling": _predict("wire", {**knobs, "k": 0.0}),
+        "no coupling": predict("wire", {**knobs, "k": 0.0}),
         "all in proportion": [knobs["i"] * (knobs["w"] + stiff) * HELD_RAD, HELD_RAD * (knobs["w"] + stiff) ** 0.5],
     }
-
-
-def _push(torques, duration, looks=2):
-    """Torques on both, with looks in even intervals."""
-    look = max(1, round(duration / looks / 0.005)) * 0.005
-    eyes = [call(tool, object_id=body) for tool in ("get_position", "get_velocity") for body in PENDULUMS]
-    pushes = [
-        call("apply_torque", object_id=body, torque_vector=[0.0, round(float(torque), 6), 0.0])
-        for body, torque in zip(PENDULUMS, torques, strict=True)
-    ]
-    return [*pushes, *([call("step", duration=round(look, 3)), *eyes] * looks)]
-
-
-def _now(readings):
-    """Angles and spins after the last look."""
-    return [reading.get("angle", reading.get("angular_velocity")) for reading in readings[-4:]]
 
 
 def _chosen(structure, knobs, state, pattern):
@@ -139,49 +130,38 @@ def _chosen(structure, knobs, state, pattern):
 
 
 def solve(task):
-    """Torques that grow until the pendulums move visibly; then swings of both kinds, planned with a quick fit."""
-    seen, strength = [], 0.006
-    while True:
-        calls = _push((strength, strength), 0.1, looks=1)
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-        if max(_now(readings)[2:]) > 0.15 or strength >= GREATEST_NM:
-            break
-        strength = min(4 * strength, GREATEST_NM)
+    """Torques that grow until object_1 moves visibly; then swings of both kinds, planned with a quick fit."""
+    seen, strength = yield from RIG.touched(0.006, 4.0, 0.1, lambda reading: reading[2] > 0.15)
     for leg in range(LEGS):
         if leg == 0:
             torques, duration = (0.5 * strength, -0.5 * strength), 0.2
         else:
-            fits = [(*QUICK.fitted(_course(seen), structure), structure) for structure in ("wire", "oil")]
+            course = RIG.course(seen)
+            fits = [(*QUICK.fitted(course, structure), structure) for structure in ("wire", "oil")]
             _, knobs, structure = min(fits, key=lambda found: found[0])
-            torques, duration = _chosen(structure, knobs, _now(readings), TOGETHER if leg == 1 else AGAINST), LEG_S
-        calls = _push(torques, duration)
+            pattern = TOGETHER if leg == 1 else AGAINST
+            torques, duration = _chosen(structure, knobs, course.readings[-1], pattern), LEG_S
+        calls = RIG.leg(torques, duration, LOOKS)
         if len(seen) + len(calls) > CALLS:
             break
-        readings = yield calls
-        seen += zip(calls, readings, strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(MODEL.best(seen))]
 
 
 PULSES = ((0.02, 1), (-0.04, -1), (0.1, 1), (-0.2, -1), (0.5, 1), (-1.0, -1), (2.0, 1), (-4.0, -1))
 
 
 def batch(task):
-    """Swings of both kinds, ever stronger, and the same fit up to where a pawl may have caught."""
-    calls = [asked for strength, side in PULSES for asked in _push((strength, side * strength), 0.4, looks=1)]
+    """Swings of both kinds, ever stronger, and the same fit up to where a pawl caught."""
+    calls = [asked for strength, side in PULSES for asked in RIG.leg((strength, side * strength), 0.4)]
     readings = yield calls
-    seen, kept = list(zip(calls, readings, strict=True)), []
-    for turn in range(0, len(seen), 7):
-        if any("angle" in reading and abs(reading["angle"]) > CAUGHT_RAD for _, reading in seen[turn : turn + 7]):
-            break
-        kept += seen[turn : turn + 7]
-    yield [answer(_predict(*LAWS.best(_course(kept or seen))))]
+    yield [answer(MODEL.best(list(zip(calls, readings, strict=True))))]
 
 
 def stage(task):
     """Turn object_1 to the angle; a pawl catches it."""
-    readings = yield _push((GREATEST_NM, 0.0), 2.0, looks=1)
-    yield [answer([GREATEST_NM, abs(_now(readings)[2])])]
+    readings = yield RIG.leg(GREATEST_NM, 2.0)
+    yield [answer([GREATEST_NM, abs(readings[-2]["angular_velocity"])])]
 
 
 def measure(engine, knobs):
