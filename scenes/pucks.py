@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -60,21 +60,35 @@ class PuckFloor:
     """Readings during each push."""
     lightest_kg: float = 0.3
     heaviest_kg: float = 6.0
+    growth: float = 3.0
+    """Largest factor by which the mass that is believed grows from leg to leg, so that a wrong one does little."""
+    rim_m: float | None = None
+    """Radius of the floor. What is read from the moment on at which the puck is beyond it is not fitted, since what
+    holds the puck there is in no law."""
+    drifts: bool = False
+    """Whether pushes make up for a uniform force, as far as it is known."""
+    idle_legs: int = 0
+    """Legs without a push at first, which show a uniform force and tell it from a light puck."""
 
     def solve(self, _: str) -> Protocol:
         """Begin gently, then lead the puck to and fro with forces that suit its mass; fit every law to the course."""
         seen, place, speed = list[tuple[Call, Any]](), np.zeros(2), np.zeros(2)
         targets, mass = list(self.targets), self.lightest_kg
-        for _leg in range(self.legs):
+        for leg in range(self.legs):
             if np.hypot(*(np.array(targets[0]) - place)) < self.near_m:
                 targets = targets[1:] + targets[:1]
             target = np.array(targets[0])
-            pushed = self.steer(place, speed, target) if self.steer else mass * self.aimed(place, speed, target)
+            if self.steer:
+                pushed = self.steer(place, speed, target)
+            elif leg < self.idle_legs:
+                pushed = np.zeros(2)
+            else:
+                pushed = mass * (self.aimed(place, speed, target) - (self.drift(seen) if self.drifts else 0.0))
             calls = self.push(pushed, self.leg_s)
             readings = yield calls
             seen += zip(calls, readings, strict=True)
             place, speed = np.array(readings[-2]["position"][:2]), np.array(readings[-1]["velocity"][:2])
-            mass = mass if self.steer else min(self.mass(seen), 3 * mass)
+            mass = mass if self.steer or leg < self.idle_legs else min(self.mass(seen), self.growth * mass)
         yield [answer(self.best(seen))]
 
     def batch(self, _: str) -> Protocol:
@@ -85,11 +99,18 @@ class PuckFloor:
 
     def fit(self, readings: Exchanges, structure: str) -> AnswerValue:
         """The answer of the best fit of a structure."""
-        return self.predict(structure, self.laws.fitted(_course(readings), structure)[1])
+        return self.predict(structure, self.laws.fitted(self.course(readings), structure)[1])
 
     def best(self, readings: Exchanges) -> AnswerValue:
         """The answer of the structure that fits best."""
-        return self.predict(*self.laws.best(_course(readings)))
+        return self.predict(*self.laws.best(self.course(readings)))
+
+    def course(self, readings: Exchanges) -> Course:
+        """Pushes and what was read after them, as long as the puck is on the floor."""
+        course = _course(readings)
+        if self.rim_m is None:
+            return course
+        return course.until(np.hypot(course.readings[:, 0], course.readings[:, 1]) > self.rim_m)
 
     def push(self, newtons: Array, duration: float) -> list[Call]:
         """A push that is held, looked at in even intervals."""
@@ -100,6 +121,14 @@ class PuckFloor:
 
     def mass(self, readings: Exchanges) -> float:
         """Mass so far, as if there were a drag and a force across in proportion to the speed, and a uniform force."""
+        return float(1 / np.clip(self._plain(readings)[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
+
+    def drift(self, readings: Exchanges) -> Array:
+        """Uniform force per kilogram by the same law [m/s²]."""
+        return np.clip(self._plain(readings)[3:], -self.haste, self.haste) if readings else np.zeros(2)
+
+    def _plain(self, readings: Exchanges) -> Array:
+        """One over the mass, drag and force across over speed and mass, and uniform force over the mass."""
         course, sigma = _course(readings), self.laws.sigma[2]
         durations, after = course.durations, course.readings[:, 2:4]
         before = np.vstack([[0.0, 0.0], after[:-1]])
@@ -109,8 +138,8 @@ class PuckFloor:
         rows *= np.tile(durations, 2)[:, None] / sigma
         changes = (after - before).T.ravel() / sigma
         weak = 0.5 * np.eye(5)
-        found = np.linalg.lstsq(np.vstack([rows, weak]), np.concatenate([changes, np.zeros(5)]), rcond=None)[0]
-        return float(1 / np.clip(found[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
+        right = np.concatenate([changes, np.zeros(5)])
+        return cast(Array, np.linalg.lstsq(np.vstack([rows, weak]), right, rcond=None)[0])
 
     def aimed(self, place: Array, speed: Array, target: Array) -> Array:
         """Of many pushes per kilogram, the one that brings the puck to rest nearest to a target, but not far out."""

@@ -41,8 +41,10 @@ FLOOR = PuckFloor(
 )
 
 
-def _read(calls: list[Call], state: Array, held: Array) -> tuple[list[dict[str, Any]], Array, Array]:
-    """What a floor with linear drag returns: v = F/c + (v0 - F/c) e^(-ct/m), and its integral."""
+def _read(
+    calls: list[Call], state: Array, held: Array, wind: Array | float = 0.0
+) -> tuple[list[dict[str, Any]], Array, Array]:
+    """What a floor with linear drag and a uniform force returns: v = F/c + (v0 - F/c) e^(-ct/m), and its integral."""
     found: list[dict[str, Any]] = []
     for asked in calls:
         if asked.tool == "apply_force":
@@ -50,7 +52,7 @@ def _read(calls: list[Call], state: Array, held: Array) -> tuple[list[dict[str, 
             found.append({"status": "force set"})
         elif asked.tool == "step":
             duration = asked.arguments["duration"]
-            last, decay = held / DRAG, np.exp(-DRAG * duration / MASS)
+            last, decay = (held + wind) / DRAG, np.exp(-DRAG * duration / MASS)
             place = state[:2] + last * duration + (state[2:] - last) * MASS / DRAG * (1 - decay)
             state = np.concatenate([place, last + (state[2:] - last) * decay])
             found.append({"sim_time": duration})
@@ -104,3 +106,28 @@ def test_a_puck_of_known_mass_may_be_steered_by_another_rule() -> None:
         readings, state, held = _read(calls, state, held)
         calls = playing.send(readings)
     assert calls[-1].arguments["answer"] == pytest.approx(MASS, rel=0.01)
+
+
+def test_what_is_read_beyond_the_rim_is_left_out() -> None:
+    calls = [*FLOOR.push(np.array([3.0, 0.0]), 1.0), *FLOOR.push(np.array([6.0, 0.0]), 1.0)]
+    readings, _, _ = _read(calls, np.zeros(4), np.zeros(2))
+    exchanges = list(zip(calls, readings, strict=True))
+    places = FLOOR.course(exchanges).readings[:, 0]
+    kept = replace(FLOOR, rim_m=float(places[2]) - 0.01).course(exchanges)
+    assert kept.readings[:, 0].tolist() == places[:2].tolist()
+    assert len(replace(FLOOR, rim_m=9.0).course(exchanges).durations) == len(places) == 4
+
+
+@pytest.mark.parametrize("wind", [(1.5, -1.0), (-2.0, 0.0)])
+def test_a_puck_that_drifts_is_first_watched_and_then_held_on_the_floor(wind: tuple[float, float]) -> None:
+    floor = replace(FLOOR, drifts=True, idle_legs=1, growth=20.0, legs=12)
+    playing, state, held = floor.solve(""), np.zeros(4), np.zeros(2)
+    seen, calls = list[tuple[Call, Any]](), next(playing)
+    assert calls[0].arguments["force_vector"] == [0.0, 0.0, 0.0]
+    while calls[-1].tool != "answer":
+        readings, state, held = _read(calls, state, held, np.array(wind))
+        assert np.hypot(*state[:2]) < FLOOR.safe_m + 0.5
+        seen += zip(calls, readings, strict=True)
+        calls = playing.send(readings)
+    assert floor.drift(seen) == pytest.approx(np.array(wind) / MASS, rel=0.05, abs=0.02)
+    assert floor.mass(seen) == pytest.approx(MASS, rel=0.05)
