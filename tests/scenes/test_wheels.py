@@ -36,7 +36,8 @@ def test_a_wheel_is_turned_by_loads_that_follow_the_spins_before() -> None:
 
     legs = followed()
     calls: list[Call] | None = next(legs)
-    assert calls and calls[0].tool == "find_objects"
+    assert calls
+    assert calls[0].tool == "find_objects"
     while calls:
         kg = next(mass_of(asked) for asked in calls if asked.tool == "create_objects")
         readings = [{"angular_velocity": kg / 0.5} if asked.tool == "get_velocity" else DONE for asked in calls]
