@@ -70,6 +70,11 @@ def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float]
     return float(least_squares(lambda point: at(point[0])[0], [edge], bounds=bounds, diff_step=[1e-4]).x[0])
 
 
+def spin_errors(spin: Array, torque: Array) -> Array:
+    """Standard deviations of torques [N·m] by the errors of the steady spins [rad/s] that they keep."""
+    return torque / spin * 2 * SIGMA_RAD_S + 1e-3 * torque
+
+
 def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: Array) -> tuple[float, Array, float]:
     """Chi-square, factors and edge of resistances to spins up to 10 rad/s, a part of which joins at an edge.
 
@@ -78,7 +83,7 @@ def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: A
         spin: Steady spins that were read [rad/s].
         torque: Torques that kept them [N·m].
     """
-    size = torque / spin * 2 * SIGMA_RAD_S + 1e-3 * torque
+    size = spin_errors(spin, torque)
 
     def at(edge: float) -> tuple[Array, Array]:
         return solved(columns(edge), torque, size)

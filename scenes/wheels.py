@@ -1,0 +1,137 @@
+"""Wheels that loads on pans turn, press or brake, and what resists them. For reference protocols.
+
+A pan bears one ball after the other. Each load leads to a steady spin, at which the torques balance. They are linear in
+some factors, except for the spin at which a part joins.
+"""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from scenes.courses import Array
+from scenes.family import member
+from scenes.loads import dense_ball, joined
+from scenes.protocol import AnswerValue, Call, Member, Reading, call
+from scenes.springs import next_load, resisted, spin_errors
+
+_DENSITY = 1e5
+_WAY_M = 0.1
+"""Distance along x between balls with even and with odd numbers."""
+_NEAR, _LEAST = 0.4, 1e-2
+"""A spin that is aimed at is reached from so far below it on; smallest difference of spins for a slope [rad/s]."""
+_STEEPEST, _EVENEST = 80.0, 1.05
+"""Largest and smallest ratio of a load to the one before."""
+_ROOM = 3.0
+"""How many times a factor may be as large as if its part were the largest torque that was read."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedPan:
+    """A pan, loaded with one ball instead of the one before."""
+
+    body: str
+    x_m: float
+    """Where it stands along x."""
+    wheel: str = "object_1"
+    """The wheel whose spin is read."""
+    wait_s: float = 9.0
+    """How long the wheel is given to come to a steady spin."""
+    letter: str = "b"
+    height_m: float = 1.0
+
+    def put(self, number: int, kg: float) -> list[Call]:
+        """Load the pan with ball `number` instead of the one before."""
+        place = [self.x_m + _WAY_M * (number % 2), 0.0, self.height_m]
+        old = [call("delete_objects", object_id=f"{self.letter}{number - 1}")] if number else []
+        return [*joined(dense_ball(f"{self.letter}{number}", kg, place, _DENSITY), self.body), *old]
+
+    def look(self, wait_s: float | None = None) -> list[Call]:
+        """Wait, and read the spin."""
+        return [call("step", duration=wait_s or self.wait_s), call("get_velocity", object_id=self.wheel)]
+
+    def load(self, number: int, kg: float) -> list[Call]:
+        """Load the pan with ball `number` instead of the one before, wait, and read the spin."""
+        return [*self.put(number, kg), *self.look()]
+
+    def turned(
+        self, number: int, kg: float, first: Sequence[Call], goals: Sequence[Sequence[float]], enough: float
+    ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], list[tuple[float, float]]]]:
+        """Turn the wheel faster and faster; each load follows from the spins before.
+
+        Args:
+            number: Number of the first ball.
+            kg: Mass of it.
+            first: Calls before it.
+            goals: For each ball, the spins that are aimed at with the next one, ascending [rad/s].
+            enough: Spin that is enough [rad/s].
+
+        Returns:
+            The exchanges, and spins and loads, with a first row at rest.
+        """
+        seen, rows, calls = list[tuple[Call, Reading]](), [(0.0, 0.0)], list(first)
+        for ahead in goals:
+            calls += self.load(number, kg)
+            readings = yield calls
+            seen += zip(calls, readings, strict=True)
+            rows.append((readings[-1]["angular_velocity"], kg))
+            wanted = next_load(rows, ahead, _NEAR, _LEAST)
+            if wanted is None or rows[-1][0] > enough:
+                break
+            number, calls = number + 1, []
+            kg = min(max(wanted[1], _EVENEST * kg), _STEEPEST * kg)
+        return seen, rows
+
+
+def resisted_member(
+    columns: Callable[[float], Sequence[Array]],
+    spin: Array,
+    torque: Array,
+    predict: Callable[[Array, float], AnswerValue],
+    edges: tuple[float, float],
+) -> Member:
+    """A law of resistances, fitted; none of its parts drives a wheel.
+
+    Args:
+        columns: What the torque is linear in, for an edge [rad/s].
+        spin: Steady spins that were read [rad/s].
+        torque: Torques that kept them [N·m].
+        predict: The answer from the factors of the columns and the edge.
+        edges: Smallest and largest edge.
+    """
+    error, units = (
+        spin_errors(spin, torque),
+        [float(torque.max() / max(part.max(), 1e-9)) for part in columns(edges[0])],
+    )
+
+    def misfits(constants: Array) -> Array:
+        parts = (
+            factor * unit * part for factor, unit, part in zip(constants, units, columns(constants[-1]), strict=False)
+        )
+        return np.asarray((sum(parts) - torque) / error, dtype=float)
+
+    _, found, edge = resisted(columns, spin, torque)
+    ranges = [*[(0.0, _ROOM)] * len(units), edges]
+    low, high = np.array(ranges).T
+    start = np.clip([*(found / units), edge], low + 1e-3, high - 1e-3)
+    best = least_squares(misfits, start, bounds=(low, high), x_scale=high - low, xtol=1e-12, ftol=1e-12).x
+    return member(misfits, lambda constants: predict(constants[:-1] * units, float(constants[-1])), best, ranges)
+
+
+def left_spin(engine: Any, body: str, wheel: str, torques: Sequence[float], asked: float, seconds: float) -> float:
+    """By which share a wheel is off an asked spin in the engine, after a disturbed torque and then the asked one.
+
+    Args:
+        engine: The engine without brakes.
+        body: The body that is turned.
+        wheel: The body whose spin is read.
+        torques: Torques, one after the other, such as a disturbed and the asked one [N·m].
+        asked: The asked spin [rad/s].
+        seconds: How long each acts [s].
+    """
+    for torque in torques:
+        engine.push(body, torque=np.array([0.0, 0.0, torque]))
+        engine.step(engine.whole_steps(seconds))
+    return float(engine.turn(wheel).spin) / asked - 1
