@@ -6,15 +6,19 @@ from math import atan2, hypot
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 LATCH, REACH = 0.12, 0.108
 ASKED = (0.3, 0.2)
+NO_LATCH = {"body[latch].pos": (0.0, 0.0, 0.0)}
 BEARING = atan2(ASKED[1], ASKED[0])
 RESOLUTION = 0.00006
 WAIT_S = 4.0
 SLACK = {"above": (1,), "below": (-1,), "both": (1, -1)}
 """Slack cords, by the side of the asked bearing on which theirs lies."""
+TOLD = (0.25, 1.2), (0.4, 5.0), (0.03, 0.09)
+"""Ranges of a slack cord: bearing from the asked one, stiffness over that of all taut cords, and slack."""
 PRESSED, PRESSES = 0.002, 3
 """A slack cord is known once it was stretched so far, so many times."""
 ROUNDS = (
@@ -148,9 +152,40 @@ def fit(readings, structure):
     return _predict(structure, _fitted(structure, _points(readings))[1])
 
 
-def structure(knobs):
-    """On which side of the asked bearing a slack cord lies."""
-    return knobs["kind"]
+def _weighed(kind, points):
+    """Cords of a structure, fitted to the angles: matrix of the taut ones over its first guess, then as in `TOLD`."""
+    first, second, a, b = points
+    sides, start = SLACK[kind], _linear(points)
+    usual = start[0] + start[2]
+
+    def cords(constants):
+        p = [usual * value for value in constants[:3]]
+        for number, side in enumerate(sides):
+            away, stiffness, slack = constants[3 + 3 * number : 6 + 3 * number]
+            p += [BEARING + side * away, stiffness * (p[0] + p[2]), slack]
+        return np.array(p)
+
+    def misfits(constants):
+        p = cords(constants)
+        here, along, across = (np.array(_load(p, sides, a + u, b + v)) for u, v in ((0, 0), (1e-5, 0), (0, 1e-5)))
+        slopes = np.stack([along - here, across - here], axis=-1).transpose(1, 0, 2) / 1e-5
+        lack = (here - np.array([first, second])).T
+        return np.linalg.solve(slopes, lack[:, :, None]).ravel() / RESOLUTION
+
+    ranges = [(0.02, 1.5), (-1.0, 1.0), (0.02, 1.5), *TOLD * len(sides)]
+    low, high = np.array(ranges).T
+    fits = []
+    for away, slack in product((0.4, 0.9), (0.05, 0.07)):
+        guess = np.clip([*start / usual, *(away, 0.8, slack) * len(sides)], low + 1e-3, high - 1e-3)
+        fits.append(least_squares(misfits, guess, bounds=(low, high), x_scale=high - low, max_nfev=100))
+    best = min(fits, key=lambda found: found.cost).x
+    return member(misfits, lambda constants: _predict(kind, cords(constants)), best, ranges)
+
+
+def rivals(readings):
+    """Cords of every structure, fitted."""
+    points = _points(readings)
+    return {kind: _weighed(kind, points) for kind in SLACK}
 
 
 def _true(knobs):
@@ -189,14 +224,14 @@ def batch(task):
     yield [answer(_predict(*_best(_points(list(zip(calls, readings, strict=True))))))]
 
 
-def theory(knobs):
+def predict(structure, knobs):
     """Torques of all cords at the asked tilt."""
-    return _predict(knobs["kind"], _true(knobs))
+    return _predict(structure, _true({**knobs, "kind": structure}))
 
 
 def measure(engine, knobs):
     """Without the latch: held by strong springs whose rest is moved until the plate is where it is asked."""
-    free = engine.changed({"body[latch].pos": (0.0, 0.0, 0.0)})
+    free = engine.changed(NO_LATCH)
     rest, gain = np.array(ASKED), 30 * knobs["scale"]
     torques = np.zeros(2)
     for _ in range(8):
@@ -208,3 +243,15 @@ def measure(engine, knobs):
             free.step(1)
         rest = rest + np.array(ASKED) - [free.turn("object_1").angle, free.turn("object_2").angle]
     return [float(torque) for torque in torques]
+
+
+def settles(engine, knobs, off):
+    """Where the plate comes to rest under the asked torques after it was near by; the larger share of both angles."""
+    free, p = engine.changed(NO_LATCH), _true(knobs)
+    for a, b in (np.array(ASKED) * (1 + off), ASKED):
+        first, second = _load(p, SLACK[knobs["kind"]], a, b)
+        free.push("object_1", torque=np.array([first, 0.0, 0.0]))
+        free.push("object_2", torque=second * np.array([0.0, np.cos(a), np.sin(a)]))
+        free.step(free.whole_steps(8.0))
+    found = np.array([free.turn(body).angle for body in ("object_1", "object_2")])
+    return float(max(found / ASKED - 1, key=abs))

@@ -19,6 +19,8 @@ SINGLY, MOST, LAST = 6, 24, 0.86
 SHAFTS = {"even shaft": (1,), "stiff shaft": (1, 3)}
 WORKS = {"even works": (1,), "hanging works": (0,), "cubic works": (1, 3)}
 """Powers of the angle that the laws consist of; 0 stands for the sine."""
+NO_DEVICE = {"joint[device_joint].damping": 1e9, "body[device].pos": (0.0, 2.0, 1e9)}
+"""The apparatus without the safety device: it never moves, and no handle is too fast for it."""
 KINDS = [f"{shaft}, {works}" for shaft in SHAFTS for works in WORKS]
 
 
@@ -223,7 +225,7 @@ def naive(knobs):
 def measure(engine, knobs):
     """The engine's handle, held and turned on until the dial is at rest at the asked angle."""
     servo, goal = 300 * (knobs["c"] + knobs["k"]), ASKED
-    changes = {"joint[device_joint].damping": 1e9, "joint[object_2_joint].stiffness": servo}
+    changes = {**NO_DEVICE, "joint[object_2_joint].stiffness": servo}
     changes |= {"joint[object_2_joint].armature": servo / 500, "joint[object_2_joint].damping": servo / 10}
     free = engine.changed(changes)
     gain = 0.1 * min(1 + 12 * knobs["k3"] / knobs["c"], 6)
@@ -236,7 +238,7 @@ def measure(engine, knobs):
 
 def settles(engine, knobs, off):
     """Where the dial ends if it stands near the asked angle and the handle is given the torque of that angle."""
-    free = engine.changed({"joint[device_joint].damping": 1e9})
+    free = engine.changed(NO_DEVICE)
     works = knobs["kind"].split(", ")[1]
     for angle in (ASKED * (1 + off), ASKED):
         torque = float(_columns(WORKS[works], angle) @ _true(knobs)[1])

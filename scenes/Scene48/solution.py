@@ -1,20 +1,44 @@
 """Scene 48: push the head step by step below the speed of the device, find the springs, and carry their law on."""
 
 import numpy as np
+from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
+from scenes.steps import PushSteps, fitted_strengths, held_down
 
 FOOT, HEAD = "object_1", "object_2"
 TOP, OUT, ROD = 0.6, 0.8, 1.0
-ASKED, FASTEST, DEEPEST = 0.45, 0.045, 0.12
+ASKED, DEEPEST = 0.45, 0.12
 SIGMA = 1.2e-4
 """Standard deviation of a way that is read, m."""
-FIRST_N, LOOK_S, WAIT_S = 0.1, 0.06, 5.0
-SINGLY, MOST, LAST = 6, 20, 0.114
-"""Steps that are made one by one and watched, most steps, and the way that is enough."""
-KINDS = {"even foot": 1, "stiff foot": 2, "late foot": 3, "even foot and head": 2}
+STEPS = PushSteps(
+    bodies=(HEAD,),
+    top_m=TOP,
+    deepest=DEEPEST,
+    enough=0.114,
+    fastest=0.045,
+    share=0.85,
+    room=3.5,
+    first_n=0.1,
+    most=20,
+    singly=6,
+    look_s=0.06,
+    wait_s=5.0,
+    least_m=5e-4,
+    least_m_s=5e-4,
+)
+KINDS = {"stiff foot": 2, "late foot": 3, "even foot and head": 2}
 """How many numbers describe each kind of springs."""
-EDGES = np.arange(0.02, 0.0701, 0.001)
+EDGES = np.arange(0.03, 0.0601, 0.001)
+TOLD = 0.07
+"""Way of the foot at which the part with the cube is told to be a third of the force at least, m."""
+PARTS = {
+    "stiff foot": ((1 / 3, 1.0),),
+    "late foot": ((1.0, 6.0), (0.03, 0.06)),
+    "even foot and head": ((0.05, 1.0),),
+}
+"""Ranges: share of the cube there; further stiffness over k, and its edge; stiffness at the head over k."""
 
 
 def _columns(kind, down, edge):
@@ -22,14 +46,8 @@ def _columns(kind, down, edge):
     high = TOP - np.asarray(down, dtype=float)
     foot = np.sqrt(ROD**2 - high**2)
     way, slope = foot - OUT, high / foot
-    columns = [way * slope]
-    if kind == "stiff foot":
-        columns.append(way**3 * slope)
-    elif kind == "late foot":
-        columns.append(np.maximum(way - edge, 0.0) * slope)
-    elif kind == "even foot and head":
-        columns.append(TOP - high)
-    return np.stack(columns, axis=-1)
+    second = {"stiff foot": way**3 * slope, "late foot": np.maximum(way - edge, 0.0) * slope}
+    return np.stack([way * slope, second.get(kind, TOP - high)], axis=-1)
 
 
 def _held(kind, strengths, edge):
@@ -40,18 +58,11 @@ def _held(kind, strengths, edge):
 def _fitted(rows, kind):
     """Misfit in standard deviations, strengths, and the way from which a further spring acts."""
     forces, down = np.array(rows).T
-    best = None
-    for edge in EDGES if kind == "late foot" else (1.0,):
-        table, ahead = _columns(kind, down, edge), _columns(kind, down + 1e-5, edge)
-        slope = np.full(len(down), float(forces @ down / (down @ down)))
-        for _ in range(4):
-            error = SIGMA * slope
-            strengths = np.linalg.lstsq(table / error[:, None], forces / error, rcond=None)[0]
-            slope = np.maximum((ahead - table) @ strengths / 1e-5, 0.1 * np.max(slope))
-        misfit = float((((table @ strengths - forces) / error) ** 2).sum()) + 1e4 * float(min(strengths) < 0)
-        if best is None or misfit < best[0]:
-            best = (misfit, strengths, edge)
-    return best
+
+    def at(edge):
+        return *fitted_strengths(lambda places: _columns(kind, places, edge), down, forces, SIGMA, 4), edge
+
+    return min(map(at, EDGES if kind == "late foot" else (1.0,)), key=lambda found: found[0])
 
 
 def _best(rows):
@@ -61,62 +72,53 @@ def _best(rows):
     return _held(kind, *found[kind][1:])
 
 
-def _rows_of(exchanges):
-    """Forces and ways of the head wherever it was at rest within the range, until the springs are unhooked."""
-    force, last, rows = 0.0, 0.0, []
-    for asked, reading in exchanges:
-        if asked.tool == "apply_force":
-            force = -asked.arguments["force_vector"][2]
-        elif asked.tool == "step":
-            last = asked.arguments["duration"]
-        elif asked.tool == "get_position" and last > 1.0:
-            down = TOP - reading["position"][2]
-            if down > DEEPEST:
-                break
-            rows.append((force, down))
-    return rows
-
-
 def fit(readings, structure):
     """The force by springs of one kind."""
-    return _held(structure, *_fitted(_rows_of(readings), structure)[1:])
+    return _held(structure, *_fitted(STEPS.rows(readings), structure)[1:])
 
 
-def _push(force):
-    return call("apply_force", object_id=HEAD, force_vector=[0, 0, -float(f"{force:.5g}")])
+def _weighed(rows, kind):
+    """Springs of one kind, fitted: the logarithm of the stiffness at the foot, and the parts of `PARTS`."""
+    forces, down = np.array(rows).T
+
+    def springs(constants):
+        k, part = np.exp(constants[0]), constants[1]
+        second = k * (part / (1 - part) / TOLD**2 if kind == "stiff foot" else part)
+        return np.array([k, second]), constants[2] if kind == "late foot" else 1.0
+
+    def misfits(constants):
+        strengths, edge = springs(constants)
+        table, ahead = (_columns(kind, places, edge) @ strengths for places in (down, down + 1e-5))
+        return (table - forces) / (np.maximum(ahead - table, 0.1 * np.max(ahead - table)) / 1e-5 * SIGMA)
+
+    alone = _columns(kind, down, 1.0)[:, 0]
+    near = np.log(alone @ forces / (alone @ alone))
+    ranges = [(near - 3, near + 1), *((low, high - 1e-3) for low, high in PARTS[kind])]
+    low, high = np.array(ranges).T
+    starts = [low + (high - low) * [0.6, *[share] * (len(low) - 1)] for share in (0.2, 0.4, 0.7)]
+    fits = [least_squares(misfits, start, bounds=(low, high), x_scale=high - low) for start in starts]
+    best = min(fits, key=lambda found: found.cost).x
+    return member(misfits, lambda constants: _held(kind, *springs(constants)), best, ranges)
 
 
-def _rest():
-    return [call("step", duration=WAIT_S), call("get_position", object_id=HEAD)]
+def rivals(readings):
+    """Springs of every kind, fitted."""
+    rows = STEPS.rows(readings)
+    return {kind: _weighed(rows, kind) for kind in KINDS}
 
 
 def solve(task):
     """Forces that grow step by step, first singly and watched, then two at a time."""
     yield [call("find_objects")]
-    exchanges, force, more, number, way = [], 0.0, FIRST_N, 0, 0.0
-    allowed, gained = np.inf, 0.0
-    while number < MOST and way < LAST:
-        before, calls, count = way, [], 1 if number < SINGLY or DEEPEST - way < 3.5 * gained else 2
-        for _ in range(count):
-            force += more
-            look = [call("step", duration=LOOK_S), call("get_velocity", object_id=HEAD)] if number < SINGLY else []
-            calls += [_push(force), *look, *_rest()]
-        readings = yield calls
-        exchanges += zip(calls, readings, strict=True)
-        way = _rows_of(exchanges)[-1][1]
-        if number < SINGLY:
-            allowed = 0.85 * FASTEST * more / max(-readings[-3]["velocity"][2], 0.0005)
-        number += count
-        gained = max((way - before) / count, 5e-4)
-        more = min(8 * more, allowed, 0.75 * more * max(DEEPEST - way, 5e-4) / gained)
-    yield [answer(_best(_rows_of(exchanges)))]
+    seen = yield from STEPS.pushed()
+    yield [answer(_best(STEPS.rows(seen)))]
 
 
 def stage(task):
     """Push with more and more force until the head goes through."""
     calls = [call("find_objects")]
     for number in range(14):
-        calls += [_push(0.05 * 2.0**number), *_rest()]
+        calls += [STEPS.push(0.05 * 2.0**number), *STEPS.rest()]
     readings = yield calls
     ways = [reading["position"][2] for reading in readings if "position" in reading]
     through = next((number for number, height in enumerate(ways) if height < TOP - DEEPEST), 13)
@@ -127,43 +129,30 @@ def batch(task):
     """Forces in even ratios over the whole range, and the same fit."""
     calls = [call("find_objects")]
     for number in range(19):
-        calls += [_push(0.06 * 1.5**number), *_rest()]
-    readings = yield calls
-    rows = _rows_of(list(zip(calls, readings, strict=True)))
+        calls += [STEPS.push(0.06 * 1.5**number), *STEPS.rest()]
+    rows = STEPS.rows(list(zip(calls, (yield calls), strict=True)))
     yield [answer(_best(rows) if len(rows) > 2 else 10.0)]
 
 
-def structure(knobs):
-    """Which springs there are."""
-    return knobs["kind"]
-
-
-def _true(knobs):
-    """Strengths of the springs, and the way from which a further one acts."""
-    more = {"stiff foot": [knobs["k3"]], "late foot": [knobs["kq"]], "even foot and head": [knobs["kh"]]}
-    return [knobs["k"], *more.get(knobs["kind"], [])], knobs["s"]
-
-
-def theory(knobs):
+def predict(structure, knobs):
     """Work of the push is work on the springs."""
-    return _held(knobs["kind"], *_true(knobs))
+    return _held(structure, *_true(structure, knobs))
+
+
+def _true(kind, knobs):
+    """Strengths of the springs, and the way from which a further one acts."""
+    second = {"stiff foot": "k3", "late foot": "kq", "even foot and head": "kh"}[kind]
+    return [knobs["k"], knobs[second]], knobs["s"]
 
 
 def naive(knobs):
     """The force at the end of the laboratory's range; an even spring of the foot that needs the same force there."""
-    strengths, edge = _true(knobs)
+    strengths, edge = _true(knobs["kind"], knobs)
     edge_force = (_columns(knobs["kind"], [DEEPEST], edge) @ np.array(strengths)).item()
-    even = edge_force / _columns("even foot", [DEEPEST], 1.0).item()
-    return {"force at 0.12 m": edge_force, "even spring": _held("even foot", [even], 1.0)}
+    even = edge_force / _columns("late foot", [DEEPEST], 1.0)[0, 0]
+    return {"force at 0.12 m": edge_force, "even spring": _held("late foot", [even, 0.0], 1.0)}
 
 
 def measure(engine, knobs):
     """The engine's head, held by a stiff hand at the asked place."""
-    hand, goal, down = 100 * knobs["k"], ASKED, 0.0
-    free = engine.changed({"joint[device_joint].damping": 1e9, "joint[object_2_joint].stiffness": hand})
-    while abs(down - ASKED) > 1e-6:
-        goal += ASKED - down if down else 0.0
-        free.push(HEAD, force=np.array([0.0, 0.0, -hand * goal]))
-        free.step(free.whole_steps(2.0))
-        down = TOP - float(free.pose(HEAD).position[2])
-    return hand * (goal - down)
+    return held_down(engine, HEAD, knobs["k"], ASKED, TOP)
