@@ -5,13 +5,20 @@ part joins at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from scenes.courses import Array
+from scenes.family import member
+from scenes.protocol import AnswerValue, Member
 
+Law = tuple[float, ...]
+Points = Sequence[tuple[float, float]]
+"""Stretches [m] and forces [N] at rest."""
 KINDS = ("even", "cubic", "late")
 SIGMA_M = 1.5e-4
 """Standard deviation of a place that is read."""
@@ -23,6 +30,11 @@ _EDGES = np.linspace(0.185, 0.255, 15)
 _EDGE_RANGE = (0.18, 0.262)
 _LEAST = {"cubic": 3.0, "late": 0.7}
 """Least second constant over the stiffness; the drawn ones are larger."""
+LAST_M = 0.3
+"""Stretch for which prompts state the least share of a part with the third power."""
+_RANGES = {"even": [], "cubic": [(0.25, 0.8)], "late": [(0.4, 2.4), (0.18, 0.26)]}
+"""What prompts state: share of the third power at `LAST_M`; logarithm of the second part's stiffness over the first
+one's, which is at least 1.5, and edge [m]."""
 _PRICE = 4.0
 """What a constant more must gain in chi-square to be believed."""
 
@@ -137,3 +149,86 @@ def next_load(
     if goal is None:
         return None
     return goal, now + (now - before) / max(u - a, least) * (goal - u)
+
+
+def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) -> Any:
+    """Stretch [m] at which a spring has a pull, or each of an array of pulls [N]."""
+    if edge is not None:
+        return force / k - part / k * np.maximum(force - k * edge, 0.0) / (k + part)
+    u = force / k
+    for _ in range(30 if part else 0):  # Newton's method, which comes down to the root of a convex law
+        u = u - (k * u + part * u**3 - force) / (k + 3 * part * u**2)
+    return u
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A spring of one kind, fitted to stretches.
+
+    Its constants are the logarithm of the stiffness; of a cubic spring the share of the third power in the pull at
+    `LAST_M`; of a late one the logarithm of the second part's stiffness over the first one's, and the edge.
+    """
+
+    kind: str
+    points: Points
+    sigma: float
+
+    @property
+    def ranges(self) -> list[tuple[float, float]]:
+        """Ranges of the constants, those that the prompts state among them."""
+        first = float(np.log(fitted(self.points, self.kind)[1][0]))
+        return [(first - 1, first + 1), *_RANGES[self.kind]]
+
+    def law(self, constants: Sequence[float] | Array) -> Law:
+        """The law of some constants."""
+        k, *more = float(np.exp(constants[0])), *map(float, constants[1:])
+        if self.kind == "cubic":
+            return k, k * more[0] / (1 - more[0]) / LAST_M**2
+        return (k,) if self.kind == "even" else (k, k * float(np.exp(more[0])), more[1])
+
+    def misfits(self, constants: Array) -> Array:
+        """How far the stretches are from those of the law, in standard deviations."""
+        u, force = np.array(self.points).T
+        return (stretch(force, *self.law(constants)) - u) / self.sigma
+
+    def best(self) -> list[float]:
+        """The constants that fit best."""
+        k, *more = fitted(self.points, self.kind)[1]
+        start = [float(np.log(k)), *more]
+        if self.kind == "cubic":
+            start[1] = 1 - k * LAST_M / float(pull(LAST_M, k, *more))
+        elif self.kind == "late":
+            start[1] = float(np.log(more[0] / k))
+        low, high = np.array(self.ranges).T
+        return least_squares(self.misfits, np.clip(start, low, high), bounds=(low, high), x_scale=high - low).x.tolist()
+
+
+def members(
+    springs: Sequence[Points], predict: Callable[[Sequence[Law]], AnswerValue], sigma: float
+) -> dict[str, Member]:
+    """Springs of all kinds, fitted to what was read; by their kinds, such as `even, late`.
+
+    Args:
+        springs: Stretches and forces of each spring.
+        predict: The answer from the law of each.
+        sigma: Standard deviation of a stretch [m].
+    """
+    fits = [[(fit := _Fit(kind, points, sigma), fit.best()) for kind in KINDS] for points in springs]
+    found: dict[str, Member] = {}
+    for chosen in product(*fits):
+        parts, sizes = [fit for fit, _ in chosen], np.cumsum([len(best) for _, best in chosen])[:-1]
+
+        def misfits(constants: Array, parts: Sequence[_Fit] = parts, sizes: Any = sizes) -> Array:
+            each = zip(parts, np.split(constants, sizes), strict=True)
+            return np.concatenate([fit.misfits(own) for fit, own in each])
+
+        def answers(constants: Array, parts: Sequence[_Fit] = parts, sizes: Any = sizes) -> AnswerValue:
+            return predict([fit.law(own) for fit, own in zip(parts, np.split(constants, sizes), strict=True)])
+
+        found[", ".join(fit.kind for fit in parts)] = member(
+            misfits,
+            answers,
+            [value for _, best in chosen for value in best],
+            [span for fit in parts for span in fit.ranges],
+        )
+    return found

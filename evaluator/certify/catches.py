@@ -199,15 +199,16 @@ class Watch:
         state = _State(engine)
         self.catches = [_Watched(catch, n, subject, draw, state) for n, catch in enumerate(subject.pack.catches)]
         self._objects = [f"object_{listed.object_id}" for listed in subject.pack.objects.values()]
-        self._moves = {body: _Consistency() for body in self._objects if engine.is_movable(body)}
+        present = [body for body in self._objects if body in engine.bodies]
+        self._moves = {body: _Consistency() for body in present if engine.is_movable(body)}
         self._turns = {body: _Consistency() for body in self._moves if engine.turn(body)}
         self.worst = 0.0
         """Largest share of its bounds that a held quantity has used up so far."""
 
     @property
     def acted(self) -> int:
-        """How many catches have acted."""
-        return sum(catch.has_acted for catch in self.catches)
+        """How many catches have acted, without what bounds at all times."""
+        return sum(watched.has_acted for watched in self.catches if watched.catch.sprung)
 
     def look(self) -> str | None:
         """What is wrong with the present state, if anything is."""

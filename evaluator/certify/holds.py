@@ -13,7 +13,7 @@ import numpy as np
 
 from evaluator.answers.engine import Engine
 from evaluator.certify.catches import Watch, unknown_words
-from evaluator.certify.loads import Attack, Pushes, attacks_on, handles_of, push, take_away, unbounded_tools
+from evaluator.certify.loads import Attack, Pushes, attacks_on, handles_of, push, removals, take_away, unbounded_tools
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
 from physment_mcp.errors import Unstable
@@ -128,13 +128,14 @@ def _drive(subject: Subject, draw: Draw, number: int, looks: int, tally: _Tally)
     """Drive a draw with sequences of attacks; returns why it failed."""
     start = Engine(draw.mjcf)
     attacks = attacks_on(list(handles_of(start, subject.pack)), start, subject.pack)
+    removed = removals(start, subject.pack)
     limits = subject.pack.limits
     most = round(((limits and limits.lab_time) or MAX_SIMULATED_S) / start.timestep)
     runs = max(1, math.ceil(looks / most))
     for run in range(runs):
-        sequence = _sequence(attacks, number + run * _STRIDE)
-        watched = _Run(Engine(draw.mjcf), subject, draw, min(looks // runs, most))
-        reason = watched.through(sequence)
+        turn = number + run * _STRIDE
+        watched = _Run(Engine(draw.mjcf), subject, draw, min(looks // runs, most), removed[turn % len(removed)])
+        reason = watched.through(_sequence(attacks, turn))
         tally.add(watched)
         if reason:
             return reason
@@ -150,9 +151,11 @@ def _sequence(attacks: Sequence[Attack], turn: int) -> list[Attack]:
 class _Run:
     """A draw that is loaded in many ways one after the other, as an agent could in one episode."""
 
-    def __init__(self, engine: Engine, subject: Subject, draw: Draw, looks: int) -> None:
+    def __init__(self, engine: Engine, subject: Subject, draw: Draw, looks: int, removed: Sequence[str]) -> None:
+        for body in removed:
+            engine.remove(body)
         self.engine, self.watch, self.left = engine, Watch(subject, draw, engine), looks
-        self.history: list[str] = []
+        self.history: list[str] = [f"{body} deleted" for body in removed]
         self._made, self._limits = 0.0, subject.pack.limits
         self._pushes: Pushes = {}
         self._changes = 0

@@ -130,17 +130,19 @@ class Ball:
 
     body: str
     share: float
-    """Place along the body's greatest extent, from -1 to 1."""
+    """Place along the body's greatest extent, from -1 to 1; that along its axle does not count."""
     mass: float
     """[kg]"""
     height: float | None
     """From which it falls [m]; None if it is joined to the body."""
+    axle: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Direction in which its place turns nothing."""
 
     def put(self, engine: Engine) -> bool:
         """Make it, unless there is no room for it; returns whether it was made."""
         radius = (3 * self.mass / (4 * math.pi * _DENSITY)) ** (1 / 3)
         box = engine.shape(self.body).box
-        extent = np.zeros(3) if box is None else box
+        extent = np.zeros(3) if box is None else box * (1 - np.array(self.axle))
         along = np.eye(3)[int(np.argmax(extent))] * self.share * extent.max() / 2
         place = engine.pose(self.body).position + along + [0.0, 0.0, self.height or 0.0]
         obstacles = {name: name for name in engine.bodies}
@@ -155,6 +157,28 @@ class Ball:
                     engine.join(BALL, self.body, "weld")
             return True
         return False
+
+
+def axle(engine: Engine, body: str) -> tuple[float, ...]:
+    """The unit vector along x, y or z that is nearest to the only hinge of a body; zeros without one."""
+    if engine.turn(body) is None:
+        return (0.0, 0.0, 0.0)
+    start, spins = engine.save(), np.zeros(3)
+    for axis, sign in product(range(3), (1.0, -1.0)):  # the difference is what the torque does, without the laws
+        push(engine, {(body, "torque"): sign * np.eye(3)[axis]})
+        engine.step(1)
+        spins[axis] += sign * float(motion(engine, body, "torque")[axis])
+        engine.restore(start)
+    return tuple(np.eye(3)[int(np.argmax(np.abs(spins)))].tolist())
+
+
+def removals(engine: Engine, pack: Pack) -> list[tuple[str, ...]]:
+    """Which fixed objects, such as a pin that holds something, may be deleted at first: all, each one alone, none."""
+    if "delete_objects" in pack.disabled_tools:
+        return [()]
+    listed = {f"object_{entry.object_id}": key for key, entry in pack.objects.items()}
+    fixed = [body for body, key in listed.items() if pack.permissions_of(key).actuate and not engine.is_movable(body)]
+    return list(dict.fromkeys([tuple(fixed), *((body,) for body in fixed), ()]))
 
 
 def take_away(engine: Engine) -> None:
@@ -229,6 +253,7 @@ def _balls(engine: Engine, pack: Pack) -> Iterator[Attack]:
     if "create_objects" in pack.disabled_tools or pack.limits is None or pack.limits.created_mass is None:
         return
     joins = "attach_objects" not in pack.disabled_tools
+    axles = {body: axle(engine, body) for body in engine.bodies}
     for part, share in product(_PARTS, (0.0, 0.9, -0.9)):
         for key, listed in pack.objects.items():
             body, mass = f"object_{listed.object_id}", part * pack.limits.created_mass
@@ -237,7 +262,9 @@ def _balls(engine: Engine, pack: Pack) -> Iterator[Attack]:
             heights = [*([None] if joins and pack.permissions_of(key).actuate else []), 0.0, _DROP_M]
             for height in heights:
                 how = "joined to" if height is None else f"from {height:g} m on"
-                yield Attack(f"{mass:.3g} kg {how} {body} at {share:g}", (), ball=Ball(body, share, mass, height))
+                yield Attack(
+                    f"{mass:.3g} kg {how} {body} at {share:g}", (), ball=Ball(body, share, mass, height, axles[body])
+                )
 
 
 def _pairs(handles: Sequence[Handle]) -> Iterator[Attack]:

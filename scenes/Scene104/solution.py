@@ -1,13 +1,14 @@
 """Scene 104: load one pan, the other, and both, up to just above the catches; find what acts between them."""
 
-from math import pi
-
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
+from scenes.loads import GRAVITY, ball, hung, joined
 from scenes.protocol import answer, call
+from scenes.springs import best_edge, solved
 
-GRAVITY, TOP, CATCH = 9.81, 2.0, 0.3
+TOP, CATCH = 2.0, 0.3
 FAR, NEAR = 0.9, 0.1
 KINDS = ("first", "second", "cord", "lever")
 PANS = {"object_1": -0.3, "object_2": 0.3}
@@ -17,10 +18,17 @@ WAIT_S = 5.0
 FIRST_KG, GROWTH, SEEN = 0.004, 8.0, 0.006
 SIGMA = 5e-5
 """Standard deviation of a place that is read, m."""
+STEEP = (0.8, 5.0)
+"""Stiffness of what is between over that of the first spring, by the prompt, and at most."""
 ALONE = (0.1, 0.2, 0.24, 0.266, 0.29)
 ALSO = (0.16, 0.225, 0.258, 0.289)
 BOTH = (0.18, 0.215, 0.252, 0.288)
 """Ways that are aimed at, m: the first pan alone, the second alone, both together."""
+
+
+def _edges(kind):
+    """Where what is between begins to act, by the prompt."""
+    return (0.36, 0.5) if kind == "lever" else (0.19, 0.27)
 
 
 def _between(kind, edge, first, second):
@@ -36,69 +44,99 @@ def _between(kind, edge, first, second):
     return pull, -pull
 
 
+def _needed(kind, law, first, second):
+    """Forces that hold the pans at ways, by a law: two stiffnesses, that of what is between, and where it begins."""
+    k1, k2, joint, edge = law
+    more = _between(kind, edge, np.float64(first), np.float64(second))
+    return [float(k1 * first + joint * more[0]), float(k2 * second + joint * more[1])]
+
+
+def _asked(kind, law):
+    """Both asked forces."""
+    return [_needed(kind, law, FAR, NEAR)[0], _needed(kind, law, NEAR, FAR)[1]]
+
+
+def _drawn(knobs):
+    k1 = knobs["k1"]
+    edge = knobs["length" if knobs["kind"] == "lever" else "height"]
+    return k1, k1 * knobs["other"], k1 * knobs["joint"], edge
+
+
 def _fitted(rows, kind):
-    """Misfit, and both asked forces, if a kind of thing is between the pans."""
-    first, second, push_1, push_2 = rows.T
-    sizes = [1e-3 * push + SIGMA * max(float(push.max()), 1e-6) / 0.3 * 3 for push in (push_1, push_2)]
+    """Misfit and law if a kind of thing is between the pans."""
+    first, second, *pushes = rows.T
+    size = np.concatenate([1e-3 * push + SIGMA * max(float(push.max()), 1e-6) / 0.3 * 3 for push in pushes])
+    none = np.zeros_like(first)
 
-    def solved(edge):
-        more = _between(kind, edge, first, second)
-        none = np.zeros_like(first)
-        tables = [np.column_stack([first, none, more[0]]), np.column_stack([none, second, more[1]])]
-        table = np.vstack([table / size[:, None] for table, size in zip(tables, sizes, strict=True)])
-        wanted = np.concatenate([push_1 / sizes[0], push_2 / sizes[1]])
-        scale = np.linalg.norm(table, axis=0) + 1e-12
-        found = np.linalg.lstsq(table / scale, wanted, rcond=None)[0] / scale
-        return table @ found - wanted, found
+    def at(edge):
+        columns = [[first, none], [none, second], _between(kind, edge, first, second)]
+        return solved([np.concatenate(column) for column in columns], np.concatenate(pushes), size)
 
-    low, high = (0.36, 0.5) if kind == "lever" else (0.19, 0.27)
-    edge = min(np.linspace(low, high, 25), key=lambda edge: float((solved(edge)[0] ** 2).sum()))
-    edge = float(
-        least_squares(lambda at: solved(at[0])[0], [edge], bounds=(low - 0.01, high + 0.01), diff_step=1e-4).x[0]
-    )
-    misfit, (k1, k2, joint) = solved(edge)
-    far, near = np.float64(FAR), np.float64(NEAR)
-    forces = [
-        k1 * FAR + joint * _between(kind, edge, far, near)[0],
-        k2 * FAR + joint * _between(kind, edge, near, far)[1],
-    ]
-    return float((misfit**2).sum()) + 1e3 * (joint < 0), [float(force) for force in forces]
+    low, high = _edges(kind)
+    edge = best_edge(at, np.linspace(low, high, 25), (low - 0.01, high + 0.01))
+    misfit, found = at(edge)
+    return float((misfit**2).sum()) + 1e3 * (found[2] < 0), (*map(float, found), edge)
+
+
+def _ways(kind, law, pushes):
+    """Where the pans rest under forces, in a row for each."""
+    k1, k2, joint, edge = law
+    first, second = pushes[0] / k1, pushes[1] / k2  # without what is between
+    bare = _between(kind, edge, first, second)
+    pulls = [joint * part / (1 + joint * (1 / k1 + 1 / k2)) for part in bare]
+    return np.array([first - pulls[0] / k1, second - pulls[1] / k2])
+
+
+def _weighed(rows, kind):
+    """A kind of thing between the pans, fitted to their ways."""
+    ways, pushes = rows.T[:2], rows.T[2:]
+
+    def law(constants):
+        k1, k2, steep = np.exp(constants[:3])
+        return k1, k2, steep * k1, constants[3]
+
+    def misfits(constants):
+        return ((_ways(kind, law(constants), pushes) - ways) / SIGMA).ravel()
+
+    k1, k2, joint, edge = np.maximum(_fitted(rows, kind)[1], 1e-6)
+    logs = np.log([k1, k2])
+    ranges = [*((value - 0.5, value + 0.5) for value in logs), tuple(np.log(STEEP)), _edges(kind)]
+    low, high = np.array(ranges).T
+    start = np.clip([*logs, np.log(joint / k1), edge], low + 1e-6, high - 1e-6)
+    best = least_squares(misfits, start, bounds=(low, high), x_scale=high - low).x
+    return member(misfits, lambda constants: _asked(kind, law(constants)), best, ranges)
 
 
 def _rows(exchanges):
     """Rows of the ways of both pans and the loads on both, until a catch holds one."""
-    rows, made, joined, load, ways = [], {}, {}, dict.fromkeys(PANS, 0.0), {}
-    for asked, reading in exchanges:
-        if "error" in reading:
-            continue
-        if asked.tool == "create_objects":
-            made[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            ball, pan = asked.arguments["object1_id"], asked.arguments["object2_id"]
-            joined[ball] = pan
-            load[pan] += made[ball]
-        elif asked.tool == "delete_objects":
-            ball = asked.arguments["object_id"]
-            load[joined[ball]] -= made[ball]
-        elif asked.tool == "get_position":
+    rows, ways = [], {}
+    for asked, reading, load in hung(exchanges):
+        if asked.tool == "get_position":
             ways[asked.arguments["object_id"]] = TOP - reading["position"][2]
             if max(ways.values()) > CATCH + 0.005:
                 break
             if asked.arguments["object_id"] == "object_2":
-                pushes = [max(GRAVITY * load[pan], 0.0) for pan in PANS]
+                pushes = [GRAVITY * load[pan] for pan in PANS]
                 rows.append((ways["object_1"], ways["object_2"], *(push if push > 1e-6 else 0.0 for push in pushes)))
     return np.array(rows or [(0.1, 0.1, 1.0, 1.0)])
 
 
 def _best(rows):
-    """Both forces by what fits best; a cord must be clearly better than a hook."""
+    """Both forces by what fits best."""
     fits = {kind: _fitted(rows, kind) for kind in KINDS}
-    return fits[min(KINDS, key=lambda kind: fits[kind][0])][1]
+    kind = min(KINDS, key=lambda kind: fits[kind][0])
+    return _asked(kind, fits[kind][1])
 
 
 def fit(readings, structure):
     """Both forces with one thing between the pans."""
-    return _fitted(_rows(readings), structure)[1]
+    return _asked(structure, _fitted(_rows(readings), structure)[1])
+
+
+def rivals(readings):
+    """Each thing that may be between the pans, fitted."""
+    rows = _rows(readings)
+    return {kind: _weighed(rows, kind) for kind in KINDS}
 
 
 class _Bench:
@@ -115,22 +153,12 @@ class _Bench:
             if kg > 0:
                 name = f"b{pan[-1]}_{self.number[pan]}"
                 self.number[pan] += 1
-                calls.append(
-                    call(
-                        "create_objects",
-                        name=name,
-                        pos=[PANS[pan], 0.5 * (self.number[pan] % 2) - 0.25, TOP],
-                        density=kg / (4 / 3 * pi * RADIUS**3),
-                        rgba=[1, 0, 0, 1],
-                        radius=RADIUS,
-                    )
-                )
-                calls.append(call("attach_objects", object1_id=name, object2_id=pan))
+                where = [PANS[pan], 0.5 * (self.number[pan] % 2) - 0.25, TOP]
+                calls += joined(ball(name, kg, where, RADIUS), pan)
                 self.lying[pan] = name
             if old:
                 calls.append(call("delete_objects", object_id=old))
-        looks = [call("get_position", object_id=pan) for pan in PANS]
-        return [*calls, call("step", duration=WAIT_S), *looks]
+        return [*calls, call("step", duration=WAIT_S), *(call("get_position", object_id=pan) for pan in PANS)]
 
 
 def _farther(points, goal):
@@ -194,38 +222,30 @@ def stage(task):
     yield [answer([force, force])]
 
 
-def structure(knobs):
-    """What is between the pans."""
-    return knobs["kind"]
-
-
-def _forces(knobs, joint):
-    kind, k1 = knobs["kind"], knobs["k1"]
-    edge = knobs["length" if kind == "lever" else "height"]
-    return [
-        float(k1 * FAR + joint * k1 * _between(kind, edge, np.float64(FAR), np.float64(NEAR))[0]),
-        float(k1 * knobs["other"] * FAR + joint * k1 * _between(kind, edge, np.float64(NEAR), np.float64(FAR))[1]),
-    ]
+def predict(structure, knobs):
+    """Springs and what is between, at the asked ways."""
+    return _asked(structure, _drawn(knobs))
 
 
 def naive(knobs):
     """The springs alone."""
-    return {"springs alone": _forces(knobs, 0.0)}
+    k1, k2, _, edge = _drawn(knobs)
+    return {"springs alone": _asked(knobs["kind"], (k1, k2, 0.0, edge))}
 
 
-def theory(knobs):
-    """Springs and what is between, at the asked ways."""
-    return _forces(knobs, knobs["joint"])
+def _free(engine):
+    """The engine's pans without the catches."""
+    changes = {}
+    for number in (1, 2):
+        changes |= {f"joint[guide{number}].range": (-5.0, 5.0), f"body[trigger{number}]/inertial.mass": 1e12}
+    return engine.changed(changes)
 
 
 def measure(engine, knobs):
     """Forces that hold the engine's pans at the asked ways, without the catches."""
-    changes = {}
-    for number in (1, 2):
-        changes |= {f"joint[guide{number}].range": (-5.0, 5.0), f"body[trigger{number}]/inertial.mass": 1e12}
     forces = []
     for which, ways in enumerate(((FAR, NEAR), (NEAR, FAR))):
-        free, held = engine.changed(changes), np.zeros(2)
+        free, held = _free(engine), np.zeros(2)
         k = np.array([knobs["k1"], knobs["k1"] * knobs["other"]])
         for _ in range(free.whole_steps(25.0)):
             lacking = np.array([way - TOP + free.pose(pan).position[2] for pan, way in zip(PANS, ways, strict=True)])
@@ -235,3 +255,17 @@ def measure(engine, knobs):
             free.step(1)
         forces.append(float(held[which]))
     return forces
+
+
+def settles(engine, knobs, off):
+    """Where the pans come to rest under the asked forces, after other forces have held them off the asked ways."""
+    left = []
+    for ways in ((FAR, NEAR), (NEAR, FAR)):
+        free = _free(engine)
+        for share in (1 + off, 1.0):
+            forces = _needed(knobs["kind"], _drawn(knobs), *(share * way for way in ways))
+            for pan, force in zip(PANS, forces, strict=True):
+                free.push(pan, force=np.array([0.0, 0.0, -force]))
+            free.step(free.whole_steps(10.0))
+        left += [(TOP - free.pose(pan).position[2]) / way - 1 for pan, way in zip(PANS, ways, strict=True)]
+    return float(max(left, key=abs))

@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from scenes.courses import Array
-from scenes.springs import KINDS, best, drawn, drawn_kinds, energy, fitted, next_load, pull, resisted
+from scenes.family import surviving
+from scenes.springs import KINDS, best, drawn, drawn_kinds, energy, fitted, members, next_load, pull, resisted, stretch
 
 LAWS = {"even": (50.0,), "cubic": (50.0, 50.0 / 0.3**2), "late": (50.0, 75.0, 0.2123)}
 STRETCHES = np.array([0.03, 0.06, 0.1, 0.14, 0.18, 0.2, 0.22, 0.24, 0.26, 0.28, 0.29])
@@ -56,3 +57,19 @@ def test_a_resistance_with_an_edge_is_recovered() -> None:
     cost, found, edge = resisted(columns, spin, 2.0 * spin + 3.0 * np.maximum(spin - 6.73, 0.0))
     assert (*found, edge) == pytest.approx((2.0, 3.0, 6.73), rel=1e-4)
     assert cost < 0.01
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_stretch_under_a_pull_is_the_inverse_of_the_pull(kind: str) -> None:
+    assert stretch(pull(STRETCHES, *LAWS[kind]), *LAWS[kind]) == pytest.approx(STRETCHES, rel=1e-9)
+
+
+@pytest.mark.parametrize("kinds", [("late", "cubic"), ("even", "late"), ("cubic", "even")])
+def test_only_the_kinds_of_the_springs_fit_their_stretches(kinds: tuple[str, str]) -> None:
+    fits = members([_points(kind) for kind in kinds], lambda laws: sum(energy(0.9, *law) for law in laws), 8e-5)
+    assert len(fits) == len(KINDS) ** 2
+    assert surviving(fits) == [", ".join(kinds)]
+    fit = fits[", ".join(kinds)]
+    key = sum(energy(0.9, *LAWS[kind]) for kind in kinds)
+    assert fit.answer == pytest.approx(key, rel=1e-3)
+    assert fit.plausible(40) == pytest.approx([key] * 40, rel=0.05)

@@ -6,11 +6,13 @@ from typing import Any
 
 import pytest
 
+from evaluator.answers.engine import Engine
 from evaluator.certify.catches import undeclared_catches
 from evaluator.certify.certificate import certify
 from evaluator.certify.holds import check_holds
 from evaluator.certify.in_memory import MemoryLaboratory
 from evaluator.certify.lint import lint
+from evaluator.certify.loads import Ball, axle
 from evaluator.certify.records import Check, certificates_of
 from evaluator.certify.subject import Subject
 from scenes import Category, PackFiles, read_pack
@@ -232,6 +234,35 @@ def test_balls_are_joined_to_what_is_caught_and_dropped_on_it(author: Author, fi
     assert checked(files).reasons == ()
     author.edit(files, lambda pack: pack["laws"].pop())
     assert any("latch lets go" in reason and "kg" in reason for reason in checked(files).reasons)
+
+
+def test_a_pin_is_taken_out_before_the_loads(author: Author, files: PackFiles) -> None:
+    pinned = MODEL.replace("</worldbody>", '<body name="object_3" pos="0 0.2 1"><geom size="0.01"/></body></worldbody>')
+    pinned = pinned.replace("</mujoco>", '<equality><weld body1="object_3" body2="object_1"/></equality></mujoco>')
+    files.mjcf.write_text(pinned, encoding="utf-8")
+
+    def with_a_pin(pack: dict[str, Any]) -> None:
+        pack["objects"]["object_3"] = {"name": "pin", "object_id": "3"}
+        pack["number_of_objects"] = 3
+
+    author.edit(files, with_a_pin)
+    assert checked(files).reasons == ("no load springs the latch: its condition is never met",)
+    author.edit(files, lambda pack: pack["disabled_tools"].pop("delete_objects"))
+    assert checked(files).reasons == ()
+
+
+def test_a_ball_is_joined_beside_the_axle_along_which_a_body_is_longest() -> None:
+    rotor = MODEL.replace('gravity="0 0 0"', "").replace(
+        'name="object_1_joint" type="slide" axis="1 0 0"', 'name="object_1_joint" type="hinge" axis="0 1 0"'
+    )
+    engine = Engine(rotor.replace('size="0.1 0.1 0.1"', 'size="0.1 0.4 0.01"'))
+    assert axle(engine, "object_1") == (0.0, 1.0, 0.0)
+    assert axle(engine, "object_2") == (0.0, 0.0, 0.0)
+    assert Ball("object_1", 0.9, 1.0, None, axle(engine, "object_1")).put(engine)
+    engine.step(50)
+    turn = engine.turn("object_1")
+    assert turn is not None
+    assert turn.angle > 0.1
 
 
 def test_a_pack_that_names_a_catch_needs_the_certificate(files: PackFiles, author: Author) -> None:
