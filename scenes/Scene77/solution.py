@@ -4,8 +4,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from scenes.courses import Channel, Course, Laws, position, recorded, refined, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Course, Laws, Predictor, position, velocity
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.swings import LegFit, Swing, to_and_fro
 
 REST_M, LATCH_M, TORQUE, SPIN = 0.5, 1.0, 10.0, 7.0
 STRUCTURES = {
@@ -14,25 +17,18 @@ STRUCTURES = {
     "pad": ("m", "inertia", "k", "pad", "soft"),
     "thick pad": ("m", "inertia", "k", "pad", "soft", "c"),
 }
-PLAIN = ("m", "inertia", "k", "k3", "c")
-"""Constants of a stiffening spring in oil, with which the next torques are planned."""
 BOX = {
     "m": (0.02, 20.0),
     "inertia": (0.008, 30.0),
     "k": (0.08, 400.0),
     "c": (0.01, 80.0),
     "k2": (0.08, 2000.0),
-    "begins": (0.2, 0.45),
+    "begins": (0.2, 0.4),
     "k3": (0.08, 4000.0),
     "pad": (0.8, 10000.0),
-    "soft": (0.1, 0.4),
+    "soft": (0.2, 0.4),
 }
-REACHES = (0.62, 0.7, 0.75, 0.8, 0.84, 0.88, 0.9, 0.92, 0.94, 0.95, 0.96)
-"""How far out the slider is let go in each iteration that has a model, in m; the last one goes on."""
-INNERMOST_M, FAR_M, TIME_S, CALLS, ITERATIONS = 0.2, 0.84, 18.0, 148, 19
-LEGS, AHEAD, LOOKS, TRIALS = 2, 5, 3, 200
-TOUCHES, VISIBLE = (0.1, 1.0, 10.0), 0.05
-"""First torques in N·m, each for 0.2 s, until the spin is seen, in rad/s."""
+INNERMOST_M, FAR_M = 0.2, 0.84
 
 
 def _rates(structure, knobs, time, state, control):
@@ -58,103 +54,47 @@ LAWS = Laws(
     starts=150,
     tried=3,
     rounds=8,
+    plain=("m", "inertia", "k", "k3", "c"),
+)
+"""The plain law is a stiffening spring in oil."""
+RIG = Rig(
+    [Channel("apply_torque", "object_1", "torque_vector", 2)],
+    [position("object_2", 0), position("object_2", 1), velocity("object_2", 0), velocity("object_2", 1)],
 )
 
 
 def _course(readings):
-    """Torques, and what was read in the groove: place, speed and spin; without what is beyond the latch."""
-    seen = [*(position("object_2", axis) for axis in (0, 1)), *(velocity("object_2", axis) for axis in (0, 1))]
-    raw = recorded(readings, [Channel("apply_torque", "object_1", "torque_vector", 2)], seen)
+    """Torques, and what was read in the groove: place, speed and spin; up to where the latch caught."""
+    raw = RIG.course(readings)
     x, y, vx, vy = raw.readings.T
     s = np.hypot(x, y)
     groove = np.column_stack([s, (x * vx + y * vy) / s, (x * vy - y * vx) / s**2])
-    lost = np.nonzero(s > LATCH_M - 0.005)[0]
-    kept = int(lost[0]) if len(lost) else len(s)
-    return Course(raw.durations[:kept], raw.controls[:kept], groove[:kept])
+    return Course(raw.durations, raw.controls, groove).until(s > LATCH_M - 0.005)
 
 
-def _roughly(course, unit):
-    """Constants of a stiffening spring from one leg after the other, from a point of the unit cube or anywhere."""
-    names = PLAIN
-    starts = np.vstack([LAWS.start, course.readings[:-1]]).T[:, :, None]
-
-    def misfits(units):
-        states, held = starts + np.zeros(units.shape[1]), course.controls.T[:, :, None]
-        ends = LAWS.advanced("plain", _constants(units), 0.0, states, course.durations[:, None], held)
-        off = (ends.transpose(1, 0, 2) - course.readings[:, :, None]) / (2 * np.array(LAWS.sigma)[:, None])
-        return np.vstack([np.clip(np.nan_to_num(off, nan=1e4), -1e4, 1e4).reshape(-1, units.shape[1]), units - 0.5])
-
-    if unit is None:
-        units = np.random.default_rng(1).random((len(names), 400))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 12)
-    return refined(misfits, unit, 6)
-
-
-def _constants(unit):
-    """Constants of a stiffening spring at points of the unit cube."""
-    return {name: BOX[name][0] * (BOX[name][1] / BOX[name][0]) ** part for name, part in zip(PLAIN, unit, strict=True)}
-
-
-def _planned(knobs, state, span, reach):
-    """Torques for the next legs: of many at random, those that carry the slider far, but not beyond the reach."""
-    rng = np.random.default_rng(2)
-    inertia = knobs["inertia"] + knobs["m"] * REST_M**2
-    torques = min(TORQUE, inertia * knobs["k"] / knobs["m"]) * rng.choice(
-        [-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0], (AHEAD, TRIALS)
-    )
-    torques[:, 0] = 0.0
-    states = np.array(state)[:, None] + np.zeros(TRIALS)
-    far, value = states[0], np.zeros(TRIALS)
-    for torque in torques:
-        for _ in range(LOOKS):
-            states = LAWS.advanced("plain", knobs, 0.0, states, span / LOOKS, torque[None, :])
-            s = np.nan_to_num(states[0], nan=9.0)
-            value -= 1e3 * (np.maximum(s - reach, 0.0) + np.maximum(INNERMOST_M - s, 0.0))
-            far = np.maximum(far, s)
-            value += 3 * np.maximum(np.minimum(s, reach) - FAR_M, 0.0)
-    value += np.minimum(far, reach)
-    return torques[:LEGS, int(np.argmax(value))]
-
-
-def _turn(torque, duration):
-    return [
-        call("apply_torque", object_id="object_1", torque_vector=[0, 0, round(float(torque), 4)]),
-        call("step", duration=max(round(duration / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_2"),
-        call("get_velocity", object_id="object_2"),
-    ]
-
-
-def solve(task):
-    """A touch, a spin of 1.2 rad/s, then torques that the model so far chooses."""
-    seen, impulse, spin = [], 0.0, 0.0
-    for torque in TOUCHES:
-        calls = _turn(torque, 0.2)
-        seen += zip(calls, (yield calls), strict=True)
-        impulse, spin = impulse + 0.2 * torque, float(_course(seen).readings[-1, 2])
-        if spin > VISIBLE:
-            break
+def _spun(course):
+    """A torque that makes the spin 1.2 rad/s, then none."""
+    impulse, spin = float(course.durations @ course.controls[:, 0]), float(course.readings[-1, 2])
     torque = min(TORQUE, impulse * max(1.2 / spin - 1, 0.0) / 0.3)
-    calls = [*_turn(torque, 0.3), *_turn(0.0, 0.2), *_turn(0.0, 0.2), *_turn(0.0, 0.2)]
-    seen += zip(calls, (yield calls), strict=True)
-    unit, reaches, spent = None, list(REACHES), 1.5
-    for _ in range(ITERATIONS - 4):
-        course = _course(seen)
-        unit = _roughly(course, unit)
-        knobs = _constants(unit)
-        span = float(np.clip(0.95 * np.sqrt(knobs["m"] / knobs["k"]), 0.1, 0.6))
-        spent += LEGS * span
-        if len(seen) + 4 * LEGS > CALLS or spent > TIME_S:
-            break
-        seen_m = float(course.readings[:, 0].max()) - REST_M
-        reach, reaches = min(reaches[0], REST_M + 0.03 + 1.7 * seen_m), reaches[1:] or reaches
-        calls = [asked for torque in _planned(knobs, course.readings[-1], span, reach) for asked in _turn(torque, span)]
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
+    return (torque, 0.3), (0.0, 0.2), (0.0, 0.2), (0.0, 0.2)
 
 
-def _predict(structure, knobs):
+def _pattern(rng, legs, trials):
+    """Torques to and fro, and none at all."""
+    shares = to_and_fro(rng, legs, trials)
+    shares[:, :, 0] = 0.0
+    return shares
+
+
+def _worth(plan, path):
+    """Goes far out, within the reach and not too near the axle."""
+    s = path[:, 0]
+    beyond = np.maximum(s - plan.reach, 0.0) + np.maximum(INNERMOST_M - s, 0.0)
+    wide = np.maximum(np.minimum(s, plan.reach) - FAR_M, 0.0)
+    return (3 * wide - 1e3 * beyond).sum(axis=0) + np.minimum(s.max(axis=0), plan.reach)
+
+
+def predict(structure, knobs):
     """Where the slider comes to rest after the pin is pulled, and the spin there."""
     knobs = {name: float(knobs[name]) for name in STRUCTURES[structure]}
 
@@ -169,24 +109,37 @@ def _predict(structure, knobs):
     return [float(end[0]), float(end[2])]
 
 
-def fit(readings, structure):
-    """The answer by the force of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+SWING = Swing(
+    rig=RIG,
+    model=Predictor(LAWS, _course, predict),
+    rough=LegFit(LAWS),
+    touches=(0.1, 1.0, 10.0),
+    moved=lambda reading: reading[2] > 0.05,
+    settled=_spun,
+    strongest=lambda plan: min(TORQUE, (plan.knobs["inertia"] / plan.knobs["m"] + REST_M**2) * plan.knobs["k"]),
+    pattern=_pattern,
+    worth=_worth,
+    span=lambda knobs: float(np.clip(0.95 * np.sqrt(knobs["m"] / knobs["k"]), 0.1, 0.6)),
+    reaches=(0.62, 0.7, 0.75, 0.8, 0.84, 0.88, 0.9, 0.92, 0.94, 0.95, 0.96),
+    wider=lambda course: REST_M + 0.03 + 1.7 * (float(course.readings[:, 0].max()) - REST_M),
+    rounds=15,
+    legs=2,
+    trials=200,
+    time_s=16.5,
+    fixed_pushes=(0.1, 0.0, 0.2, 0.0, 0.5, 0.0, 1.0, -0.5, 2.0, 0.0, 5.0, 0.0, -3.0, 10.0, 0.0),
+    fixed_s=0.4,
+)
+solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
-def structure(knobs):
-    """What is in the groove."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """The flight by its equations of motion."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Each force further out, with and without oil, fitted to the course."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
     """The spring of small motions; the place where pull and centrifugal force balance, as the table slows down."""
-    small = _predict("second", {**knobs, "k2": 0.0})
+    small = predict("second", {**knobs, "k2": 0.0})
     m, inertia = knobs["m"], knobs["inertia"]
     start = inertia + m * REST_M**2
 
@@ -207,18 +160,10 @@ def naive(knobs):
 
 def stage(task):
     """Turn as hard as possible, and read the largest distance and the last spin."""
-    calls = [asked for _ in range(6) for asked in _turn(TORQUE, 0.5)]
+    calls = RIG.leg(TORQUE, 3.0, 6)
     readings = yield calls
     course = _course(list(zip(calls, readings, strict=True)))
     yield [answer([float(np.max(course.readings[:, 0], initial=REST_M)), SPIN])]
-
-
-def batch(task):
-    """Torques to and fro, stronger and stronger, and the same fit."""
-    torques = (0.1, 0.0, 0.2, 0.0, 0.5, 0.0, 1.0, -0.5, 2.0, 0.0, 5.0, 0.0, -3.0, 10.0, 0.0)
-    calls = [asked for torque in torques for asked in _turn(torque, 0.4)]
-    readings = yield calls
-    yield [answer(_predict(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
 
 
 def measure(engine, knobs):

@@ -2,22 +2,18 @@
 
 import numpy as np
 
-from scenes.courses import Channel, Course, Laws, recorded, refined
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Laws, Predictor
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.swings import LegFit, Swing, to_a_side
 
 TORQUE, LATCH = 5.0, 0.8
 FOLDS = (2, 3, 4)
 STRUCTURES = {f"{fold} times": ("i", "w", f"b{fold}") for fold in FOLDS}
-PLAIN = ("i", "w", "bend")
-"""Constants of a torque that bends smoothly, with which the next torques are planned."""
 BOX = {"i": (0.0005, 2.0), "w": (2.0, 60.0), "bend": (-60.0, 60.0), **{f"b{fold}": (-40.0, 40.0) for fold in FOLDS}}
 """Inertia; over it, the part of the torque that goes with the sine of the angle, and of a multiple of the angle."""
-REACHES = (0.12, 0.25, 0.4, 0.55, 0.65, 0.7, 0.73, 0.75)
-"""How far the wheel is let go in each iteration that has a model, in rad; the last one goes on."""
-FAR, TIME_S, CALLS, ITERATIONS = 0.4, 12.0, 148, 19
-LEGS, AHEAD, LOOKS, TRIALS = 3, 5, 3, 300
-TOUCHES, VISIBLE, TOUCH_S = (0.001, 0.004, 0.016, 0.064, 0.256, 1.0, 5.0), 0.05, 0.15
-"""First torques in N·m until the spin is seen, in rad/s."""
+FAR = 0.4
 
 
 def _back(knobs, angle):
@@ -45,96 +41,23 @@ LAWS = Laws(
     starts=120,
     tried=3,
     rounds=10,
+    plain=("i", "w", "bend"),
+)
+"""The plain law has a torque that bends smoothly."""
+RIG = Rig(
+    [Channel("apply_torque", "object_1", "torque_vector", 2)],
+    [Channel("get_position", "object_1", "angle"), Channel("get_velocity", "object_1", "angular_velocity")],
+    decimals=6,
 )
 
 
 def _course(readings):
-    """Torques, angles and spins, up to where the latch caught."""
-    seen = Channel("get_position", "object_1", "angle"), Channel("get_velocity", "object_1", "angular_velocity")
-    raw = recorded(readings, [Channel("apply_torque", "object_1", "torque_vector", 2)], seen)
-    lost = np.nonzero(abs(raw.readings[:, 0]) > LATCH - 0.01)[0]
-    kept = int(lost[0]) if len(lost) else len(raw.durations)
-    return Course(raw.durations[:kept], raw.controls[:kept], raw.readings[:kept])
+    """The course up to where the latch caught."""
+    course = RIG.course(readings)
+    return course.until(abs(course.readings[:, 0]) > LATCH - 0.01)
 
 
-def _constants(unit):
-    """Constants of a torque that bends smoothly at points of the unit cube."""
-    ends = [(*BOX[name], part) for name, part in zip(PLAIN, unit, strict=True)]
-    return {
-        name: low * (high / low) ** part if low > 0 else low + (high - low) * part
-        for name, (low, high, part) in zip(PLAIN, ends, strict=True)
-    }
-
-
-def _roughly(course, unit):
-    """The constants from one leg after the other, from a point of the unit cube or anywhere."""
-    starts = np.vstack([LAWS.start, course.readings[:-1]]).T[:, :, None]
-
-    def misfits(units):
-        states, held = starts + np.zeros(units.shape[1]), course.controls.T[:, :, None]
-        ends = LAWS.advanced("plain", _constants(units), 0.0, states, course.durations[:, None], held)
-        off = (ends.transpose(1, 0, 2) - course.readings[:, :, None]) / (2 * np.array(LAWS.sigma)[:, None])
-        return np.vstack([np.clip(np.nan_to_num(off, nan=1e4), -1e4, 1e4).reshape(-1, units.shape[1]), units - 0.5])
-
-    if unit is None:
-        units = np.random.default_rng(1).random((len(PLAIN), 400))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 12)
-    return refined(misfits, unit, 6)
-
-
-def _planned(knobs, state, span, reach, side):
-    """Torques for the next legs: of many at random, those that turn the wheel to a side, within the reach."""
-    rng = np.random.default_rng(2)
-    strongest = min(TORQUE, 1.2 * reach * knobs["w"] * knobs["i"])
-    torques = strongest * rng.choice([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0], (AHEAD, TRIALS))
-    states, value = np.array(state)[:, None] + np.zeros(TRIALS), np.zeros(TRIALS)
-    for held in torques:
-        for _ in range(LOOKS):
-            states = LAWS.advanced("plain", knobs, 0.0, states, span / LOOKS, held[None, :])
-            place = np.nan_to_num(abs(states[0]), nan=9.0)
-            value += 10 * np.maximum(np.minimum(side * states[0], reach) - FAR, 0.0) + place
-            value -= 1e3 * np.maximum(place - reach, 0.0)
-    return torques[:LEGS, int(np.argmax(value))]
-
-
-def _push(strength, duration):
-    return [
-        call("apply_torque", object_id="object_1", torque_vector=[0, 0, round(float(strength), 6)]),
-        call("step", duration=max(round(duration / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
-
-
-def solve(task):
-    """Touches until the wheel turns, then torques that the model so far chooses."""
-    seen = []
-    for strength in TOUCHES:
-        calls = _push(strength, TOUCH_S)
-        seen += zip(calls, (yield calls), strict=True)
-        if abs(_course(seen).readings[-1, 1]) > VISIBLE:
-            break
-    calls = [*_push(0.0, 0.2), *_push(0.0, 0.2)]
-    seen += zip(calls, (yield calls), strict=True)
-    unit, reaches, spent = None, list(REACHES), 1.2
-    for number in range(ITERATIONS - 5):
-        course = _course(seen)
-        unit = _roughly(course, unit)
-        knobs = _constants(unit)
-        span = float(np.clip(0.9 / np.sqrt(knobs["w"]), 0.08, 0.5))
-        spent += LEGS * span
-        if len(seen) + 4 * LEGS > CALLS or spent > TIME_S:
-            break
-        wide = float(abs(course.readings[:, 0]).max())
-        reach, reaches = min(reaches[0], 0.04 + 1.8 * wide), reaches[1:] or reaches
-        planned = _planned(knobs, course.readings[-1], span, reach, (-1) ** (number // 2))
-        calls = [asked for strength in planned for asked in _push(strength, span)]
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
-
-
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Greatest torque around the wheel, and the spin with which it just gets around."""
     knobs = {name: float(knobs[name]) for name in STRUCTURES[structure]}
     angles = np.linspace(0.0, np.pi, 4001)
@@ -144,19 +67,33 @@ def _predict(structure, knobs):
     return [float(knobs["i"] * abs(torques).max()), float((2 * height) ** 0.5)]
 
 
-def fit(readings, structure):
-    """The answer by the torque of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+SWING = Swing(
+    rig=RIG,
+    model=Predictor(LAWS, _course, predict),
+    rough=LegFit(LAWS),
+    touches=(0.001, 0.004, 0.016, 0.064, 0.256, 1.0, 5.0),
+    touch_s=0.15,
+    moved=lambda reading: abs(reading[1]) > 0.05,
+    strongest=lambda plan: min(TORQUE, 1.2 * plan.reach * plan.knobs["w"] * plan.knobs["i"]),
+    worth=lambda plan, path: to_a_side(plan, path[:, 0], FAR, abs(path[:, 0])),
+    span=lambda knobs: float(np.clip(0.9 / np.sqrt(knobs["w"]), 0.08, 0.36)),
+    reaches=(0.12, 0.25, 0.4, 0.55, 0.65, 0.7, 0.73, 0.75),
+    wider=lambda course: 0.04 + 1.8 * float(abs(course.readings[:, 0]).max()),
+    time_s=12.8,
+    fixed_pushes=(0.0015, 0.0, -0.005, 0.0, 0.015, 0.0, -0.05, 0.0, 0.15, 0.0, -0.5, 0.0, 1.5, 0.0, -5.0),
+    fixed_s=0.4,
+)
+solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
+
+
+def rivals(readings):
+    """Each multiple of the angle, fitted to the course."""
+    return members(LAWS, _course(readings), predict)
 
 
 def structure(knobs):
     """With which multiple of the angle the second part of the torque goes."""
     return f"{knobs['fold']} times"
-
-
-def theory(knobs):
-    """The torque around the wheel, and its work."""
-    return _predict(structure(knobs), {**knobs, f"b{knobs['fold']}": knobs["b"]})
 
 
 def naive(knobs):
@@ -170,16 +107,8 @@ def naive(knobs):
 
 def stage(task):
     """Turn as hard as possible; the latch catches the wheel."""
-    readings = yield [*_push(TORQUE, 0.3), *_push(TORQUE, 0.3), *_push(TORQUE, 1.0)]
+    readings = yield [*RIG.leg(TORQUE, 0.3), *RIG.leg(TORQUE, 0.3), *RIG.leg(TORQUE, 1.0)]
     yield [answer([TORQUE, max(abs(reading["angular_velocity"]) for reading in readings[3::4]) + 0.001])]
-
-
-def batch(task):
-    """Torques to and fro, stronger and stronger, and the same fit."""
-    torques = (0.0015, 0.0, -0.005, 0.0, 0.015, 0.0, -0.05, 0.0, 0.15, 0.0, -0.5, 0.0, 1.5, 0.0, -5.0)
-    calls = [asked for torque in torques for asked in _push(torque, 0.4)]
-    readings = yield calls
-    yield [answer(_predict(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
 
 
 def measure(engine, knobs):
