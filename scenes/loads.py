@@ -208,7 +208,8 @@ class Lever:
             readings = yield calls
             seen += zip(calls, readings, strict=True)
             number += count
-            gained, way = (readings[-1]["angle"] - way) / count, readings[-1]["angle"]
+            before = way if count == 1 else readings[3]["angle"]
+            gained, way = readings[-1]["angle"] - before, readings[-1]["angle"]
             most = self.share * self.fastest / max(readings[-3]["angular_velocity"], 0.001)
             kg *= min(8.0, most, 0.9 * max(self.widest - way, 0.0) / max(gained, 1e-3))
         return seen, number
