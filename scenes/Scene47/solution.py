@@ -3,10 +3,12 @@
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 PUCK, OTHER, START_M = "object_2", "object_1", 4.0
-LIMIT_N, ASKED_J = 0.5, 8.0
+LIMIT_N, ASKED_J, LEVEL_J = 0.5, 8.0, 1.5
+"""Greatest force; energy asked for; energy of puck 1 far away at which the smallest distance is the size of a law."""
 READ_M, READ_M_S = 3e-4, 3e-4
 """Standard deviations of the readings."""
 FIRST_S, NEAR_M, NEARER, LOOKS, SLOWEST = 0.8, 1.1, 0.12, 3, 0.25
@@ -52,13 +54,13 @@ def _rows(exchanges):
 
 
 def _misfits(p, form, rows):
-    """Misfits of momentum and energy; p: masses (their logarithms), level, size (logarithms) and shape."""
+    """Misfits of momentum and energy; p: masses and size (their logarithms), and shape."""
     _, own, its, speed, other, impulse, work = rows.T
-    ours, theirs, level, size = np.exp(p[:4])
+    ours, theirs, size = np.exp(p[:3])
     d = its - own
-    share = level * theirs / (ours + theirs)
-    slope = share * (form(d + 1e-4, size, p[4]) - form(d - 1e-4, size, p[4])) / 2e-4
-    potential = share * (form(d, size, p[4]) - form(START_M, size, p[4]))
+    share = LEVEL_J * theirs / (ours + theirs)
+    slope = share * (form(d + 1e-4, size, p[3]) - form(d - 1e-4, size, p[3])) / 2e-4
+    potential = share * (form(d, size, p[3]) - form(START_M, size, p[3]))
     moved = (ours * speed + theirs * other - impulse) / (READ_M_S * np.hypot(ours, theirs))
     energy = ours * speed**2 / 2 + theirs * other**2 / 2 + potential - work
     rough = np.sqrt(
@@ -78,9 +80,9 @@ def _fitted(rows, name):
     masses = np.log(np.clip(np.linalg.lstsq(table, impulse, rcond=None)[0], 0.1, 50))
     fits = []
     for shape in shapes:
-        low = [*(masses - 2), -3, np.log(near) - 2, 0.05]
-        high = [*(masses + 2), 4, np.log(near) + 3, 12.0]
-        start = [*masses, np.log(1.5), np.log(1.2 * near), shape]
+        low = [*(masses - 2), np.log(near) - 2, 0.05]
+        high = [*(masses + 2), np.log(near) + 3, 12.0]
+        start = [*masses, np.log(1.2 * near), shape]
         for loss in ("soft_l1", "linear"):
             found = least_squares(
                 _misfits, start, bounds=(low, high), x_scale=0.1, loss=loss, args=(form, rows), max_nfev=40
@@ -90,17 +92,35 @@ def _fitted(rows, name):
     return min(fits, key=lambda got: got[0])
 
 
-def _nearest(form, level, size, shape, energy=ASKED_J):
+def _nearest(form, size, shape, level=LEVEL_J):
     """Where the potential equals an energy of puck 1 far away; both are reduced by the same share of the masses."""
-    if level * form(1e-3, size, shape) < energy:
+    if level * form(1e-3, size, shape) < ASKED_J:
         return 1e-3
-    return float(brentq(lambda d: level * form(d, size, shape) - energy, 1e-3, 50.0))
+    return float(brentq(lambda d: level * form(d, size, shape) - ASKED_J, 1e-3, 50.0))
 
 
 def fit(readings, structure):
     """The distance by the potential of a structure."""
     p = _fitted(_rows(readings), structure)[1]
-    return _nearest(FORMS[structure][0], *np.exp(p[2:4]), p[4])
+    return _nearest(FORMS[structure][0], np.exp(p[2]), p[3])
+
+
+def _member(rows, name):
+    """A structure, fitted; the ranges of masses and size lie about the best ones."""
+    best = _fitted(rows, name)[1]
+    ranges = [(value - 1.5, value + 1.5) for value in best[:3]]
+    return member(
+        lambda p: _misfits(p, FORMS[name][0], rows),
+        lambda p: _nearest(FORMS[name][0], np.exp(p[2]), p[3]),
+        best,
+        [*ranges, (0.05, 12.0)],
+    )
+
+
+def rivals(readings):
+    """Every form of the potential, fitted."""
+    rows = _rows(readings)
+    return {name: _member(rows, name) for name in FORMS}
 
 
 def _best(exchanges):
@@ -147,25 +167,20 @@ def solve(task):
     yield [answer(_best(exchanges))]
 
 
-def structure(knobs):
-    """The form of the potential."""
-    return knobs["kind"]
-
-
 def _shape(knobs):
     return {"power": knobs["n"], "decay": knobs["share"], "range": knobs["reach"] - 1}[knobs["kind"]]
 
 
 def theory(knobs):
     """Where the drawn potential equals the energy in the frame of the centre of mass."""
-    return _nearest(FORMS[knobs["kind"]][0], 1.5, knobs["size"], _shape(knobs))
+    return _nearest(FORMS[knobs["kind"]][0], knobs["size"], _shape(knobs))
 
 
 def measure(engine, knobs):
     """The meeting in the engine, without nets, from so far away that the rest of the potential is known."""
     far, form = 8.0, FORMS[knobs["kind"]][0]
     free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
-    left = ASKED_J - 1.5 * float(form(far, knobs["size"], _shape(knobs)))
+    left = ASKED_J - LEVEL_J * float(form(far, knobs["size"], _shape(knobs)))
     speed = np.sqrt(2 * left / knobs["m2"])
     free.place(PUCK, np.array([-far, 0.0, 0.0]), {})
     free.set_velocity(PUCK, np.array([speed, 0.0, 0.0]))
@@ -181,8 +196,8 @@ def measure(engine, knobs):
 def naive(knobs):
     """Charges that push each other apart; all of the energy in the meeting, puck 1 taken for fixed."""
     form, shape = FORMS[knobs["kind"]][0], _shape(knobs)
-    charges = knobs["size"] * 1.5 / ASKED_J
-    fixed = _nearest(form, 1.5 * knobs["ratio"] / (1 + knobs["ratio"]), knobs["size"], shape)
+    charges = knobs["size"] * LEVEL_J / ASKED_J
+    fixed = _nearest(form, knobs["size"], shape, LEVEL_J * knobs["ratio"] / (1 + knobs["ratio"]))
     return {"like charges": charges, "puck 1 fixed": fixed}
 
 
