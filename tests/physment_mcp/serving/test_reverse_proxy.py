@@ -99,12 +99,14 @@ async def test_calls_reach_the_host_of_their_episode(proxy: str) -> None:
     assert hosts == {"east": 3, "west": 3}
     for steps, episode in enumerate(episodes, 1):
         assert episode["mcp_url"].startswith(f"{proxy}/episodes/")
+        times = list[float]()
         async with httpx2.AsyncClient(trust_env=False) as http:
             for _ in range(steps):
                 async with Client(streamable_http_client(episode["mcp_url"], http_client=http)) as client:
                     result = await client.call_tool("step", {"duration": 0.1})
-        assert result.structured_content is not None
-        assert result.structured_content["sim_time"] == pytest.approx(0.1 * steps)
+                assert result.structured_content is not None
+                times.append(result.structured_content["sim_time"])
+        assert times == pytest.approx([0.1 * number for number in range(1, steps + 1)])
 
 
 def test_the_log_and_the_end_of_an_episode_reach_its_host(proxy: str) -> None:
