@@ -4,8 +4,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from scenes.courses import Channel, Course, Laws, recorded, refined
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Laws, Predictor
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.swings import LegFit, Swing, to_a_side
 
 TURN, BLOW, TORQUE, LATCH = 10.0, 6.0, 10.0, 0.35
 _COMMON = ("i", "j", "h", "w")
@@ -15,26 +18,19 @@ STRUCTURES = {
     "stiff": (*_COMMON, "bend"),
     "thick stiff": (*_COMMON, "bend", "c"),
 }
-PLAIN = (*_COMMON, "bend", "c")
-"""Constants with which the next torques are planned."""
 BOX = {
     "i": (0.001, 3.0),
     "j": (0.05, 0.8),
     "h": (0.5, 15.0),
     "w": (3.0, 40.0),
     "more": (2.0, 200.0),
-    "begins": (0.1, 0.27),
+    "begins": (0.15, 0.25),
     "bend": (2.0, 200.0),
     "c": (0.05, 6.0),
 }
 """Inertia of table and drum; of the drum over it; angular momentum of the rotor, stiffness, further or cubed stiffness,
 and resistance over the inertia of the drum; angle from which on there is a further spring."""
-REACHES = (0.08, 0.14, 0.2, 0.25, 0.28, 0.3, 0.315, 0.325)
-"""How far the drum is let go in each iteration that has a model, in rad; the last one goes on."""
-FAR, TIME_S, CALLS, ITERATIONS = 0.2, 12.4, 148, 19
-LEGS, AHEAD, LOOKS, TRIALS = 2, 5, 3, 300
-TOUCHES, VISIBLE, TOUCH_S = (0.002, 0.008, 0.032, 0.128, 0.512, 2.0, 8.0), 0.03, 0.15
-"""First torques in N·m until the spin of the table is seen, in rad/s."""
+FAR = 0.2
 
 
 def _back(knobs, tilt):
@@ -65,94 +61,24 @@ LAWS = Laws(
     starts=150,
     tried=3,
     rounds=8,
+    plain=(*_COMMON, "bend", "c"),
+)
+"""The plain law is a stiffening spring in oil."""
+RIG = Rig(
+    [Channel("apply_torque", "object_1", "torque_vector", 2)],
+    [
+        Channel("get_position", "object_2", "angle"),
+        Channel("get_velocity", "object_1", "angular_velocity"),
+        Channel("get_velocity", "object_2", "angular_velocity"),
+    ],
+    decimals=6,
 )
 
 
 def _course(readings):
-    """Torques, and tilt, spin and rate, up to where the latch caught."""
-    seen = [
-        Channel("get_position", "object_2", "angle"),
-        Channel("get_velocity", "object_1", "angular_velocity"),
-        Channel("get_velocity", "object_2", "angular_velocity"),
-    ]
-    raw = recorded(readings, [Channel("apply_torque", "object_1", "torque_vector", 2)], seen)
-    lost = np.nonzero(abs(raw.readings[:, 0]) > LATCH - 0.003)[0]
-    kept = int(lost[0]) if len(lost) else len(raw.durations)
-    return Course(raw.durations[:kept], raw.controls[:kept], raw.readings[:kept])
-
-
-def _constants(unit):
-    """Constants of a stiffening spring in oil at points of the unit cube."""
-    return {name: BOX[name][0] * (BOX[name][1] / BOX[name][0]) ** part for name, part in zip(PLAIN, unit, strict=True)}
-
-
-def _roughly(course, unit):
-    """The constants from one leg after the other, from a point of the unit cube or anywhere."""
-    starts = np.vstack([LAWS.start, course.readings[:-1]]).T[:, :, None]
-
-    def misfits(units):
-        states, held = starts + np.zeros(units.shape[1]), course.controls.T[:, :, None]
-        ends = LAWS.advanced("plain", _constants(units), 0.0, states, course.durations[:, None], held)
-        off = (ends.transpose(1, 0, 2) - course.readings[:, :, None]) / (2 * np.array(LAWS.sigma)[:, None])
-        return np.vstack([np.clip(np.nan_to_num(off, nan=1e4), -1e4, 1e4).reshape(-1, units.shape[1]), units - 0.5])
-
-    if unit is None:
-        units = np.random.default_rng(1).random((len(PLAIN), 400))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 12)
-    return refined(misfits, unit, 6)
-
-
-def _planned(knobs, state, span, reach, side):
-    """Torques for the next legs: of many at random, those that tilt the drum to a side, within the reach."""
-    rng = np.random.default_rng(2)
-    strongest = min(TORQUE, 1.2 * reach * knobs["w"] / knobs["h"] * knobs["i"] / span)
-    torques = strongest * rng.choice([-1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0], (AHEAD, TRIALS))
-    states, value = np.array(state)[:, None] + np.zeros(TRIALS), np.zeros(TRIALS)
-    for held in torques:
-        for _ in range(LOOKS):
-            states = LAWS.advanced("plain", knobs, 0.0, states, span / LOOKS, held[None, :])
-            tilt = np.nan_to_num(abs(states[0]), nan=9.0)
-            value += 10 * np.maximum(np.minimum(side * states[0], reach) - FAR, 0.0) + tilt
-            value -= 1e3 * np.maximum(tilt - reach, 0.0)
-    return torques[:LEGS, int(np.argmax(value))]
-
-
-def _push(strength, duration):
-    return [
-        call("apply_torque", object_id="object_1", torque_vector=[0, 0, round(float(strength), 6)]),
-        call("step", duration=max(round(duration / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_2"),
-        call("get_velocity", object_id="object_1"),
-        call("get_velocity", object_id="object_2"),
-    ]
-
-
-def solve(task):
-    """Touches until the table turns, then torques that the model so far chooses."""
-    seen = []
-    for strength in TOUCHES:
-        calls = _push(strength, TOUCH_S)
-        seen += zip(calls, (yield calls), strict=True)
-        if abs(_course(seen).readings[-1, 1]) > VISIBLE:
-            break
-    calls = [*_push(0.0, 0.2), *_push(0.0, 0.2)]
-    seen += zip(calls, (yield calls), strict=True)
-    unit, reaches, spent = None, list(REACHES), 1.2
-    for number in range(ITERATIONS - 5):
-        course = _course(seen)
-        unit = _roughly(course, unit)
-        knobs = _constants(unit)
-        span = float(np.clip(0.9 / np.sqrt(knobs["w"] + knobs["h"] ** 2 * knobs["j"]), 0.08, 0.5))
-        spent += LEGS * span
-        if len(seen) + 5 * LEGS > CALLS or spent > TIME_S:
-            break
-        wide = float(abs(course.readings[:, 0]).max())
-        reach, reaches = min(reaches[0], 0.04 + 2 * wide), reaches[1:] or reaches
-        planned = _planned(knobs, course.readings[-1], span, reach, (-1) ** (number // 2))
-        calls = [asked for torque in planned for asked in _push(torque, span)]
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
+    """The course up to where the latch caught."""
+    course = RIG.course(readings)
+    return course.until(abs(course.readings[:, 0]) > LATCH - 0.003)
 
 
 def _torque(knobs, tilt):
@@ -160,7 +86,7 @@ def _torque(knobs, tilt):
     return float(knobs["i"] * knobs["j"] * knobs["h"] * TURN * np.cos(tilt))
 
 
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Tilt and torque of the springs in steady turning, and the greatest tilt after a blow."""
     knobs = {name: float(knobs[name]) for name in STRUCTURES[structure]}
     steady = brentq(lambda tilt: knobs["h"] * TURN * np.cos(tilt) - float(_back(knobs, tilt)), 0.0, np.pi / 2)
@@ -180,51 +106,60 @@ def _predict(structure, knobs):
     return [float(steady), _torque(knobs, steady), float(blow.y[0, -1])]
 
 
-def fit(readings, structure):
-    """Both tilts by the springs of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+SWING = Swing(
+    rig=RIG,
+    model=Predictor(LAWS, _course, predict),
+    rough=LegFit(LAWS),
+    touches=(0.002, 0.008, 0.032, 0.128, 0.512, 2.0, 8.0),
+    touch_s=0.15,
+    moved=lambda reading: abs(reading[1]) > 0.03,
+    strongest=lambda plan: min(
+        TORQUE, 1.2 * plan.reach * plan.knobs["w"] / plan.knobs["h"] * plan.knobs["i"] / plan.span
+    ),
+    worth=lambda plan, path: to_a_side(plan, path[:, 0], FAR, abs(path[:, 0])),
+    span=lambda knobs: float(np.clip(0.9 / np.sqrt(knobs["w"] + knobs["h"] ** 2 * knobs["j"]), 0.08, 0.5)),
+    reaches=(0.08, 0.14, 0.2, 0.25, 0.28, 0.3, 0.315, 0.325),
+    wider=lambda course: 0.04 + 2 * float(abs(course.readings[:, 0]).max()),
+    legs=2,
+    time_s=11.2,
+    fixed_pushes=(0.003, -0.006, 0.012, -0.024, 0.05, -0.1, 0.2, -0.4, 0.8, -1.6, 4.0, -8.0),
+    fixed_s=0.35,
+)
+solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
-def structure(knobs):
-    """Which springs hold the drum, and whether in oil."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """The balance of torques, and the motion after the blow."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Both springs, with and without oil, fitted to the course."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
     """The springs of small tilts; these, and the tilt in proportion to the turning."""
-    small = _predict("stiff", {**knobs, "bend": 0.0})
+    small = predict("stiff", {**knobs, "bend": 0.0})
     ratio = knobs["h"] * TURN / knobs["w"]
     return {"springs of small tilts": small, "in proportion": [ratio, _torque(knobs, 0.0), 2 * ratio]}
 
 
 def stage(task):
     """Turn as hard as possible, and read the tilt."""
-    calls = [asked for strength in (TORQUE, TORQUE, 0.0, 0.0) for asked in _push(strength, 0.3)]
+    calls = [*RIG.leg(TORQUE, 0.6, 2), *RIG.leg(0.0, 0.6, 2)]
     readings = yield calls
     tilt = max(abs(reading["angle"]) for reading in readings if reading.get("angle") is not None)
     yield [answer([tilt, TORQUE, tilt])]
 
 
-def batch(task):
-    """Torques to and fro, stronger and stronger, and the same fit."""
-    torques = (0.003, -0.006, 0.012, -0.024, 0.05, -0.1, 0.2, -0.4, 0.8, -1.6, 4.0, -8.0)
-    calls = [asked for torque in torques for asked in _push(torque, 0.35)]
-    readings = yield calls
-    yield [answer(_predict(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
+def _turned(engine, tilt):
+    """The engine without latch, with a table that nothing slows, at the asked spin."""
+    heavy = {"body[latch].pos": (0.0, 0.0, 0.0), "body[object_1]/inertial.diaginertia": (1e7, 1e7, 1e7)}
+    return engine.changed({**heavy, "key[start].qpos": (0.0, tilt), "key[start].qvel": (TURN, 0.0)})
 
 
 def measure(engine, knobs):
-    """Without latch: where the drum of a table that nothing can slow does not speed up; the course after the blow."""
+    """The tilt at which the drum of a turning table does not speed up; the course after the blow."""
     low, high = 0.0, np.pi / 2
-    heavy = {"body[latch].pos": (0.0, 0.0, 0.0), "body[object_1]/inertial.diaginertia": (1e7, 1e7, 1e7)}
     for _ in range(22):
         tilt = (low + high) / 2
-        free = engine.changed({**heavy, "key[start].qpos": (0.0, tilt), "key[start].qvel": (TURN, 0.0)})
+        free = _turned(engine, tilt)
         free.step(1)
         low, high = (tilt, high) if free.turn("object_2").spin > 0 else (low, tilt)
     free = engine.changed({"body[latch].pos": (0.0, 0.0, 0.0), "key[start].qvel": (BLOW, 0.0)})
@@ -233,3 +168,12 @@ def measure(engine, knobs):
         free.step(1)
         path.append(float(free.turn("object_2").angle))
     return [tilt, _torque(knobs, tilt), path[-2]]
+
+
+def settles(engine, knobs, off):
+    """Where the drum ends on the turning table, with some oil in its bearings to calm it."""
+    tilt = predict(knobs["kind"], knobs)[0]
+    oiled = engine.changed({"joint[tilting].damping": knobs["drum"] * knobs["own"]})
+    free = _turned(oiled, tilt * (1 + off))
+    free.step(free.whole_steps(10.0))
+    return float(free.turn("object_2").angle) / tilt - 1
