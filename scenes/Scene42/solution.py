@@ -3,175 +3,137 @@
 from math import cos, pi
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from scenes.protocol import answer, call
+from scenes.family import member
+from scenes.loads import GRAVITY, Lever
+from scenes.protocol import answer
 
-GRAVITY = 9.81
-BEAM, LEVER, FAR = "object_1", 0.5, 1.05
-HEIGHT = 1.0
-FASTEST, STEEPEST = 0.034, 0.4
-RESOLUTION = 4e-3
-FIRST_KG = 0.002
-LOOK_S, WAIT_S = 0.05, 6.0
-STEPS, SINGLY, LAST = 26, 5, 0.38
-"""Most balls; how many of them are joined one by one, the others two at a time; and the angle that is enough."""
-RADIUS = 0.02
-KINDS = {"weight": 1, "wire": 1, "leaves": 2, "weight and leaves": 2, "clamps": 3}
-"""How many numbers describe each kind of restoring torque."""
-SLIPS = np.arange(0.04, 0.3, 0.004)
+FAR = 1.05
+LEVER = Lever(
+    widest=0.4,
+    enough=0.38,
+    fastest=0.034,
+    share=0.8,
+    room=2.5,
+    first_kg=0.002,
+    most=26,
+    singly=5,
+    look_s=0.05,
+)
+SIGMA = 1e-3
+"""Standard deviation of an angle that is read, rad."""
+KINDS = {
+    "weight": (),
+    "wire": (),
+    "leaves": ((0.15, 0.8),),
+    "weight and leaves": ((0.15, 0.8),),
+    "clamps": ((0.5, 2.0), (0.06, 0.25)),
+}
+"""Ranges of the further constants: share of the leaves at TOLD; stiffness of clamps over the wire's, angle of slip."""
+TOLD = 0.4
 
 
-def _columns(kind, angle, slip):
-    """Torques of unit strength at the angles."""
-    angle = np.asarray(angle, dtype=float)
-    main = np.sin(angle) if "weight" in kind else angle
+def _torque(kind, angle, strengths):
+    """Torque from the strength of weight or wire, then that of leaves, or of clamps and their angle of slip."""
+    main = strengths[0] * (np.sin(angle) if "weight" in kind else angle)
     if "leaves" in kind:
-        return np.column_stack([main, angle**3])
+        return main + strengths[1] * angle**3
+    return main + (strengths[1] * np.clip(angle, -strengths[2], strengths[2]) if kind == "clamps" else 0.0)
+
+
+def _strengths(kind, constants):
+    """Strengths from the logarithm of the torque at TOLD, and the further constants."""
+    torque, *more = np.exp(constants[0]), *constants[1:]
     if kind == "clamps":
-        return np.column_stack([main, np.clip(angle, -slip, slip)])
-    return main[:, None]
+        wire = torque / _torque(kind, TOLD, (1.0, *more))
+        return wire, wire * more[0], more[1]
+    share = more[0] if more else 0.0
+    main = torque * (1 - share) / _torque(kind, TOLD, (1.0, 0.0))
+    return (main, torque * share / TOLD**3) if more else (main,)
 
 
-def _fitted(rows, kind):
-    """Misfit in units of the resolution, and strengths and slip of one kind of restoring torque."""
-    loads, angles = np.array(rows).T
-    best = None
-    for slip in SLIPS if kind == "clamps" else (1.0,):
-        table, ahead = _columns(kind, angles, slip), _columns(kind, angles + 1e-3, slip)
-        slope = np.full(len(angles), np.max(loads / np.maximum(angles, 0.01)))
-        for _ in range(3):
-            error = 0.4 * RESOLUTION * slope
-            strengths, *_ = np.linalg.lstsq(table / error[:, None], loads / error, rcond=None)
-            slope = np.maximum((ahead - table) @ strengths / 1e-3, 0.05 * np.max(slope))
-        misfit = float(np.sum(((table @ strengths - loads) / (0.4 * RESOLUTION * slope)) ** 2))
-        misfit += 1e4 * (float(np.min(strengths)) < 0)
-        if best is None or misfit < best[0]:
-            best = (misfit, strengths, slip)
-    return best
-
-
-def _mass(kind, strengths, slip):
+def _mass(kind, strengths):
     """The asked mass."""
-    torque = (_columns(kind, [FAR], slip) @ np.asarray(strengths)).item()
-    return torque / (GRAVITY * LEVER * cos(FAR))
+    return float(_torque(kind, FAR, strengths) / (GRAVITY * LEVER.arm_m * cos(FAR)))
+
+
+def _member(rows, kind):
+    """One kind of restoring torque, fitted to the angles."""
+    loads, angles = np.array(rows).T
+
+    def misfits(constants):
+        law = _strengths(kind, constants)
+        behind, here, ahead = (_torque(kind, angles + more, law) for more in (-SIGMA, 0.0, SIGMA))
+        slope = (ahead - behind) / (2 * SIGMA)  # the lever of the load changes less
+        return (here - loads) / np.hypot(SIGMA * slope, 5e-4 * loads)
+
+    near = int(np.argmax(angles))
+    middle = float(np.log(loads[near] * TOLD / angles[near]))
+    ranges = [(middle - 1.5, middle + 1.5), *KINDS[kind]]
+    low, high = np.array(ranges).T
+    best = None
+    for part in (0.1, 0.3, 0.5, 0.7, 0.9) if KINDS[kind] else (0.5,):
+        found = least_squares(misfits, [middle, *(low + part * (high - low))[1:]], bounds=(low, high))
+        best = found if best is None or found.cost < best.cost else best
+    return member(misfits, lambda constants: _mass(kind, _strengths(kind, constants)), best.x, ranges)
+
+
+def rivals(readings):
+    """Every kind of restoring torque, fitted."""
+    rows = LEVER.torques(readings)
+    return {kind: _member(rows, kind) for kind in KINDS}
 
 
 def _best(rows):
-    """The simplest kind that fits, as its mass."""
-    found = {kind: _fitted(rows, kind) for kind in KINDS}
-    best = min(KINDS, key=lambda kind: found[kind][0] + 4 * KINDS[kind])
-    return _mass(best, *found[best][1:])
-
-
-def _rows_of(exchanges):
-    """Load torque and angle wherever the beam was at rest within the range."""
-    balls, angle, made, rows, last = [], 0.0, {}, [], 0.0
-    for asked, reading in exchanges:
-        if "error" in reading:
-            continue
-        if asked.tool == "create_objects":
-            made[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            balls.append((made[asked.arguments["object1_id"]], angle))
-        elif asked.tool == "step":
-            last = asked.arguments["duration"]
-        elif asked.tool == "get_position":
-            angle = reading["angle"]
-            if abs(angle) > STEEPEST:
-                break
-            if last > 1.0:
-                rows.append((sum(kg * GRAVITY * LEVER * cos(angle - start) for kg, start in balls), angle))
-    return rows
+    """The asked mass by the simplest kind that fits."""
+    found = [_member(rows, kind) for kind in KINDS]
+    return min(found, key=lambda fit: fit.chi_square + 4 * fit.constants).answer
 
 
 def fit(readings, structure):
     """The asked mass by one kind of restoring torque."""
-    return _mass(structure, *_fitted(_rows_of(readings), structure)[1:])
-
-
-def _ball(number, kg, radius=RADIUS):
-    """A ball at the height of the axis, 0.5 m to the right; its place across the beam does not matter."""
-    name, side = f"ball{number}", 1 if number % 2 else -1
-    return [
-        call(
-            "create_objects",
-            name=name,
-            pos=[LEVER, side * (0.1 + 0.05 * (number // 2)), HEIGHT],
-            density=kg / (4 / 3 * pi * radius**3),
-            rgba=[1, 0, 0, 1],
-            radius=radius,
-        ),
-        call("attach_objects", object1_id=name, object2_id=BEAM),
-    ]
-
-
-def _look():
-    return [call("step", duration=LOOK_S), call("get_velocity", object_id=BEAM)]
-
-
-def _rest():
-    return [call("step", duration=WAIT_S), call("get_position", object_id=BEAM)]
+    return _member(LEVER.torques(readings), structure).answer
 
 
 def solve(task):
     """Balls that grow until the speed is near that of the safety device, then as large as it permits."""
-    exchanges, kg, way, gained, number = [], FIRST_KG, 0.0, 0.0, 0
-    while number < STEPS and way < LAST:
-        count = 1 if number < SINGLY or STEEPEST - way < 2.5 * gained else 2
-        calls = []
-        for other in range(number, number + count - 1):
-            calls += [*_ball(other, kg), *_rest()]
-        calls += [*_ball(number + count - 1, kg), *_look(), *_rest()]
-        readings = yield calls
-        exchanges += zip(calls, readings, strict=True)
-        number += count
-        gained, way = (readings[-1]["angle"] - way) / count, readings[-1]["angle"]
-        most = 0.82 * FASTEST / max(readings[-3]["angular_velocity"], 0.001)
-        kg *= min(8.0, most, 0.9 * max(STEEPEST - way, 0.0) / max(gained, 1e-3))
-    yield [answer(_best(_rows_of(exchanges)))]
+    seen, _ = yield from LEVER.turned()
+    yield [answer(_best(LEVER.torques(seen)))]
 
 
 def stage(task):
     """Ask for a ball that is heavy enough for any strength, and read where it comes to rest."""
-    readings = yield [*_ball(0, 500.0, 0.3), *_rest(), call("step", duration=5), call("get_position", object_id=BEAM)]
-    angle = max(readings[-1]["angle"], 1e-3)
-    yield [answer(500.0 * FAR / angle)]
+    readings = yield [*LEVER.ball(0, 500.0, 0.3), *LEVER.rest()]
+    yield [answer(500.0 * FAR / max(readings[-1].get("angle", 0.0), 1e-3))]
 
 
 def batch(task):
     """Fifteen balls of about the same mass, after a few smaller ones, and the best fit."""
     calls = []
     for number in range(15):
-        calls += [*_ball(number, min(0.02 * 1.5**number, 0.2)), *_rest()]
-    readings = yield calls
-    rows = _rows_of(zip(calls, readings, strict=True))
+        calls += [*LEVER.ball(number, min(0.02 * 1.5**number, 0.2)), *LEVER.rest()]
+    rows = LEVER.torques(list(zip(calls, (yield calls), strict=True)))
     yield [answer(_best(rows) if len(rows) > 1 else 1.0)]
 
 
-def structure(knobs):
-    """What turns the beam back."""
-    return knobs["kind"]
-
-
-def _strengths(knobs):
-    main = knobs["hang"] + knobs["wire"]
-    more = {"leaves": [knobs["leaf"]], "weight and leaves": [knobs["leaf"]], "clamps": [knobs["clamp"]]}
-    return [main, *more.get(knobs["kind"], [])]
+def _drawn(knobs):
+    """The drawn strengths."""
+    return knobs["hang"] + knobs["wire"], knobs["leaf"] + knobs["clamp"], knobs["slip"]
 
 
 def naive(knobs):
     """The last load in proportion to the angle; the first slope with the lever of the load."""
-    kind, slip = knobs["kind"], knobs["slip"]
-    at = (_columns(kind, [0.01, 0.38], slip) @ np.array(_strengths(knobs))).tolist()
+    near, first = (float(_torque(knobs["kind"], angle, _drawn(knobs))) for angle in (0.38, 0.01))
     return {
-        "in proportion": at[1] / (GRAVITY * LEVER * cos(0.38)) * FAR / 0.38,
-        "first slope": at[0] / 0.01 * FAR / (GRAVITY * LEVER * cos(FAR)),
+        "in proportion": near / (GRAVITY * LEVER.arm_m * cos(0.38)) * FAR / 0.38,
+        "first slope": first / 0.01 * FAR / (GRAVITY * LEVER.arm_m * cos(FAR)),
     }
 
 
 def theory(knobs):
     """Balance of torques."""
-    return _mass(knobs["kind"], _strengths(knobs), knobs["slip"])
+    return _mass(knobs["kind"], _drawn(knobs))
 
 
 def measure(engine, knobs):
@@ -179,12 +141,26 @@ def measure(engine, knobs):
     engine = engine.changed({"joint[brake_joint].damping": 1e6})
     stiff, held, tick = 20 * knobs["scale"], 0.0, 1 / engine.whole_steps(1.0)
     while True:
-        turn, spin = engine.pose(BEAM).quaternion, float(engine.twist(BEAM).angular[1])
-        angle = 2 * float(np.arctan2(turn[2], turn[0]))
-        if abs(FAR - angle) < 1e-5 and abs(spin) < 1e-5:
+        beam = engine.turn(LEVER.body)
+        if abs(FAR - beam.angle) < 1e-5 and abs(beam.spin) < 1e-5:
             break
-        held += 40 * knobs["scale"] * tick * (FAR - angle)
-        torque = stiff * (FAR - angle) + held
-        engine.push(BEAM, torque=np.array([0.0, torque, 0.0]))
+        held += 40 * knobs["scale"] * tick * (FAR - beam.angle)
+        torque = stiff * (FAR - beam.angle) + held
+        engine.push(LEVER.body, torque=np.array([0.0, torque, 0.0]))
         engine.step(1)
-    return torque / (GRAVITY * LEVER * cos(FAR))
+    return torque / (GRAVITY * LEVER.arm_m * cos(FAR))
+
+
+def settles(engine, knobs, off):
+    """Where the beam ends under a ball of the asked mass if a torque held it near the asked angle before."""
+    free = engine.changed({"joint[brake_joint].damping": 1e6})
+    kg, angle = _mass(knobs["kind"], _drawn(knobs)), FAR * (1 + off)
+    place, radius = np.array([LEVER.arm_m, 0.0, LEVER.height_m]), (kg / 1e4 / (4 / 3 * pi)) ** (1 / 3)
+    free.add_ball("created:load", place, 1e4, radius, np.ones(4), {})
+    free.join("created:load", LEVER.body, "weld")
+    lever = GRAVITY * LEVER.arm_m * kg
+    extra = float(_torque(knobs["kind"], angle, _drawn(knobs))) - lever * cos(angle)
+    for torque in (extra, 0.0):
+        free.push(LEVER.body, torque=np.array([0.0, torque, 0.0]))
+        free.step(free.whole_steps(40.0))
+    return float(free.turn(LEVER.body).angle) / FAR - 1
