@@ -3,6 +3,7 @@
 import numpy as np
 
 from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.family import members
 from scenes.protocol import answer
 from scenes.rigs import Rig
 
@@ -116,6 +117,11 @@ def solve(task):
 fit = MODEL.fit
 
 
+def rivals(readings):
+    """Each law of the bearings, fitted."""
+    return members(LAWS, _course(readings), predict)
+
+
 def measure(engine, knobs):
     """The loss of speed in one step of the engine, after the way that is asked."""
     free = engine.changed({"body[most].pos": (100.0, 0.0, 0.0)})
@@ -124,6 +130,16 @@ def measure(engine, knobs):
     free.step(1)
     lost = np.log(ASKED_SPEED / float(free.twist("object_1").linear[0]))
     return knobs["mass"] * lost * free.whole_steps(1.0) * ASKED_SPEED
+
+
+def settles(engine, knobs, off):
+    """By how much the speed is off after half a minute under the asked force, with the bearings as after the way."""
+    free = engine.changed({"body[most].pos": (100.0, 0.0, 0.0), "geom[meter_geom].mass": 1e12})
+    free.place("meter", np.array([0.0, 3.0, ASKED_M]), {})
+    free.set_velocity("object_1", np.array([(1 + off) * ASKED_SPEED, 0.0, 0.0]))
+    free.push("object_1", force=np.array([predict(knobs["kind"], knobs), 0.0, 0.0]))
+    free.step(free.whole_steps(30.0))
+    return float(free.twist("object_1").linear[0]) / ASKED_SPEED - 1
 
 
 def naive(knobs):
