@@ -7,6 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from scenes.courses import Channel, Laws, Predictor
+from scenes.family import members
 from scenes.protocol import answer
 from scenes.rigs import Rig
 from scenes.swings import LegFit, Swing, to_and_fro
@@ -18,7 +19,7 @@ BOX = {
     "inertia": (0.01, 6.0),
     "square": (1.5, 20.0),
     "c": (0.02, 1.0),
-    "begins": (0.7, 1.2),
+    "begins": (0.8, 1.1),
     "c2": (0.1, 3.0),
     "q2": (0.02, 1.0),
     "m2": (0.5, 40.0),
@@ -61,7 +62,8 @@ RIG = Rig(
 def _course(readings):
     """The course up to where the pawl caught."""
     course = RIG.course(readings)
-    return course.until(abs(course.readings[:, 0]) > PAWL - 0.01)
+    kept = course.until(abs(course.readings[:, 0]) > PAWL)
+    return kept if kept.count else course
 
 
 def predict(structure, knobs):
@@ -114,6 +116,11 @@ SWING = Swing(
 solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
+def rivals(readings):
+    """Oil, brushes and weight, fitted."""
+    return members(LAWS, _course(readings), predict)
+
+
 def naive(knobs):
     """Nothing further up; nothing brakes at all."""
     free = {**knobs, "c2": 1e-9}
@@ -130,7 +137,7 @@ def stage(task):
 
 def measure(engine, knobs):
     """The full turn in the engine, without the pawl."""
-    free = engine.changed({"body[pawl].pos": (0.0, 0.0, 0.0), "key[start].qvel": SPIN})
+    free = engine.changed({"body[pawl].pos": (0.0, 0.0, 0.0), "key[start].qvel": (SPIN, 0.0)})
     spins, before = [], free.turn("object_1")
     for goal in (pi, 2 * pi):
         now = before
