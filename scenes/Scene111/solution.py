@@ -1,176 +1,120 @@
 """Scene 111: bring both sliders out step by step with heavier and heavier balls; carry the laws of the springs on."""
 
-from math import cos, pi, sin
+from math import cos, sin
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from scenes.courses import accepted
+from scenes.loads import dense_ball, joined, mass_of
 from scenes.protocol import answer, call
+from scenes.springs import best, drawn, drawn_kinds, fitted, members, next_load, pull
 
+structure = drawn_kinds
 SPIN, STOP_M, CATCH_M = 6.0, 0.3, 0.3
 FAR_SPIN, FAR_M = 12.0, 1.2
 SLIDERS = ("object_2", "object_3")
+STARTS = dict(zip(SLIDERS, ([STOP_M, 0.0], [-STOP_M, 0.0]), strict=True))
 HEIGHT, DENSITY = 1.1, 1e5
-WAIT_S = 6.0
-FIRST_KG = 0.004
-TURNS = 14
-GOALS = (0.06, 0.12, 0.16, 0.19, 0.212, 0.23, 0.246, 0.258, 0.268, 0.277, 0.285, 0.291)
-"""Distances from the stop that are aimed at, m."""
-SIGMA = 1.5e-4
-"""Standard deviation of a distance that is read, m."""
-KINDS = ("even", "cubic", "late")
-EDGES = np.linspace(0.185, 0.255, 15)
-
-
-def _pull(u, k, part=0.0, edge=None):
-    """Pull of a spring: even, with a third power, or with a second part from an edge on."""
-    return k * u + part * (u**3 if edge is None else np.maximum(u - edge, 0.0))
-
-
-def _fitted(points, kind):
-    """Misfit and numbers of a spring of one kind."""
-    u, force = np.array(points).T
-    slope = np.gradient(force, u + 1e-7 * np.arange(len(u))) if len(u) > 2 else force / u
-    size = np.maximum(slope, 0.3 * force / u) * SIGMA + 1e-3 * force
-
-    def solved(edge):
-        table = {"even": [u], "cubic": [u, u**3], "late": [u, np.maximum(u - (edge or 0.0), 0.0)]}[kind]
-        table = np.column_stack(table) / size[:, None]
-        scale = np.linalg.norm(table, axis=0) + 1e-12
-        found = np.linalg.lstsq(table / scale, force / size, rcond=None)[0] / scale
-        return table @ found - force / size, found
-
-    edge = None
-    if kind == "late":
-        edge = min(EDGES, key=lambda edge: float((solved(edge)[0] ** 2).sum()))
-        edge = float(least_squares(lambda at: solved(at[0])[0], [edge], bounds=(0.18, 0.262), diff_step=1e-4).x[0])
-    misfit, found = solved(edge)
-    cost = float((misfit**2).sum())
-    if kind != "even":
-        least = (3.0 if kind == "cubic" else 0.7) * found[0]
-        cost += 1e3 * (found[1] < least)
-        found = (found[0], max(found[1], least))
-    return cost, (*map(float, found), *((edge,) if kind == "late" else ()))
+FIRST_KG, WAIT_S, TURNS = 0.004, 6.0, 14
+SIGMA = 8e-5
+"""Standard deviation of a distance from the stop: of its resolution, and of what is missing to rest, m."""
+SOFT = 10.0
+"""Stiffness of a spring of which too little is known, N/m."""
 
 
 def _load(laws):
     """Load that rests at the far place at the far spin."""
-    return sum(float(_pull(FAR_M - STOP_M, *law)) for law in laws) / FAR_SPIN**2 / FAR_M
+    return sum(float(pull(FAR_M - STOP_M, *law)) for law in laws) / FAR_SPIN**2 / FAR_M
+
+
+def _radius(reading):
+    """Distance from the axis."""
+    return float(np.hypot(*reading["position"][:2]))
 
 
 def _points(exchanges):
     """Distances from the stop and forces that balance the pull there, for both sliders."""
     points, made, held, far = {name: [] for name in SLIDERS}, {}, {}, dict.fromkeys(SLIDERS, STOP_M)
-    for asked, reading in exchanges:
-        if "error" in reading or not reading:
-            continue
+    for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":
-            kg = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-            made[asked.arguments["name"]] = (kg, float(np.hypot(*reading["position"][:2])))
+            made[asked.arguments["name"]] = mass_of(asked), _radius(reading)
         elif asked.tool == "attach_objects":
-            ball, slider = asked.arguments["object1_id"], asked.arguments["object2_id"]
-            held[slider] = (made[ball][0], made[ball][1] - far[slider])
+            kg, place = made[asked.arguments["object1_id"]]
+            slider = asked.arguments["object2_id"]
+            held[slider] = kg, place - far[slider]
         elif asked.tool == "get_position" and asked.arguments["object_id"] in held:
             slider = asked.arguments["object_id"]
-            far[slider] = float(np.hypot(*reading["position"][:2]))
-            kg, farther = held[slider]
-            u = far[slider] - STOP_M
-            if 0.002 < u < CATCH_M:
-                points[slider].append((u, kg * SPIN**2 * (far[slider] + farther)))
-    return {name: sorted(found) for name, found in points.items()}
+            far[slider], (kg, farther) = _radius(reading), held[slider]
+            if 0.002 < far[slider] - STOP_M < CATCH_M:
+                points[slider].append((far[slider] - STOP_M, kg * SPIN**2 * (far[slider] + farther)))
+    return [sorted(own) for own in points.values()]
 
 
-def _best(points):
-    """The load by the kinds that fit best, each number paid for."""
-    laws = []
-    for own in points.values():
-        found = [_fitted(own, kind) for kind in KINDS] if len(own) > 1 else [(0.0, (10.0,))]
-        laws.append(min(found, key=lambda fit: fit[0] + 4 * len(fit[1]))[1])
-    return _load(laws)
+def _best(exchanges):
+    """The load by the kinds that fit best."""
+    return _load([best(own, SOFT) for own in _points(exchanges)])
 
 
 def fit(readings, structure):
     """The load by springs of these kinds."""
-    points = _points(readings)
-    return _load([_fitted(points[name], kind)[1] for name, kind in zip(SLIDERS, structure.split(", "), strict=True)])
+    kinds = structure.split(", ")
+    return _load([fitted(own, kind)[1] for own, kind in zip(_points(readings), kinds, strict=True)])
+
+
+def rivals(readings):
+    """Springs of all kinds, fitted."""
+    return members(_points(readings), _load, SIGMA)
 
 
 def _ball(slider, number, kg, place):
-    """A ball where the slider is, joined to it."""
-    radius = (kg / DENSITY / (4 / 3 * pi)) ** (1 / 3)
-    where = [*place, HEIGHT + 0.06 * (number % 2)]
+    """Join a ball to a slider where it is, and take the one before away."""
     name = f"b{slider[-1]}_{number}"
-    made = call("create_objects", name=name, pos=where, density=DENSITY, rgba=[1, 0, 0, 1], radius=radius)
-    return [made, call("attach_objects", object1_id=name, object2_id=slider)]
+    made = joined(dense_ball(name, kg, [*place, HEIGHT + 0.06 * (number % 2)], DENSITY), slider)
+    return made + [call("delete_objects", object_id=f"b{slider[-1]}_{number - 1}")] * (number > 0)
+
+
+def _rest(sliders):
+    return [call("step", duration=WAIT_S), *(call("get_position", object_id=slider) for slider in sliders)]
 
 
 def solve(task):
     """Replace the ball of each slider by a heavier one, again and again; each follows from where the slider is."""
-    exchanges, mass = [], dict.fromkeys(SLIDERS, FIRST_KG)
-    place = {"object_2": [STOP_M, 0.0], "object_3": [-STOP_M, 0.0]}
-    rows = {name: [(0.0, 0.0)] for name in SLIDERS}
-    active = list(SLIDERS)
+    seen, place = [], dict(STARTS)
+    rows, masses = {name: [(0.0, 0.0)] for name in SLIDERS}, dict.fromkeys(SLIDERS, FIRST_KG)
     for number in range(TURNS):
-        calls = []
-        for slider in active:
-            calls += _ball(slider, number, mass[slider], place[slider])
-            if number:
-                calls.append(call("delete_objects", object_id=f"b{slider[-1]}_{number - 1}"))
-        calls += [call("step", duration=WAIT_S), *(call("get_position", object_id=slider) for slider in active)]
+        active = list(masses)
+        calls = [made for slider in active for made in _ball(slider, number, masses[slider], place[slider])]
+        calls += _rest(active)
         readings = yield calls
-        exchanges += zip(calls, readings, strict=True)
+        seen += zip(calls, readings, strict=True)
         for slider, reading in zip(active, readings[-len(active) :], strict=True):
-            place[slider] = reading["position"][:2]
-            u = float(np.hypot(*place[slider])) - STOP_M
-            rows[slider].append((u, mass[slider] * SPIN**2 * (STOP_M + u)))
-            goal = next((goal for goal in GOALS if goal > u + 0.006), None)
-            if goal is None:
-                continue
-            (a, before), (_, now) = rows[slider][-2:]
-            slope = (now - before) / max(u - a, 5e-4)
-            mass[slider] = max((now + slope * (goal - u)) / SPIN**2 / (STOP_M + goal), 1.01 * mass[slider])
-        active = [slider for slider in SLIDERS if rows[slider][-1][0] < GOALS[-1] - 0.006]
-        if not active:
+            place[slider], kg = reading["position"][:2], masses.pop(slider)
+            rows[slider].append((_radius(reading) - STOP_M, kg * SPIN**2 * _radius(reading)))
+            if ahead := next_load(rows[slider]):
+                goal, force = ahead
+                masses[slider] = max(force / SPIN**2 / (STOP_M + goal), 1.01 * kg)
+        if not masses:
             break
-    yield [answer(_best(_points(exchanges)))]
+    yield [answer(_best(seen))]
 
 
 def batch(task):
     """Six masses in even ratios for each slider, and the best fit."""
     calls = []
     for number in range(6):
-        angle = SPIN * WAIT_S * number
-        for slider, side in zip(SLIDERS, (1, -1), strict=True):
-            place = [side * (STOP_M + 0.04 * number) * part for part in (cos(angle), sin(angle))]
-            calls += _ball(slider, number, 0.015 * 400 ** (number / 5), place)
-            if number:
-                calls.append(call("delete_objects", object_id=f"b{slider[-1]}_{number - 1}"))
-        calls += [call("step", duration=WAIT_S), *(call("get_position", object_id=slider) for slider in SLIDERS)]
+        angle, out = SPIN * WAIT_S * number, 1 + 0.04 * number / STOP_M
+        for slider, (x, _) in STARTS.items():
+            calls += _ball(slider, number, 0.015 * 400 ** (number / 5), [out * x * part(angle) for part in (cos, sin)])
+        calls += _rest(SLIDERS)
     readings = yield calls
-    yield [answer(_best(_points(list(zip(calls, readings, strict=True)))))]
+    yield [answer(_best(list(zip(calls, readings, strict=True))))]
 
 
 def stage(task):
     """Join a load to a slider, and carry it over in proportion to the distance from the stop."""
-    calls = [*_ball("object_2", 0, 0.02, [STOP_M, 0.0]), call("step", duration=WAIT_S)]
-    readings = yield [*calls, call("get_position", object_id="object_2")]
-    u = max(float(np.hypot(*readings[-1]["position"][:2])) - STOP_M, 1e-3)
+    readings = yield [*_ball("object_2", 0, 0.02, STARTS["object_2"]), *_rest(["object_2"])]
+    u = max(_radius(readings[-1]) - STOP_M, 1e-3)
     yield [answer(0.02 * (SPIN / FAR_SPIN) ** 2 * (STOP_M + u) / u * (FAR_M - STOP_M) / FAR_M)]
-
-
-def structure(knobs):
-    """Laws of the two springs."""
-    return knobs["kinds"]
-
-
-def _law(knobs, number):
-    kind, k = knobs["kinds"].split(", ")[number - 1], knobs[f"k{number}"]
-    parts = {
-        "even": (),
-        "cubic": (k / knobs[f"w{number}"] ** 2,),
-        "late": (k * knobs[f"q{number}"], knobs[f"s{number}"]),
-    }
-    return (k, *parts[kind])
 
 
 def naive(knobs):
@@ -180,7 +124,7 @@ def naive(knobs):
 
 def theory(knobs):
     """The pulls of both springs at the far place."""
-    return _load([_law(knobs, 1), _law(knobs, 2)])
+    return _load([drawn(knobs, 1), drawn(knobs, 2)])
 
 
 def measure(engine, knobs):
@@ -188,9 +132,23 @@ def measure(engine, knobs):
     changes = {f"joint[rail{i}].range": (0.0, 10.0) for i in (1, 2)}
     changes |= {f"joint[trigger{i}_joint].damping": 1e9 for i in (1, 2)}
     still = engine.changed(changes, without=("key[start]",))
-    pulls = [float(_pull(FAR_M - STOP_M, *_law(knobs, i))) for i in (1, 2)]
-    for slider, side, pull in zip(SLIDERS, (1, -1), pulls, strict=True):
-        still.push(slider, force=np.array([side * pull, 0.0, 0.0]))
+    pulls = [float(pull(FAR_M - STOP_M, *drawn(knobs, i))) for i in (1, 2)]
+    for slider, side, newtons in zip(SLIDERS, (1, -1), pulls, strict=True):
+        still.push(slider, force=np.array([side * newtons, 0.0, 0.0]))
     still.step(still.whole_steps(10.0))
     out = sum(abs(float(still.pose(slider).position[0])) - STOP_M for slider in SLIDERS)
     return theory(knobs) * 2 * (FAR_M - STOP_M) / out
+
+
+def settles(engine, knobs, off):
+    """Where the load comes to rest on the engine's disk if both springs pull it and it begins near the asked place."""
+    kg, begin = theory(knobs), FAR_M * (1 + off)
+    changes = {"key[start].qvel": (FAR_SPIN, 0, 0, 0, 0), "joint[rail2].axis": (1, 0, 0)}
+    for i, slider in enumerate(SLIDERS, 1):
+        changes |= {f"joint[trigger{i}_joint].damping": 1e9, f"joint[rail{i}].range": (-5.0, 5.0)}
+        changes |= {f"body[{slider}].pos": (begin, 0.0, 0.1)}
+        changes |= {f"body[{slider}]/inertial.mass": knobs[f"k{i}"] / 150 + kg / 2}
+    free = engine.changed(changes)
+    free.join(*SLIDERS, "weld")
+    free.step(free.whole_steps(30.0))
+    return float(np.hypot(*free.centre(SLIDERS[0])[:2])) / FAR_M - 1
