@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,8 +88,19 @@ def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
     for files in packs:
         if files.scene_id == scene_id:
             return files
-    known = ", ".join(str(files.scene_id) for files in packs)
+    known = ranges([files.scene_id for files in packs])
     raise PackError(folder or default_folder(), f"no scene {scene_id}; the scenes here are {known}")
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Ascending numbers as text, such as `0-20, 40`."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1] = [runs[-1][0], number]
+        else:
+            runs.append([number])
+    return ", ".join("-".join(map(str, run)) for run in runs) or "none"
 
 
 def read_pack(files: PackFiles) -> Pack:

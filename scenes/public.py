@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from scenes.answer_spec import AnswerKind, Variable
 from scenes.draw import draw_knobs
 from scenes.errors import PackError
-from scenes.folder import PackFiles, read_pack
+from scenes.folder import PackFiles, ranges, read_pack
 from scenes.laboratory import Instruments, LabLimits
 from scenes.model import drawn_mjcf
 from scenes.pack import Pack, Permissions, SchematicPart
@@ -136,7 +136,7 @@ def hosted_files(files: PackFiles, seed: int) -> tuple[Path, Path]:
         return files.json, files.mjcf
     files.check_inside(public, path)
     if not path.is_file():
-        raise PackError(files.folder, f"seed {seed} was not exported; there are the seeds {_ranges(_seeds(files))}")
+        raise PackError(files.folder, f"seed {seed} was not exported; there are the seeds {ranges(_seeds(files))}")
     return public, path
 
 
@@ -171,14 +171,3 @@ def exported_mjcf(files: PackFiles, seed: int) -> Path:
 def _seeds(files: PackFiles) -> list[int]:
     pattern = re.compile(rf"scene{files.scene_id}\.seed(-?\d+)\.xml")
     return sorted(int(match[1]) for path in files.folder.iterdir() if (match := pattern.fullmatch(path.name)))
-
-
-def _ranges(numbers: list[int]) -> str:
-    """Ascending numbers as text, such as `0-20, 40`."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1] = [runs[-1][0], number]
-        else:
-            runs.append([number])
-    return ", ".join("-".join(map(str, run)) for run in runs) or "none"
