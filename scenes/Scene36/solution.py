@@ -5,6 +5,7 @@ from math import pi
 import numpy as np
 
 from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.family import members
 from scenes.protocol import answer
 from scenes.rigs import Rig
 
@@ -73,7 +74,7 @@ def _near(course):
     return Laws(
         rates=_rates,
         structures=STRUCTURES,
-        box={**BOX, "mass": (0.35 * mass, 2.5 * mass)},
+        box={**BOX, "mass": (0.3 * mass, 6.0 * mass)},
         start=(0.0, 0.0, 0.0),
         sigma=(0.007, 0.012),
         longest_s=0.4,
@@ -128,9 +129,15 @@ def solve(task):
 fit = MODEL.fit
 
 
+def rivals(readings):
+    """What may be besides the square law, each fitted to the course."""
+    course = _course(readings)
+    return members(_near(course), course, predict)
+
+
 def measure(engine, knobs):
     """Both motions in the engine without guard: the force is the change of momentum and what the hull is held with."""
-    free = engine.changed({"joint[object_1_x].range": (-1e4, 1e4), "body[trigger]/inertial.mass": 1e12})
+    free = _unguarded(engine)
     turn, mass = 2 * pi / PERIOD_S, knobs["mass"]
     tick = 1 / free.whole_steps(1.0)
     push, greatest, count = 0.0, 0.0, free.whole_steps(4 * PERIOD_S)
@@ -148,6 +155,19 @@ def measure(engine, knobs):
         free.push("object_1", force=np.array([now, 0.0, 0.0]))
         free.step(1)
     return [float(greatest), float(now)]
+
+
+def settles(engine, knobs, off):
+    """By how much the speed is off after a minute under the steady force."""
+    free = _unguarded(engine)
+    free.set_velocity("object_1", np.array([(1 + off) * SPEED, 0.0, 0.0]))
+    free.push("object_1", force=np.array([predict(knobs["kind"], knobs)[1], 0.0, 0.0]))
+    free.step(free.whole_steps(60.0))
+    return float(free.twist("object_1").linear[0]) / SPEED - 1
+
+
+def _unguarded(engine):
+    return engine.changed({"joint[object_1_x].range": (-1e4, 1e4), "body[trigger]/inertial.mass": 1e12})
 
 
 def naive(knobs):

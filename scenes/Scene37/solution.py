@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 ASKED, PAWL = 1.0, 0.6
@@ -21,7 +22,7 @@ LAST = (0.48, 0.53, 0.56, 0.58, 0.585)
 """Angles one after the other: never so much farther at once that the lever swings past the pawl."""
 STRENGTH = {"shift": (0.05, 1.0), "cord": (0.1, 8.0), "load": (0.1, 3.0)}
 """Range of what a structure adds, over the torque of the weight; it acts beyond an angle in WHERE."""
-WHERE = 0.15, 0.57
+WHERE = 0.2, 0.5
 
 
 def _shape(kind, strength, where, angle):
@@ -49,17 +50,22 @@ def _points(readings):
     return np.array(points or [(0.1, 1.0)]).T
 
 
+def _off(kind, p, angle, torque):
+    """Misfits of angles, in standard deviations."""
+    slope = (_shape(kind, *p[1:], angle + 2e-3) - _shape(kind, *p[1:], angle - 2e-3)) / 4e-3
+    return (_shape(kind, *p[1:], angle) - torque / np.exp(p[0])) / (np.maximum(slope, 0.1) * ANGLE_ERROR)
+
+
 def _fitted(kind, readings, tried=3):
     """Misfit, and logarithm of the torque of the weight, strength and angle of the best fit."""
     angle, torque = _points(readings)
     low, high = (np.array(ends) for ends in zip((-12.0, 12.0), STRENGTH[kind], WHERE, strict=True))
 
     def off(p):
-        slope = (_shape(kind, *p[1:], angle + 2e-3) - _shape(kind, *p[1:], angle - 2e-3)) / 4e-3
-        return (_shape(kind, *p[1:], angle) - torque / np.exp(p[0])) / (np.maximum(slope, 0.1) * ANGLE_ERROR)
+        return _off(kind, p, angle, torque)
 
     starts = []
-    for where in np.linspace(0.2, 0.55, 15):
+    for where in np.linspace(0.22, 0.49, 15):
         for strength in STRENGTH[kind][0] * (STRENGTH[kind][1] / STRENGTH[kind][0]) ** np.array([0.3, 0.6, 0.8, 0.95]):
             shape = _shape(kind, strength, where, angle)
             p = np.array([np.log(max(float(shape @ torque / (shape @ shape)), 1e-5)), strength, where])
@@ -116,38 +122,61 @@ def fit(readings, structure):
     return _torque(structure, _fitted(structure, readings)[1], ASKED)
 
 
-def structure(knobs):
-    """What there is besides the fixed weight."""
-    return knobs["kind"]
+def rivals(readings):
+    """Everything that may be on the lever, fitted."""
+    angle, torque = _points(readings)
+    found = {}
+    for kind, span in STRENGTH.items():
+        best = _fitted(kind, readings)[1]
+        found[kind] = member(
+            lambda p, kind=kind: _off(kind, p, angle, torque),
+            lambda p, kind=kind: _torque(kind, p, ASKED),
+            best,
+            ((best[0] - 3, best[0] + 3), span, WHERE),
+        )
+    return found
 
 
-def _true(knobs):
-    """Kind and constants."""
-    others = {"shift": "part", "cord": "stiff", "load": "load"}[knobs["kind"]]
-    return knobs["kind"], [float(np.log(knobs["weight"])), knobs[others], knobs["where"]]
-
-
-def theory(knobs):
+def predict(structure, knobs):
     """The balance at the angle that is asked."""
-    return _torque(*_true(knobs), ASKED)
+    return _torque(*_true(structure, knobs), ASKED)
 
 
-def measure(engine, knobs):
-    """The lever in the engine without the pawl, led to the angle by a torque that follows it."""
+def _true(kind, knobs):
+    """Kind and constants."""
+    others = {"shift": "part", "cord": "stiff", "load": "load"}[kind]
+    return kind, [float(np.log(knobs["weight"])), knobs[others], knobs["where"]]
+
+
+def _led(engine, knobs, goal):
+    """The lever in the engine without the pawl, led to an angle by a torque that follows it, and this torque."""
     free = engine.changed({"joint[axle].range": (-170.0, 170.0), "body[trigger]/inertial.mass": 1e12})
     torque = 0.0
     for _ in range(free.whole_steps(20.0)):
         now = free.turn("object_1")
-        torque += 0.01 * knobs["weight"] * (ASKED - now.angle)
-        held = torque + knobs["weight"] * (4 * (ASKED - now.angle) - now.spin)
+        torque += 0.01 * knobs["weight"] * (goal - now.angle)
+        held = torque + knobs["weight"] * (4 * (goal - now.angle) - now.spin)
         free.push("object_1", torque=np.array([0.0, held, 0.0]))
         free.step(1)
-    return torque
+    return free, torque
+
+
+def measure(engine, knobs):
+    """The torque that keeps the lever in the engine at the angle."""
+    return _led(engine, knobs, ASKED)[1]
+
+
+def settles(engine, knobs, off):
+    """Where the lever comes to rest under the asked torque after it was led to an angle near by."""
+    free = _led(engine, knobs, ASKED * (1 + off))[0]
+    free.push("object_1", torque=np.array([0.0, predict(knobs["kind"], knobs), 0.0]))
+    free.step(free.whole_steps(40.0))
+    return float(free.turn("object_1").angle) / ASKED - 1
 
 
 def naive(knobs):
     """The sine of small angles goes on."""
-    return {"sine from small angles": float(_torque(*_true(knobs), 0.05) * np.sin(ASKED) / np.sin(0.05))}
+    return {"sine from small angles": float(_torque(*_true(knobs["kind"], knobs), 0.05) * np.sin(ASKED) / np.sin(0.05))}
 
 
 def stage(task):

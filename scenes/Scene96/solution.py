@@ -3,15 +3,18 @@
 from math import pi
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 WHEEL, DRIVER = "object_1", "object_2"
 STIFF, CATCH = 5.0, 0.2
 PAIRS, DRAGS = (1, 2, 3), {"even": 1, "square": 2}
-NOISE_RAD, NOISE_RAD_S = 7.2e-4, 1.5e-3
+NOISE_RAD, NOISE_RAD_S = 5.8e-4, 1.5e-3
 """Standard deviation of a lag and of a spin that is read."""
+STEADY_RAD = 0.02
+"""Lag from which on the spin is steady when it is read."""
 FIRST_NM, GROWTH, SEEN_RAD, SETTLE_S, SHORT_S = 0.0006, 4.0, 0.028, 2.5, 0.05
 GOALS = ((0.07, 1), (0.1, 7), (0.125, 1), (0.145, 1), (0.158, 1), (0.168, 2), (0.177, 3), (0.185, 10))
 """Lags that are aimed at, and how many short looks follow the first at each."""
@@ -90,6 +93,46 @@ def fit(readings, structure):
     """The prediction with a number of pairs and a kind of liquid."""
     pairs, drag = structure.split()
     return _together(int(pairs), DRAGS[drag], _rows(readings))[1]
+
+
+def _weighed(pairs, power, rows):
+    """The laws with a number of pairs and a power of the spin, fitted to the lags and the spins.
+
+    Constants: torque at which the magnets let go, over the largest one so far; that of the liquid and that of the brake
+    per spin at the largest spin so far, over the same torque; and the spin from which the brake acts, over that one.
+    """
+    torque, lag, looks, spin = rows.T
+    unit, fastest = torque.max(), spin.max()
+
+    def kept(constants, torque):
+        """Spins at which liquid and brake take up a torque."""
+        _, liquid, brake, edge = constants
+        alone = (torque / liquid) ** (1 / power)
+        even = torque + brake * edge
+        both = even / (liquid + brake) if power == 1 else 2 * even / (brake + np.sqrt(brake**2 + 4 * liquid * even))
+        return fastest * np.where(alone > edge, both, alone)
+
+    def misfits(constants):
+        turned = np.arcsin(np.minimum(torque / unit / constants[0], 1.0)) / pairs
+        ahead = (turned - lag) * np.sqrt(looks) / NOISE_RAD
+        return np.concatenate([ahead, (kept(constants, torque / unit) - spin) / NOISE_RAD_S])
+
+    def prediction(constants):
+        return [float(kept(constants, constants[0])), float(unit * constants[0])]
+
+    _, (liquid, brake), edge = _resistance(power, rows)
+    start = [_pull(pairs, rows)[1] / unit, liquid * fastest**power / unit, brake * fastest / unit, edge / fastest]
+    ranges = [(1.0, 12.0), (0.01, 3.0), (0.0, 30.0), (0.3, 1.0)]
+    low, high = np.array(ranges).T
+    best = least_squares(misfits, np.clip(start, low + 1e-3, high - 1e-3), bounds=(low, high), x_scale=0.1).x
+    return member(misfits, prediction, best, ranges)
+
+
+def rivals(readings):
+    """Each number of pairs with each kind of liquid, fitted."""
+    rows = _rows(readings)
+    rows = rows[rows[:, 1] > STEADY_RAD]
+    return {f"{pairs} {drag}": _weighed(pairs, power, rows) for pairs in PAIRS for drag, power in DRAGS.items()}
 
 
 def solve(task):
