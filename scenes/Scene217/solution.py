@@ -1,4 +1,4 @@
-"""Scene 217: learn the mass, steer a puck that speeds up by itself, fit each law to the course, predict."""
+"""Scene 217: learn mass and drift, steer a puck that speeds up by itself, fit each law to the course, predict."""
 
 import numpy as np
 
@@ -7,15 +7,16 @@ from scenes.protocol import answer, call
 from scenes.pucks import PuckFloor
 
 STRUCTURES = {
-    "step": ("m", "a", "b", "p", "where", "ratio"),
-    "ramp": ("m", "a", "b", "p", "where", "slope"),
-    "wave": ("m", "a", "b", "p", "depth", "length", "phase"),
+    "step": ("m", "a", "b", "p", "drift", "where", "ratio"),
+    "ramp": ("m", "a", "b", "p", "drift", "where", "slope"),
+    "wave": ("m", "a", "b", "p", "drift", "depth", "length", "phase"),
 }
 BOX = {
     "m": (0.13, 13.0),
     "a": (0.15, 2.2),
     "b": (0.1, 1.6),
     "p": (1.8, 4.0),
+    "drift": (-2.2, 2.2),
     "where": (1.8, 3.5),
     "ratio": (0.15, 4.5),
     "slope": (0.2, 1.1),
@@ -25,7 +26,7 @@ BOX = {
 }
 FAR_FORCE_N, FAR_M, SLOW_M_S, QUICK_M_S = 100.0, 5.0, 0.001, 0.01
 STEP_M, BEND_M = 0.2, 0.3
-HEAVY_KG = 1e6
+HEAVY_KG = 1e12
 
 
 def _shape(structure, knobs, x):
@@ -43,20 +44,10 @@ def _rates(structure, knobs, time, state, force):
     x, _, vx, vy = state
     speed = np.sqrt(vx**2 + vy**2 + 1e-12)
     gain = knobs["a"] * _shape(structure, knobs, x) - knobs["b"] * speed ** (knobs["p"] - 1)
-    return np.array([vx, vy, force[0] / knobs["m"] + gain * vx, force[1] / knobs["m"] + gain * vy])
+    return np.array([vx, vy, force[0] / knobs["m"] + knobs["drift"] + gain * vx, force[1] / knobs["m"] + gain * vy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Speed under the far force, own speed at the far place, time of growth at the origin."""
     here, there = (float(knobs["a"] * _shape(structure, knobs, x)) for x in (0.0, FAR_M))
     b, p = float(knobs["b"]), float(knobs["p"])
@@ -72,14 +63,14 @@ def measure(engine, knobs):
     """The three situations in the engine, in guides and without the rim."""
     results = []
     for place, speed, pushed, lasting in ((0.0, 0.0, FAR_FORCE_N, 20.0), (FAR_M, 0.1, 0.0, 60.0)):
-        guided = engine.changed({"joint[object_1_x].armature": 1e6 * HEAVY_KG})
+        guided = engine.changed({"joint[object_1_x].armature": HEAVY_KG})
         guided.place("gate", np.array([0.0, 0.0, 1.0]), {})
         guided.place("object_1", np.array([place, 0.0, 0.05]), {})
         guided.set_velocity("object_1", np.array([0.0, speed, 0.0]))
         guided.push("object_1", force=np.array([0.0, pushed, 0.0]))
         guided.step(guided.whole_steps(lasting))
         results.append(float(guided.twist("object_1").linear[1]))
-    guided = engine.changed({"joint[object_1_x].armature": 1e6 * HEAVY_KG})
+    guided = engine.changed({"joint[object_1_x].armature": HEAVY_KG})
     guided.place("gate", np.array([0.0, 0.0, 1.0]), {})
     guided.set_velocity("object_1", np.array([0.0, SLOW_M_S, 0.0]))
     before = after = SLOW_M_S
@@ -92,7 +83,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """As at the origin everywhere; or a common drag, from the own speed."""
-    push, own, growth = _predictions(knobs["kind"], knobs)
+    push, own, growth = predict(knobs["kind"], knobs)
     here = float(knobs["a"] * _shape(knobs["kind"], knobs, 0.0))
     speed = (here / knobs["b"]) ** (1 / (knobs["p"] - 1))
     return {
@@ -116,7 +107,7 @@ LAWS = Laws(
     structures=STRUCTURES,
     box=BOX,
     start=(0.0, 0.0, 0.0, 0.0),
-    sigma=(0.00105, 0.00105, 0.0025, 0.0025),
+    sigma=(0.00165, 0.00165, 0.004, 0.004),
     longest_s=0.08,
     starts=500,
     tried=3,
@@ -124,25 +115,28 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.9, 0.3), (1.8, -0.5), (3.9, -0.4), (-1.5, 0.6), (3.9, 0.6), (0.5, -0.8)),
     near_m=0.8,
     safe_m=3.9,
     haste=3.2,
-    lightest_kg=0.2,
-    heaviest_kg=9.0,
+    lightest_kg=0.25,
+    rim_m=4.7,
+    drifts=True,
+    idle_legs=1,
+    growth=20.0,
     leg_s=0.7,
     slowed=0.95,
     coasts_s=0.6,
     fixed_pushes=(
-        (0.4, 0.1, 0.8),
-        (-0.8, -0.1, 1.2),
-        (1.6, 0.1, 1.2),
-        (-1.2, 0.2, 1.0),
-        (2.5, -0.2, 1.0),
-        (-4.0, 0.2, 0.6),
-        (5.0, 0.0, 0.8),
-        (-6.0, 0.3, 0.8),
+        (0.5, 0.1, 0.5),
+        (0.77, -0.15, 0.5),
+        (1.18, 0.24, 0.5),
+        (1.81, -0.36, 0.5),
+        (2.77, 0.55, 0.5),
+        (4.25, -0.85, 0.5),
+        (6.52, 1.3, 0.5),
+        (10.0, -2.0, 0.5),
     ),
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit
