@@ -219,7 +219,7 @@ class Catch(_PackModel):
 class SchematicPart(_PackModel):
     """A cord, spring, rod, rail or pulley that the task tells of and the model has no body for, for drawings.
 
-    Public and the same at every seed: it names listed objects that are not hidden, and places that the task gives.
+    Public and the same at every seed: it names listed objects that are not hidden, and fixed places.
     """
 
     model_config = ConfigDict(extra="forbid")

@@ -101,10 +101,8 @@ def resisted_member(
         predict: The answer from the factors of the columns and the edge.
         edges: Smallest and largest edge.
     """
-    error, units = (
-        spin_errors(spin, torque),
-        [float(torque.max() / max(part.max(), 1e-9)) for part in columns(edges[0])],
-    )
+    error = spin_errors(spin, torque)
+    units = [float(torque.max() / max(part.max(), 1e-9)) for part in columns(edges[0])]
 
     def misfits(constants: Array) -> Array:
         parts = (

@@ -42,14 +42,14 @@ class EpisodeQuota:
     most: int
     taken: int = 0
 
-    def take(self) -> bool:
+    def acquire(self) -> bool:
         """Count one more; returns False, and counts none, at the limit."""
         if self.taken == self.most:
             return False
         self.taken += 1
         return True
 
-    def leave(self) -> None:
+    def release(self) -> None:
         """Count one less."""
         self.taken -= 1
 
@@ -69,7 +69,7 @@ class Admission:
     """Held while a scene is loaded, in a thread, because that takes up to 50 ms."""
 
     async def open(self, body: bytes) -> tuple[EpisodeRequest, Session]:
-        """Open a session, which counts towards the quota until whoever closes the episode calls `quota.leave`.
+        """Open a session, which counts towards the quota until whoever closes the episode calls `quota.release`.
 
         Args:
             body: The request in JSON.
@@ -83,7 +83,7 @@ class Admission:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(part) for part in first["loc"]) or "body"
             raise NotOpened(400, f'{quoted(where)[1:-1]}: {first["msg"]}; send {{"scene": 7, "seed": 0}}') from error
-        if not self.quota.take():
+        if not self.quota.acquire():
             raise NotOpened(429, f"{self.quota.most} episodes are open, which is the limit; delete some or wait")
         try:
             kept = kept_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
@@ -92,11 +92,11 @@ class Admission:
             async with self._loading:
                 return wanted, await anyio.to_thread.run_sync(self._load, wanted)
         except SceneError as error:
-            self.quota.leave()
+            self.quota.release()
             logger.warning("scene %d was asked for: %s", wanted.scene, error)
             raise NotOpened(404, str(error) if self.for_operator else error.for_client) from error
         except BaseException:
-            self.quota.leave()
+            self.quota.release()
             raise
 
     def _load(self, wanted: EpisodeRequest) -> Session:

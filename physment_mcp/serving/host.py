@@ -183,7 +183,7 @@ class Host:
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)
         except BaseException:
-            self._admission.quota.leave()
+            self._admission.quota.release()
             raise
         if episode_id is None:
             episode_id = f"{self.id_prefix}{secrets.token_urlsafe(18)}"
@@ -276,7 +276,7 @@ class Host:
 
     def _close(self, episode_id: str) -> None:
         episode = self._episodes.pop(episode_id)
-        self._admission.quota.leave()
+        self._admission.quota.release()
         episode.close()
         episode.slot.close(_GONE)
 

@@ -192,7 +192,7 @@ class SocketEpisodes:
         try:
             await self._play(lines, session)
         finally:
-            self._admission.quota.leave()
+            self._admission.quota.release()
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from scenes.courses import Array, force, position, velocity
+from scenes.family import surviving
 from scenes.protocol import Call
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, whitening, work_points
+from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
 
 STIFFNESS = 5.0
 RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], decimals=6)
@@ -90,3 +91,21 @@ def test_the_time_of_a_half_swing_between_its_turning_points() -> None:
     assert parts.sum() == pytest.approx(pi / STIFFNESS**0.5, rel=1e-3)
     assert places[0] > places[-1]
     assert len(places) == 400
+
+
+def test_structures_are_weighed_on_the_same_points_with_the_same_errors() -> None:
+    """Points of x²: a spring fits, and so does a spring with a part x⁴ whose factor is then 0; x⁴ alone does not."""
+    places, error = np.linspace(-1.0, 1.0, 21), 0.01
+    energies = 2.0 * places**2 + error * np.random.default_rng(1).standard_normal(len(places))
+    found = weighed(
+        {"spring": np.array([1.0, 0.0]), "both": np.array([1.0, 1.0]), "stiff": np.array([0.0, 1.0])},
+        {"spring": [0], "both": [0, 1], "stiff": [1]},
+        np.eye(len(places)) / error,
+        lambda constants: constants[0] * places**2 + constants[1] * places**4 - energies,
+        lambda constants: float(4 * constants[0] + 16 * constants[1]),
+        np.array([10.0, 10.0]),
+    )
+    assert {name: member.constants for name, member in found.items()} == {"spring": 1, "both": 2, "stiff": 1}
+    assert {member.readings for member in found.values()} == {len(places)}
+    assert set(surviving(found)) == {"spring", "both"}
+    assert found["spring"].answer == pytest.approx(8.0, rel=0.01)
