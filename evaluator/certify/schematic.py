@@ -8,12 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from physment_mcp.world.pictures.annotations import INK, PAPER, SOFT
-from physment_mcp.world.pictures.canvas import Canvas
-from physment_mcp.world.pictures.lettering import Letters, lettering
-from physment_mcp.world.pictures.placement import LINE
+from physment_mcp.world.pictures.overlay import LINE, Overlay, Pixels
 from physment_mcp.world.pictures.plates import GROUND, HEIGHT, SKY, WIDTH
-from physment_mcp.world.pictures.png import Pixels
-from physment_mcp.world.readings import Array
 from scenes import Permissions, PublicPack
 
 _READ = {
@@ -37,7 +33,7 @@ _STEP = LINE + 4
 def schematic(pack: PublicPack) -> Pixels:
     """A picture (HEIGHT, WIDTH, 3) of the objects that an agent knows from the start."""
     listed = [item for item in pack.objects if not item.permissions.hidden]
-    canvas = Canvas(_backdrop())
+    overlay = Overlay(WIDTH, HEIGHT)
     columns = min(_COLUMNS, max(1, len(listed)))
     rows = -(-max(1, len(listed)) // columns)
     width = min(_LARGEST[0], (WIDTH - 2 * _EDGE - (columns - 1) * _GAP) / columns)
@@ -46,46 +42,44 @@ def schematic(pack: PublicPack) -> Pixels:
         (WIDTH - columns * width - (columns - 1) * _GAP) / 2,
         _TITLE + (HEIGHT - _TITLE - _EDGE - rows * height - (rows - 1) * _GAP) / 2,
     )
-    with lettering() as letters:
-        canvas.text(letters.mask("Schematic: no part looks the same in every variant"), _EDGE, 30, INK)
-        canvas.text(letters.mask("places and sizes are not shown"), _EDGE, 30 + _STEP, SOFT)
-        for place, item in enumerate(listed):
-            left = first[0] + place % columns * (width + _GAP)
-            top = first[1] + place // columns * (height + _GAP)
-            low, high = (left, top), (left + width, top + height)
-            canvas.box(low, high, 4, PAPER, 0.6)
-            canvas.dashes(low, high, 2.5, INK)
-            lines = _card(letters, item.permissions, width - 2 * LINE)
-            start = max(top + 12, top + (height - (len(lines) + 2) * _STEP) / 2)
-            heads = [(item.object_id, INK), (item.name, SOFT)]
-            for row, (text, colour) in enumerate([*heads, *((line, INK) for line in lines)]):
-                if start + (row + 1) * _STEP <= top + height:
-                    canvas.text(letters.mask(text), left + LINE, start + row * _STEP, colour)
-    return canvas.pixels
+    overlay.text("Schematic: no part looks the same in every variant", _EDGE, 30, INK)
+    overlay.text("places and sizes are not shown", _EDGE, 30 + _STEP, SOFT)
+    for place, item in enumerate(listed):
+        left = first[0] + place % columns * (width + _GAP)
+        top = first[1] + place // columns * (height + _GAP)
+        low, high = (left, top), (left + width, top + height)
+        overlay.box(low, high, 4, PAPER, 0.6)
+        overlay.dashes(low, high, 2.5, INK)
+        lines = _card(overlay, item.permissions, width - 2 * LINE)
+        start = max(top + 12, top + (height - (len(lines) + 2) * _STEP) / 2)
+        heads = [(item.object_id, INK), (item.name, SOFT)]
+        for row, (text, colour) in enumerate([*heads, *((line, INK) for line in lines)]):
+            if start + (row + 1) * _STEP <= top + height:
+                overlay.text(text, left + LINE, start + row * _STEP, colour)
+    return overlay.over(_backdrop())
 
 
-def _backdrop() -> Array:
+def _backdrop() -> Pixels:
     """From the colour of the sky down to that of the ground."""
     share = np.linspace(0, 1, HEIGHT)[:, None, None]
     rows = np.array(SKY) * (1 - share) + np.array(GROUND) * share
-    return np.broadcast_to(rows * 255, (HEIGHT, WIDTH, 3))
+    return np.round(np.broadcast_to(rows * 255, (HEIGHT, WIDTH, 3))).astype(np.uint8)
 
 
-def _card(letters: Letters, may: Permissions, width: float) -> list[str]:
+def _card(overlay: Overlay, may: Permissions, width: float) -> list[str]:
     """What is written of an object, in lines that fit."""
     read = [word for field, word in _READ.items() if getattr(may, field)]
     withheld = [word for field, word in _READ.items() if not getattr(may, field)]
-    lines = [""]
-    for head, words in (("may be read: ", read), ("withheld: ", withheld)):
-        lines += _wrapped(letters, head + (", ".join(words) or "nothing"), width)
-    return [*lines, "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"]
+    sealed = "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"
+    texts = (f"may be read: {', '.join(read) or 'nothing'}", f"withheld: {', '.join(withheld) or 'nothing'}", sealed)
+    return ["", *(line for text in texts for line in _wrapped(overlay, text, width))]
 
 
-def _wrapped(letters: Letters, text: str, width: float) -> Sequence[str]:
+def _wrapped(overlay: Overlay, text: str, width: float) -> Sequence[str]:
     lines: list[str] = []
     for word in text.split():
         longer = f"{lines[-1]} {word}" if lines else word
-        if lines and letters.width(longer) <= width:
+        if lines and overlay.width(longer) <= width:
             lines[-1] = longer
         else:
             lines.append(word)

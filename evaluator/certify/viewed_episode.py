@@ -13,9 +13,9 @@ from physment_mcp.errors import SceneError
 from physment_mcp.scene import Scene, load_scene
 from physment_mcp.serving.lab_app import EXTENSION, MIME_TYPE, VIEW, VIEW_URI
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.sight import Seen, Sight, looking, sight_of
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
+from physment_mcp.visibility import Visibility, Visible, cached_visibility, visibility_of
 from scenes import Permissions
 
 VIEW_KEY = VIEW
@@ -26,19 +26,19 @@ _ALL = Permissions(geom_type=True, geom_size=True, geom_radius=True, body_pos=Tr
 
 
 @dataclass(frozen=True, slots=True)
-class _Everything(Sight):
+class _Everything(Visibility):
     """Sees all objects, also those that the agent does not know of, as they are drawn from the seed."""
 
-    def seen(self, session: Session) -> Seen:
+    def now(self, session: Session) -> Visible:
         objects = tuple(replace(item, permissions=_ALL) for item in session.state.objects.values())
         for item in session.state.objects.values():
             if item.permissions.hidden:
                 session.world.reveal(item.body)
         made = {(item.body, 0) for item in objects if item.created}
-        return Seen(objects, self.fixtures, self.parts | made, {})
+        return Visible(objects, self.fixtures, self.parts | made, {})
 
 
-def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Sight]:
+def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visibility]:
     """What finds out what is seen in the scenes of a folder.
 
     Args:
@@ -46,10 +46,10 @@ def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Sight
         reveal: Whether everything is seen, and not only what an agent may see.
     """
     if not reveal:
-        return looking(scenes_dir)
+        return cached_visibility(scenes_dir)
 
-    def everything(scene: Scene) -> Sight:
-        found = sight_of(scene, ())
+    def everything(scene: Scene) -> Visibility:
+        found = visibility_of(scene, ())
         return _Everything(found.parts, found.fixtures, {})
 
     return everything
@@ -57,7 +57,7 @@ def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Sight
 
 @contextlib.asynccontextmanager
 async def viewed_episode(
-    scene: int, seed: int, scenes_dir: Path | None, look: Callable[[Scene], Sight]
+    scene: int, seed: int, scenes_dir: Path | None, find_visibility: Callable[[Scene], Visibility]
 ) -> AsyncGenerator[Client]:
     """A client of a new episode that is shown what is seen, as clients are that show apps.
 
@@ -66,9 +66,11 @@ async def viewed_episode(
     """
     try:
         session = Session(load_scene(scene, seed, scenes_dir))
-        look(session.scene)
+        find_visibility(session.scene)
     except SceneError as error:
         raise UsageError(str(error)) from error
     declared = advertise(EXTENSION, {"mimeTypes": [MIME_TYPE]})
-    async with Client(build_server(EpisodeSlot(session, look=look)), cache=None, extensions=[declared]) as client:
+    async with Client(
+        build_server(EpisodeSlot(session, find_visibility=find_visibility)), cache=None, extensions=[declared]
+    ) as client:
         yield client

@@ -63,10 +63,10 @@ def _film(args: argparse.Namespace) -> int:
     episodes = [one for one in folder.episodes().values() if one.outcome is not Outcome.INFRASTRUCTURE_ERROR]
     if args.episodes:
         episodes = meeting(episodes, args.episodes, "--episodes", folder)
-    seed_of, look = seeds_of(folder, args.seed_key), viewing(args.scenes_dir, reveal=args.reveal)
+    seed_of, find_visibility = seeds_of(folder, args.seed_key), viewing(args.scenes_dir, reveal=args.reveal)
 
     def opens(key: EpisodeKey) -> AbstractAsyncContextManager[Client]:
-        return viewed_episode(key.scene, seed_of(key.scene, key.seed), args.scenes_dir, look)
+        return viewed_episode(key.scene, seed_of(key.scene, key.seed), args.scenes_dir, find_visibility)
 
     refused = run_async(functools.partial(_make, folder, episodes, opens, revealed=args.reveal))
     for sentence in refused:

@@ -82,11 +82,11 @@ def _stdio(args: argparse.Namespace) -> int:
     from physment_mcp.scene import list_scenes, load_scene, scene_ids  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.server import build_server  # noqa: PLC0415
-    from physment_mcp.serving.sight import looking  # noqa: PLC0415
     from physment_mcp.serving.slot import EpisodeSlot  # noqa: PLC0415 - --help need not wait for the engine
     from physment_mcp.session import Session  # noqa: PLC0415
+    from physment_mcp.visibility import cached_visibility  # noqa: PLC0415
 
-    watch, look = watching(args.observations, args.scenes_dir), looking(args.scenes_dir)
+    watch, find_visibility = watching(args.observations, args.scenes_dir), cached_visibility(args.scenes_dir)
 
     def reopen(scene_id: int) -> Session:
         return Session(load_scene(scene_id, args.seed, args.scenes_dir, args.timestep))
@@ -94,9 +94,11 @@ def _stdio(args: argparse.Namespace) -> int:
     if args.scene is None:
         ids = scene_ids(args.scenes_dir)
         listed = partial(list_scenes, args.scenes_dir)
-        slot = EpisodeSlot(reopen=reopen, scene_ids=ids, list_scenes=listed, watch=watch, look=look)
+        slot = EpisodeSlot(
+            reopen=reopen, scene_ids=ids, list_scenes=listed, watch=watch, find_visibility=find_visibility
+        )
     else:
-        slot = EpisodeSlot(reopen(args.scene), watch=watch, look=look)
+        slot = EpisodeSlot(reopen(args.scene), watch=watch, find_visibility=find_visibility)
     server = build_server(slot)
 
     async def run() -> None:

@@ -13,9 +13,9 @@ import anyio.to_thread
 import mcp_types as types
 
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.sight import Sight
 from physment_mcp.serving.views import view_of
 from physment_mcp.session import Session
+from physment_mcp.visibility import Visibility
 from physment_mcp.world.readings import Array
 
 logger = logging.getLogger(__name__)
@@ -32,10 +32,10 @@ async def frame_with(frames: Frames) -> list[types.ImageContent]:
 
 
 async def view_with(
-    session: Session, load_sight: Callable[[Session], Sight], states: Sequence[Array] = ()
+    session: Session, find_visibility: Callable[[Session], Visibility], states: Sequence[Array] = ()
 ) -> dict[str, Any] | None:
     """The view after a finished call, or of now; None if it could not be made. Arguments as for `view_of`."""
-    return await _made(lambda: view_of(session, load_sight(session), states), "view")
+    return await _made(lambda: view_of(session, find_visibility(session), states), "view")
 
 
 async def _made(make: Callable[[], T | None], what: str) -> T | None:

@@ -1,7 +1,7 @@
 """Frames for results: pictures of what may be seen now in an episode, drawn by a separate process.
 
-`sight` says what may be seen and `views` where the instruments read it. The separate process receives only that. When
-it fails, results come without a frame.
+`visibility` says what may be seen, and where. The separate process receives only that. When it fails, results come
+without a frame.
 """
 
 import base64
@@ -16,9 +16,8 @@ from threading import Lock, Timer
 
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_variants
-from physment_mcp.serving.sight import sight_of
-from physment_mcp.serving.views import bodies_of
 from physment_mcp.session import Session
+from physment_mcp.visibility import bodies_of, visibility_of
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.pictures.showing import picture_model, view_of_shown
 
@@ -87,7 +86,7 @@ class Frames:
             painter: The process that draws.
         """
         self._session, self._painter = session, painter
-        self._sight = sight_of(session.scene, variants)
+        self._visibility = visibility_of(session.scene, variants)
         self._seen: frozenset[str] = frozenset()
         self._view: View | None = None
 
@@ -96,7 +95,7 @@ class Frames:
 
         The camera stays where it is as long as the same things are seen.
         """
-        bodies = bodies_of(self._session, self._sight)
+        bodies = bodies_of(self._session, self._visibility.now(self._session))
         mjcf, seen = picture_model(bodies), frozenset(body.name for body in bodies)
         if not mjcf:
             return None

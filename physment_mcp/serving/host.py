@@ -38,11 +38,11 @@ from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.messages import fault_of
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.sight import Sight, looking
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.socket_episodes import SocketEpisodes
 from physment_mcp.serving.turns import Traffic
 from physment_mcp.session import Session
+from physment_mcp.visibility import Visibility, cached_visibility
 
 logger = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ class Host:
     """Answers in place of an episode that is gone, and says how to open another."""
     _nowhere_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
     _traffic: Traffic = field(default_factory=Traffic)
-    _look: Callable[[Scene], Sight] = field(init=False)
+    _find_visibility: Callable[[Scene], Visibility] = field(init=False)
     """Finds out what may be seen in a scene."""
 
     def __post_init__(self) -> None:
@@ -115,8 +115,8 @@ class Host:
         # A request with the token comes from the operator, who may read the details.
         quota = EpisodeQuota(self.max_episodes)
         self._admission = Admission(self.scenes_dir, quota, self.timestep, bool(self.token))
-        self._look = looking(self.scenes_dir)
-        self._sockets = SocketEpisodes(self._admission, self.watch, self._look, self._traffic)
+        self._find_visibility = cached_visibility(self.scenes_dir)
+        self._sockets = SocketEpisodes(self._admission, self.watch, self._find_visibility, self._traffic)
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -178,7 +178,7 @@ class Host:
         """
         wanted, session = await self._admission.open(body)
         try:
-            slot = EpisodeSlot(session, watch=self.watch, look=self._look, traffic=self._traffic)
+            slot = EpisodeSlot(session, watch=self.watch, find_visibility=self._find_visibility, traffic=self._traffic)
             server = build_server(slot)
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)

@@ -168,7 +168,7 @@ class _Service:
         content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
             content += await frame_with(self._slot.frames)
-        view = await view_with(session, self._slot.sight, states) if viewed else None
+        view = await view_with(session, self._slot.visibility, states) if viewed else None
         return types.CallToolResult(
             content=content,
             structured_content=result.model_dump(mode="json"),
@@ -265,7 +265,7 @@ class _Service:
         async with self._slot.lock:
             if shows_app and uri == lab_app.VIEW_URI:
                 session = self._slot.session
-                return lab_app.view_page(None if session is None else await view_with(session, self._slot.sight))
+                return lab_app.view_page(None if session is None else await view_with(session, self._slot.visibility))
             try:
                 return read(self._slot, uri)
             except LookupError as error:

@@ -12,9 +12,9 @@ from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
 from physment_mcp.serving.call_log import CallLog
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.sight import Sight
 from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
+from physment_mcp.visibility import Visibility
 from scenes import PublicPack
 
 KEPT_CALLS = 500
@@ -34,7 +34,7 @@ class EpisodeSlot:
         gone: str | None = None,
         watch: Callable[[Session], Frames] | None = None,
         traffic: Traffic | None = None,
-        look: Callable[[Scene], Sight] | None = None,
+        find_visibility: Callable[[Scene], Visibility] | None = None,
     ) -> None:
         """Set up.
 
@@ -45,7 +45,7 @@ class EpisodeSlot:
             list_scenes: Lists the scenes that can be opened; by default the open one.
             watch: Makes the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None if one is or can be open.
-            look: Finds out what may be seen in a scene, for clients that show the app; None if it is not offered.
+            find_visibility: Finds what may be seen in a scene, for clients that show the app; None for none.
             traffic: The other episodes of its host; None for an episode alone.
         """
         self.session = session
@@ -57,24 +57,24 @@ class EpisodeSlot:
         self.log = CallLog()
         self.frames: Frames | None = None
         self._watch = watch
-        self._look = look
+        self._find_visibility = find_visibility
         self._list_scenes = list_scenes
         if session is not None:
             self.enter(session)
 
     @property
     def offers_app(self) -> bool:
-        """Whether a client that shows apps gets the one that draws. Not with a limit of calls: looking is no call."""
-        return self._look is not None and (self.session is None or self.session.max_calls is None)
+        """Whether a client that shows apps gets the one that draws. Not with a limit of calls: showing is no call."""
+        return self._find_visibility is not None and (self.session is None or self.session.max_calls is None)
 
-    def sight(self, session: Session) -> Sight:
+    def visibility(self, session: Session) -> Visibility:
         """What may be seen in the scene of a session, where the app is offered. Blocks.
 
         Raises:
-            SceneError: As for `load_sight`.
+            SceneError: The folder holds too few variants of the scene.
         """
-        assert self._look is not None
-        return self._look(session.scene)
+        assert self._find_visibility is not None
+        return self._find_visibility(session.scene)
 
     @property
     def fixed(self) -> bool:

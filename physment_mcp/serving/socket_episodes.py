@@ -30,10 +30,10 @@ from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.sight import Sight
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
+from physment_mcp.visibility import Visibility
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ class SocketEpisodes:
         self,
         admission: Admission,
         watch: Callable[[Session], Frames] | None,
-        look: Callable[[Scene], Sight],
+        find_visibility: Callable[[Scene], Visibility],
         traffic: Traffic,
     ) -> None:
         """Set up.
@@ -131,12 +131,12 @@ class SocketEpisodes:
         Args:
             admission: Opens their sessions.
             watch: Makes the frames for results; None for results without frames.
-            look: Finds out what may be seen in a scene, for clients that show the app.
+            find_visibility: Finds out what may be seen in a scene, for clients that show the app.
             traffic: Shared by all episodes of the host.
         """
         self._admission = admission
         self._watch = watch
-        self._look = look
+        self._find_visibility = find_visibility
         self._traffic = traffic
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
@@ -196,7 +196,7 @@ class SocketEpisodes:
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""
-        slot = EpisodeSlot(session, watch=self._watch, look=self._look, traffic=self._traffic)
+        slot = EpisodeSlot(session, watch=self._watch, find_visibility=self._find_visibility, traffic=self._traffic)
         server = build_server(slot)
         lines.write({"opened": True})
         try:

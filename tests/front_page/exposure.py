@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 from evaluator.records import Episode
 from physment_mcp.scene import load_scene, load_variants
-from physment_mcp.serving.sight import sight_of
-from physment_mcp.serving.views import bodies_of
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
+from physment_mcp.visibility import bodies_of, visibility_of
 from physment_mcp.world.pictures.showing import picture_model
 from tests.front_page.episode import PACKS
 
@@ -47,14 +46,14 @@ def _moments(episode: Episode) -> Sequence[Moments]:
     """Play the calls of the episode again, and look at the world after the first and the last call of each turn."""
     scene = load_scene(episode.key.scene, episode.key.seed, PACKS)
     session = Session(scene)
-    sight = sight_of(scene, load_variants(episode.key.scene, PACKS))
+    visibility = visibility_of(scene, load_variants(episode.key.scene, PACKS))
     found: list[Moments] = []
     for turn in episode.turns[:-1]:
         models: list[str] = []
         for exchange in turn.exchanges:
             call(session, exchange.call.tool, dict(exchange.call.arguments))
             # The bench is a fixture; it is left out.
-            models.append(picture_model(body for body in bodies_of(session, sight) if body.pose))
+            models.append(picture_model(body for body in bodies_of(session, visibility.now(session)) if body.pose))
         found.append(Moments(models[0], models[-1]))
     return found
 

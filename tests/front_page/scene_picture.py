@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from evaluator.records import Episode, GradeRecord
-from physment_mcp.world.pictures.drawing import Visible, staged
+from physment_mcp.world.pictures.drawing import staged
 from tests.front_page.episode import RAMPS, Measurement, measurements, reading, title
 from tests.front_page.exposure import exposure
 
@@ -123,8 +123,7 @@ def _matted(mjcf: str) -> NDArray[np.uint8]:
 
     Where both agree the picture is opaque; what is white on one and black on the other is background.
     """
-    model, data = staged(mjcf, Visible((), ()))
-    model.geom_group[:] = 0
+    model, data = staged(mjcf)
     height, width = STRIP_HEIGHT * FINE * 2, STRIP_WIDTH * FINE * 2
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()

@@ -13,9 +13,9 @@ from PIL import Image
 from physment_mcp.scene import load_scene
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.sight import looking
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
+from physment_mcp.visibility import cached_visibility
 from tests.builders.app_client import app_client
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.viewer import bundled, needs_node, page_with
@@ -41,7 +41,7 @@ def browser(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Page]:
 
 async def _results() -> tuple[str, dict[str, Any], dict[str, Any], str]:
     """The app, the result of a step, a refusal, and what may be seen after them, as a client gets them."""
-    slot = EpisodeSlot(Session(load_scene(7)), look=looking(None))
+    slot = EpisodeSlot(Session(load_scene(7)), find_visibility=cached_visibility(None))
     async with app_client(build_server(slot)) as client:
         page = (await client.read_resource(lab_app.APP_URI)).contents[0]
         step, refused = [await client.call_tool("step", {"duration": duration}) for duration in (0.4, -1)]

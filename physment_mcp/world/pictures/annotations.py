@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from physment_mcp.world.pictures.canvas import Canvas, Colour
 from physment_mcp.world.pictures.framing import camera_axes
-from physment_mcp.world.pictures.lettering import Letters
+from physment_mcp.world.pictures.overlay import LINE, Colour, Overlay
 from physment_mcp.world.pictures.placement import (
-    LINE,
     PAD,
     Box,
     Label,
@@ -33,74 +31,70 @@ _BAR = (110, 260)
 """Shortest and longest scale bar [px]; the longest round length that fits is drawn."""
 
 
-def annotate(
-    canvas: Canvas, letters: Letters, optics: Optics, objects: Mapping[str, Array], notes: Sequence[str]
-) -> None:
+def annotate(overlay: Overlay, optics: Optics, objects: Mapping[str, Array], notes: Sequence[str]) -> None:
     """Write the axes, the scale, the labels and the notes.
 
     Args:
-        canvas: The picture.
-        letters: The font.
+        overlay: What is drawn over the picture.
         optics: Where the points are.
         objects: What is written beside an object → its corners (n, 3) [m], which the picture shows.
         notes: Lines below the picture's upper edge.
     """
-    taken = [_axes(canvas, letters, optics), _scale(canvas, letters, optics)]
-    taken += _notes(canvas, letters, notes)
+    taken = [_axes(overlay, optics), _scale(overlay, optics)]
+    taken += _notes(overlay, notes)
     things = {name: box_of(optics.places(corners)) for name, corners in objects.items()}
     ordered = sorted(things.items(), key=lambda item: (item[1][1], item[1][0]))
-    labels = [Label(name, letters.width(name), thing) for name, thing in ordered]
+    labels = [Label(name, overlay.width(name), thing) for name, thing in ordered]
     for label, (spot, joined) in zip(labels, arranged(labels, (optics.width, optics.height), taken), strict=True):
-        _label(canvas, letters, label, spot, joined)
+        _label(overlay, label, spot, joined)
 
 
-def _axes(canvas: Canvas, letters: Letters, optics: Optics) -> Box:
+def _axes(overlay: Overlay, optics: Optics) -> Box:
     """Arrows along x, y and z, in the lower left corner."""
     right, up, forward = camera_axes()
     origin = np.array((_EDGE + 22.0, optics.height - _EDGE - 22.0))
-    canvas.box((_EDGE - 8, optics.height - _EDGE - 114), (_EDGE + 112, optics.height - _EDGE + 8), 10, PAPER, 0.55)
+    overlay.box((_EDGE - 8, optics.height - _EDGE - 114), (_EDGE + 112, optics.height - _EDGE + 8), 10, PAPER, 0.55)
     # What points away from the reader is drawn first.
     for place in sorted(range(3), key=lambda axis: -forward[axis]):
         name = "xyz"[place]
         tip = origin + _AXIS * np.array((right[place], -up[place]))
-        canvas.arrow((origin[0], origin[1]), (tip[0], tip[1]), 3.5, _AXES[name])
+        overlay.arrow((origin[0], origin[1]), (tip[0], tip[1]), 3.5, _AXES[name])
         beyond = tip + (tip - origin) / max(1.0, float(np.hypot(*(tip - origin)))) * 13
-        mask = letters.mask(name)
-        canvas.text(mask, beyond[0] - mask.shape[1] / 2, beyond[1] - LINE / 2, _AXES[name])
+        overlay.text(name, beyond[0] - overlay.width(name) / 2, beyond[1] - LINE / 2, _AXES[name])
     return (_EDGE - 8, optics.height - _EDGE - 114, _EDGE + 112, optics.height - _EDGE + 8)
 
 
-def _scale(canvas: Canvas, letters: Letters, optics: Optics) -> Box:
+def _scale(overlay: Overlay, optics: Optics) -> Box:
     """A bar of a round length, in the lower right corner."""
     metres = round_length(_BAR[1] / optics.pixels_per_metre)
     length = metres * optics.pixels_per_metre
     right, y = optics.width - _EDGE - 8, optics.height - _EDGE - 8
     left = right - length
-    canvas.box((left - 14, y - LINE - 16), (right + 14, y + 16), 10, PAPER, 0.55)
-    canvas.line((left, y), (right, y), 4, INK)
+    overlay.box((left - 14, y - LINE - 16), (right + 14, y + 16), 10, PAPER, 0.55)
+    overlay.line((left, y), (right, y), 4, INK)
     for x in (left, right):
-        canvas.line((x, y - 8), (x, y + 8), 3, INK)
-    mask = letters.mask(written_length(metres))
-    canvas.text(mask, (left + right - mask.shape[1]) / 2, y - LINE - 8, INK)
+        overlay.line((x, y - 8), (x, y + 8), 3, INK)
+    text = written_length(metres)
+    overlay.text(text, (left + right - overlay.width(text)) / 2, y - LINE - 8, INK)
     return (left - 14, y - LINE - 16, right + 14, y + 16)
 
 
-def _notes(canvas: Canvas, letters: Letters, notes: Sequence[str]) -> list[Box]:
+def _notes(overlay: Overlay, notes: Sequence[str]) -> list[Box]:
     boxes: list[Box] = []
     for row, note in enumerate(notes):
         top = _EDGE - 8 + row * (LINE + 6)
-        box = (_EDGE - 8.0, top, _EDGE + 12.0 + letters.width(note), top + LINE + 4.0)
-        canvas.box(box[:2], box[2:], 8, PAPER, 0.7)
-        canvas.text(letters.mask(note), _EDGE, top + 2, SOFT)
+        box = (_EDGE - 8.0, top, _EDGE + 12.0 + overlay.width(note), top + LINE + 4.0)
+        overlay.box(box[:2], box[2:], 8, PAPER, 0.7)
+        overlay.text(note, _EDGE, top + 2, SOFT)
         boxes.append(box)
     return boxes
 
 
-def _label(canvas: Canvas, letters: Letters, label: Label, spot: Box, joined: bool) -> None:
+def _label(overlay: Overlay, label: Label, spot: Box, joined: bool) -> None:
     x, y = middle(label.thing)
     if joined:
         near = (min(max(x, spot[0]), spot[2]), min(max(y, spot[1]), spot[3]))
-        canvas.line(near, (x, y), 4, PAPER, 0.6)
-        canvas.line(near, (x, y), 1.6, INK)
-    canvas.box(spot[:2], spot[2:], 7, PAPER, 0.85)
-    canvas.text(letters.mask(label.text), spot[0] + PAD, spot[1] + 1, INK)
+        overlay.line(near, (x, y), 4, PAPER, 0.6)
+        overlay.line(near, (x, y), 1.6, INK)
+    overlay.box(spot[:2], spot[2:], 7, PAPER, 0.85)
+    overlay.text(label.text, spot[0] + PAD, spot[1] + 1, INK)

@@ -4,13 +4,11 @@ Use it in a process of its own: a missing or broken graphics library may end the
 chooses the library while it is imported, by the environment variable MUJOCO_GL.
 """
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
 from physment_mcp.world.pictures.framing import AZIMUTH_DEG, ELEVATION_DEG, FIELD_DEG, FramedParts, View, view_of
-from physment_mcp.world.pictures.png import Pixels
+from physment_mcp.world.pictures.overlay import Pixels
 from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 320, 240
@@ -23,16 +21,8 @@ _FAR = 60.0
 """A view this many times wider than the smallest moving object shows it too small; farther things are left out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Visible:
-    """What may be drawn, by index."""
-
-    geoms: tuple[int, ...]
-    tendons: tuple[int, ...]
-
-
-def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A model at its start under our own light; group 0 is what is drawn and group 5 the rest."""
+def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A model that `picture_model` wrote, at its start under our own light."""
     spec = unlit(mjcf)
     spec.add_texture(
         name="backdrop",
@@ -48,7 +38,7 @@ def staged(mjcf: str, visible: Visible) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model.vis.headlight.specular[:] = 0.1
     model.vis.global_.fovy = FIELD_DEG
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH * _FINER, HEIGHT * _FINER
-    return model, started(model, visible)
+    return model, started(model)
 
 
 def unlit(mjcf: str) -> mujoco.MjSpec:
@@ -59,20 +49,16 @@ def unlit(mjcf: str) -> mujoco.MjSpec:
     return spec
 
 
-def started(model: mujoco.MjModel, visible: Visible) -> mujoco.MjData:
-    """The start of a model; puts what is drawn into group 0 and the rest into group 5."""
-    model.geom_group[:], model.geom_group[list(visible.geoms)] = 5, 0
-    model.tendon_group[:], model.tendon_group[list(visible.tendons)] = 5, 0
+def started(model: mujoco.MjModel) -> mujoco.MjData:
+    """The start of a model."""
     data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
     return data
 
 
-def view_on(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, aspect: float = WIDTH / HEIGHT) -> View:
-    """The view that shows what is visible, which must not be empty; `aspect` is the width over the height."""
-    return view_of(_subject(model, data, visible), aspect)
+def view_on(model: mujoco.MjModel, data: mujoco.MjData, aspect: float = WIDTH / HEIGHT) -> View:
+    """The view that shows a model, which must not be empty; `aspect` is the width over the height."""
+    return view_of(_subject(model, data), aspect)
 
 
 def free_camera(view: View) -> mujoco.MjvCamera:
@@ -84,19 +70,11 @@ def free_camera(view: View) -> mujoco.MjvCamera:
     return camera
 
 
-def shown_groups() -> mujoco.MjvOption:
-    """Draw group 0, and no sites."""
-    shown = mujoco.MjvOption()
-    shown.geomgroup[:] = shown.tendongroup[:] = (1, 0, 0, 0, 0, 0)
-    shown.sitegroup[:] = 0
-    return shown
-
-
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
     """A picture (HEIGHT, WIDTH, 3) of a staged model from a view."""
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
     with mujoco.Renderer(model, HEIGHT * _FINER, WIDTH * _FINER) as renderer:
-        renderer.update_scene(data, free_camera(view), shown_groups())
+        renderer.update_scene(data, free_camera(view))
         fine = renderer.render().astype(np.float64)
     blocks = fine.reshape(HEIGHT, _FINER, WIDTH, _FINER, 3)
     return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
@@ -104,22 +82,19 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
 
 def check_renderer() -> None:
     """Draw something; where nothing can be drawn, raises what the graphics library raises."""
-    model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', Visible((0,), ()))
+    model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
     drawn(model, data, View(np.zeros(3), 4.0, 2.0))
 
 
-def _subject(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible) -> FramedParts:
+def _subject(model: mujoco.MjModel, data: mujoco.MjData) -> FramedParts:
     """Corners of the bounding boxes of what the scene is about, and of each part of its surroundings."""
     # An unbounded plane has no bounding box; it is drawn behind the rest.
-    bounded = [geom for geom in visible.geoms if model.geom_rbound[geom] > 0] or list(visible.geoms)
+    bounded = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] > 0] or list(range(model.ngeom))
     boxes = {geom: corners_of(model, data, geom) for geom in bounded}
     named = [geom for geom in bounded if model.body(model.geom_bodyid[geom]).name.startswith("object_")] or bounded
     moving = [_size(boxes[geom]) for geom in named if model.body_weldid[model.geom_bodyid[geom]] != 0]
     largest, farthest = (_LARGE * max(moving), _FAR * min(moving)) if moving else (np.inf, np.inf)
     parts = [boxes[geom] for geom in named if _size(boxes[geom]) <= largest]
-    for tendon in visible.tendons:
-        first, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
-        parts.append(data.wrap_xpos.reshape(-1, 3)[first : first + count])
     things = parts.pop(0)
     while parts:
         grown = [np.concatenate([things, part]) for part in parts]

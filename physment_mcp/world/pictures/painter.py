@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 
-from physment_mcp.world.pictures.drawing import Visible, check_renderer, drawn, staged
+from physment_mcp.world.pictures.drawing import check_renderer, drawn, staged
 from physment_mcp.world.pictures.framing import View
-from physment_mcp.world.pictures.png import png_of
+from physment_mcp.world.pictures.overlay import png_of
 
 
 def main() -> int:
@@ -33,8 +33,7 @@ def main() -> int:
 def _drawn(request: str) -> str:
     wanted = json.loads(request)
     try:
-        model, data = staged(wanted["mjcf"], Visible((), ()))
-        model.geom_group[:] = 0
+        model, data = staged(wanted["mjcf"])
         pixels = drawn(model, data, View(np.array(wanted["centre"]), wanted["distance"], wanted["extent"]))
     except Exception:  # noqa: BLE001 - as above; the next picture may succeed
         return ""

@@ -7,10 +7,9 @@ from itertools import product
 import numpy as np
 
 from physment_mcp.world.pictures.framing import FIELD_DEG, View, camera_axes
+from physment_mcp.world.pictures.overlay import LINE
 from physment_mcp.world.readings import Array
 
-LINE = 30
-"""Height of a line of text [px]."""
 PAD = 6
 """Room beside the text of a label [px]."""
 _GAPS = (10, 26, 50, 84, 130, 190)

@@ -10,21 +10,17 @@ import mujoco
 import numpy as np
 
 from physment_mcp.world.pictures.annotations import annotate
-from physment_mcp.world.pictures.canvas import Canvas
 from physment_mcp.world.pictures.drawing import (
-    Visible,
     corners_of,
     free_camera,
-    shown_groups,
     staged,
     started,
     unlit,
     view_on,
 )
 from physment_mcp.world.pictures.framing import FIELD_DEG, View
-from physment_mcp.world.pictures.lettering import lettering
+from physment_mcp.world.pictures.overlay import Overlay, Pixels
 from physment_mcp.world.pictures.placement import Optics
-from physment_mcp.world.pictures.png import Pixels
 from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 960, 640
@@ -55,29 +51,28 @@ class Ground:
     """[m]"""
 
 
-def plate(mjcf: str, visible: Visible, objects: Sequence[str]) -> Pixels:
-    """A plate (HEIGHT, WIDTH, 3) of a scene at its start.
+def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixels:
+    """A plate (HEIGHT, WIDTH, 3) of a model.
 
     Args:
-        mjcf: The scene.
-        visible: What may be drawn, which must not be empty.
+        mjcf: What `picture_model` wrote of the bodies that may be seen; not empty.
         objects: Bodies whose names are written: beside them, or in a line if they are not drawn.
+        notes: Further lines.
     """
-    model, data = staged(mjcf, visible)
-    found = view_on(model, data, visible, WIDTH / HEIGHT)
+    model, data = staged(mjcf)
+    found = view_on(model, data, WIDTH / HEIGHT)
     view = replace(found, distance=found.distance * _ROOM)
     optics = Optics(view, WIDTH, HEIGHT)
-    ground = _ground(model, data, visible, optics)
-    canvas = Canvas(_lit(mjcf, visible, view, ground))
-    named = _named(model, data, visible, objects)
+    ground = _ground(model, data, optics)
+    named = _named(model, data, objects)
     inside = {name: corners for name, corners in named.items() if optics.shows(corners)}
     absent = [name for name in objects if name not in inside]
-    notes = [f"not shown: {_listed(absent)}"] if absent else []
+    lines = [f"not shown: {_listed(absent)}"] if absent else []
     if ground is not None:
-        notes.append(_NO_FLOOR)
-    with lettering() as letters:
-        annotate(canvas, letters, optics, inside, notes)
-    return canvas.pixels
+        lines.append(_NO_FLOOR)
+    overlay = Overlay(WIDTH, HEIGHT)
+    annotate(overlay, optics, inside, [*lines, *notes])
+    return overlay.over(_lit(mjcf, view, ground))
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -85,24 +80,24 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= _MOST else f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
 
 
-def _named(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, objects: Collection[str]) -> dict[str, Array]:
+def _named(model: mujoco.MjModel, data: mujoco.MjData, objects: Collection[str]) -> dict[str, Array]:
     """Object → corners of what is drawn of it."""
     found: dict[str, list[Array]] = {}
-    for geom in visible.geoms:
+    for geom in range(model.ngeom):
         name = model.body(int(model.geom_bodyid[geom])).name
         if name in objects:
             found.setdefault(name, []).append(corners_of(model, data, geom))
     return {name: np.concatenate(boxes) for name, boxes in found.items()}
 
 
-def _ground(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, optics: Optics) -> Ground | None:
+def _ground(model: mujoco.MjModel, data: mujoco.MjData, optics: Optics) -> Ground | None:
     """Where the grid is; None if a floor of the scene is drawn."""
-    endless = [geom for geom in visible.geoms if model.geom_rbound[geom] <= 0]
+    endless = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] <= 0]
     if any(data.geom_xmat[geom][8] > 0.7 for geom in endless):
         return None
     view = optics.view
     lowest, gap = np.inf, 0.0
-    for geom in set(visible.geoms) - set(endless):
+    for geom in set(range(model.ngeom)) - set(endless):
         corners = corners_of(model, data, geom)
         # Parts far outside the picture do not decide: the grid would be out of sight.
         if float(np.abs(corners.mean(axis=0) - view.centre).max()) < 2 * view.extent and corners[:, 2].min() < lowest:
@@ -117,11 +112,10 @@ def _ground(model: mujoco.MjModel, data: mujoco.MjData, visible: Visible, optics
     return Ground(lowest - gap - 1e-3 * view.extent, across / _CELLS)
 
 
-def _lit(mjcf: str, visible: Visible, view: View, ground: Ground | None) -> Array:
+def _lit(mjcf: str, view: View, ground: Ground | None) -> Pixels:
     """The scene without annotations (HEIGHT, WIDTH, 3): the mean of pictures with the light at several places."""
     model = _decorated(mjcf, ground)
-    grid = (model.ngeom - 1,) if ground is not None else ()
-    data = started(model, Visible((*visible.geoms, *grid), visible.tendons))
+    data = started(model)
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
     surface = mujoco.GLContext(WIDTH, HEIGHT)
     surface.make_current()
@@ -129,7 +123,9 @@ def _lit(mjcf: str, visible: Visible, view: View, ground: Ground | None) -> Arra
     try:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
         scene = mujoco.MjvScene(model, maxgeom=10_000)
-        mujoco.mjv_updateScene(model, data, shown_groups(), None, free_camera(view), mujoco.mjtCatBit.mjCAT_ALL, scene)
+        mujoco.mjv_updateScene(
+            model, data, mujoco.MjvOption(), None, free_camera(view), mujoco.mjtCatBit.mjCAT_ALL, scene
+        )
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 1
         return _mean_frame(scene, context, view)
@@ -138,7 +134,7 @@ def _lit(mjcf: str, visible: Visible, view: View, ground: Ground | None) -> Arra
         surface.free()
 
 
-def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) -> Array:
+def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) -> Pixels:
     area, sun = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), scene.lights[scene.nlight - 1]
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     total = np.zeros((HEIGHT, WIDTH, 3))
@@ -154,7 +150,7 @@ def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) 
         mujoco.mjr_render(area, scene, context)
         mujoco.mjr_readPixels(pixels, None, area, context)
         total += pixels
-    return total[::-1] / _FRAMES
+    return np.round(total[::-1] / _FRAMES).astype(np.uint8)
 
 
 def _sun_directions() -> Generator[Array]:

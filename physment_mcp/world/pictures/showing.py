@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import mujoco
 import numpy as np
 
-from physment_mcp.world.pictures.drawing import Visible, view_on
+from physment_mcp.world.pictures.drawing import view_on
 from physment_mcp.world.pictures.framing import View
 from physment_mcp.world.pictures.looks import Part, colour, part_of
 from physment_mcp.world.readings import Array
@@ -113,7 +113,7 @@ def view_of_shown(mjcf: str) -> View:
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    return view_on(model, data, Visible(tuple(range(model.ngeom)), ()))
+    return view_on(model, data)
 
 
 def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluator.certify.compiled_model import started
 from evaluator.certify.transcript import play
-from evaluator.certify.visible import visible_parts
 from evaluator.commands.program import main
 from evaluator.pages.listing import Listing, Steps, answer_form
 from evaluator.pages.scene_table import KINDS, scenes_page
@@ -28,8 +26,6 @@ from scenes import (
     Pack,
     PackFiles,
     default_folder,
-    draw_knobs,
-    drawn_mjcf,
     find_pack,
     list_packs,
     read_pack,
@@ -281,30 +277,6 @@ def test_without_a_renderer_the_page_is_written_and_one_sentence_says_why_it_has
     assert not list(tmp_path.rglob("*.png"))
 
 
-def test_no_hidden_body_of_the_suite_is_visible() -> None:
-    for files, pack in readable():
-        hidden = [
-            f"object_{listed.object_id}" for key, listed in pack.objects.items() if pack.permissions_of(key).hidden
-        ]
-        if not hidden:
-            continue
-        model, _ = started(drawn_mjcf(files, pack, draw_knobs(files, pack, 0), canonical=True))
-        owners = {model.body(int(model.geom_bodyid[geom])).name for geom in visible_parts(files, pack).geoms}
-        assert owners.isdisjoint(hidden), files.scene_id
-
-
-def test_a_part_that_depends_on_the_seed_is_not_visible(tmp_path: Path) -> None:
-    folder = copied(tmp_path / "packs", 8)
-    before = visible_parts(find_pack(8, folder), read_pack(find_pack(8, folder))).geoms
-    path = folder / "Scene8" / "scene8.xml"
-    (name,) = {re.findall(r'<geom name="(object_1\w*)"', path.read_text("utf-8"))[0]}
-    pack = json.loads((folder / "Scene8" / "scene8.json").read_text("utf-8"))
-    knobs = {**pack["knobs"], "red": {"canonical": 0.5, "uniform": [0.1, 0.9], "meaning": "colour"}}
-    edited(folder, 8, knobs=knobs, apply={**pack["apply"], f"geom[{name}].rgba": ["red", 0, 0, 1]})
-    after = visible_parts(find_pack(8, folder), read_pack(find_pack(8, folder))).geoms
-    assert len(after) == len(before) - 1
-
-
 DRAW = """
 import json, sys
 from pathlib import Path
@@ -331,8 +303,8 @@ def drawn(*wanted: tuple[Path, int, int]) -> list[np.ndarray]:
     return [np.load(stream) for _ in wanted]
 
 
-def test_a_picture_is_the_same_for_every_seed() -> None:
-    scenes = (17, 76, 109)
+def test_a_picture_of_exact_instruments_is_the_same_for_every_seed() -> None:
+    scenes = (7, 17, 21)
     pictures = drawn(*((default_folder(), scene, seed) for scene in scenes for seed in (0, 1)))
     for place, scene in enumerate(scenes):
         first, other = pictures[2 * place : 2 * place + 2]

@@ -1,38 +1,38 @@
-"""What plates consist of: palettes, scales and places of labels."""
+"""What plates consist of: files, shapes, scales and places of labels."""
 
 import io
-import zlib
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from physment_mcp.world.pictures.framing import View, camera_axes
+from physment_mcp.world.pictures.overlay import Overlay, png_of
 from physment_mcp.world.pictures.placement import Label, Optics, arranged, round_length, written_length
-from physment_mcp.world.pictures.png import png_of, small_png_of
 
 
-def test_a_png_decodes_to_its_pixels() -> None:
-    pixels = np.random.default_rng(1).integers(0, 256, (5, 4, 3), dtype=np.uint8)
-    pixels[2:] = pixels[1]
-    png = png_of(pixels)
-    assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    size = int.from_bytes(png[33:37], "big")
-    lines = np.frombuffer(zlib.decompress(png[41 : 41 + size]), np.uint8).reshape(5, 13)
-    rows = np.zeros((6, 12), np.uint8)
-    for place, line in enumerate(lines):
-        rows[place + 1] = line[1:] + (rows[place] if line[0] == 2 else 0)
-    assert np.array_equal(rows[1:].reshape(5, 4, 3), pixels)
-    assert set(lines[:, 0]) == {0, 2}
-
-
-def test_a_small_png_decodes_to_the_colours_nearest_to_its_pixels() -> None:
+def test_a_png_holds_its_pixels_and_one_with_few_colours_the_nearest() -> None:
     few = np.random.default_rng(1).integers(0, 256, (200, 3), dtype=np.uint8)[np.arange(600) % 200].reshape(20, 30, 3)
-    assert np.array_equal(np.asarray(Image.open(io.BytesIO(small_png_of(few))).convert("RGB")), few)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(png_of(few)))), few)
     ramp = np.linspace(0, 255, 64).round().astype(np.uint8)
     many = np.stack(np.broadcast_arrays(ramp[:, None], ramp[None, :], np.uint8(90)), axis=2)
-    read = np.asarray(Image.open(io.BytesIO(small_png_of(many))).convert("RGB")).astype(int)
-    assert np.abs(read - many).max() < 20
+    small = Image.open(io.BytesIO(png_of(many, 256)))
+    assert small.mode == "P"
+    assert np.abs(np.asarray(small.convert("RGB")).astype(int) - many).max() < 20
+
+
+def test_shapes_and_texts_cover_pixels_by_their_opacity() -> None:
+    overlay = Overlay(60, 40)
+    overlay.box((10, 10), (50, 30), 0, (255, 0, 0), 0.5)
+    overlay.line((0, 35), (60, 35), 4, (0, 0, 255))
+    drawn = overlay.over(np.full((40, 60, 3), 255, np.uint8))
+    assert drawn[20, 30] == pytest.approx([255, 127, 127], abs=2)
+    assert drawn[35, 30].tolist() == [0, 0, 255]
+    assert drawn[2, 2].tolist() == [255, 255, 255]
+    overlay.text("object_1", 5, 5, (0, 0, 0))
+    written = overlay.over(np.full((40, 60, 3), 255, np.uint8))
+    assert overlay.width("object_1") > overlay.width("x") > 0
+    assert written[:, 5:].min() == 0
 
 
 def test_a_scale_is_a_round_length_and_true_at_the_middle() -> None:

@@ -20,11 +20,10 @@ from physment_mcp.errors import UsageError
 from physment_mcp.scene import load_scene, load_variants, scene_ids
 from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.sight import sight_of
 from physment_mcp.serving.slot import EpisodeSlot
-from physment_mcp.serving.views import bodies_of
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
+from physment_mcp.visibility import bodies_of, visibility_of
 from physment_mcp.world.pictures.showing import picture_model
 from tests.builders.laboratory import OpenLab, WritePack
 
@@ -129,7 +128,7 @@ def test_a_hidden_body_shows_once_it_is_found(painter: Painter) -> None:
 
 def given(session: Session, *variants: str) -> str:
     """The model that the painter receives."""
-    return picture_model(bodies_of(session, sight_of(session.scene, variants)))
+    return picture_model(bodies_of(session, visibility_of(session.scene, variants).now(session)))
 
 
 @pytest.mark.parametrize(

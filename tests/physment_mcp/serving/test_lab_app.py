@@ -13,9 +13,9 @@ from mcp.shared.exceptions import MCPError
 from physment_mcp.scene import load_scene
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.server import build_server, published_tools
-from physment_mcp.serving.sight import looking, sight_of
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
+from physment_mcp.visibility import cached_visibility, visibility_of
 from tests.builders.app_client import EXTENSION, MIME_TYPE, app_client
 from tests.builders.laboratory import OpenHost, WritePack
 
@@ -38,7 +38,8 @@ def slot(pack: dict[str, Any], xml: str, write_pack: WritePack) -> OpenSlot:
 
     def opened(**options: Any) -> EpisodeSlot:
         return EpisodeSlot(
-            Session(load_scene(7, 0, folder), **options), look=lambda scene: sight_of(scene, [scene.mjcf])
+            Session(load_scene(7, 0, folder), **options),
+            find_visibility=lambda scene: visibility_of(scene, [scene.mjcf]),
         )
 
     return opened
@@ -78,7 +79,7 @@ async def test_other_clients_get_the_same_bytes_as_from_a_server_without_the_app
     slot: OpenSlot, settings: dict[str, Any] | None
 ) -> None:
     without = slot()
-    without._look = None
+    without._find_visibility = None
     extensions = None if settings is None else [advertise(EXTENSION, settings)]
     async with Client(build_server(without)) as plain, Client(build_server(slot()), extensions=extensions) as other:
         assert await said(other) == await said(plain)
@@ -109,7 +110,7 @@ async def test_looking_is_no_call_and_is_not_logged(slot: OpenSlot) -> None:
 
 async def test_a_view_that_cannot_be_made_hides_no_result(slot: OpenSlot, tmp_path: Any) -> None:
     blind = slot()
-    blind._look = looking(tmp_path)  # where no variants are
+    blind._find_visibility = cached_visibility(tmp_path)  # where no variants are
     async with app_client(build_server(blind)) as client:
         result = await client.call_tool("step", {"duration": 0.1})
         assert not result.is_error
@@ -121,7 +122,7 @@ async def test_a_view_that_cannot_be_made_hides_no_result(slot: OpenSlot, tmp_pa
 async def test_a_host_offers_it_with_its_folder_of_scenes(inside: OpenHost) -> None:
     async with inside() as (host, _):
         session = Session(load_scene(7, 0, host.scenes_dir))
-        assert "object_2" in str(host._look(session.scene).parts)
+        assert "object_2" in str(host._find_visibility(session.scene).parts)
 
 
 def test_the_app_is_one_file_that_runs_only_its_own_script_and_connects_to_nothing() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from physment_mcp.scene import load_scene, load_variants, scene_ids
-from physment_mcp.serving.sight import Sight, sight_of
 from physment_mcp.serving.views import recorded, view_of
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
+from physment_mcp.visibility import Visibility, visibility_of
 from tests.builders.bench import fingerprint
 from tests.builders.laboratory import WritePack
 
@@ -23,15 +23,15 @@ def session(pack: dict[str, Any], xml: str, write_pack: WritePack) -> Session:
     return Session(load_scene(7, 0, write_pack(pack, xml)))
 
 
-def sight(session: Session, *variants: str) -> Sight:
-    return sight_of(session.scene, variants)
+def visibility(session: Session, *variants: str) -> Visibility:
+    return visibility_of(session.scene, variants)
 
 
 def after(session: Session, tool: str, **arguments: Any) -> dict[str, Any]:
     """The view after a call."""
     with recorded(session, tool, arguments) as states:
         call(session, tool, arguments)
-    return view_of(session, sight(session), states)
+    return view_of(session, visibility(session), states)
 
 
 def body(view: dict[str, Any], name: str) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def body(view: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def test_a_drawing_holds_the_shapes_as_mujoco_has_them_in_the_frames_of_their_bodies(session: Session) -> None:
-    view = view_of(session, sight(session))
+    view = view_of(session, visibility(session))
     assert view["time"] == 0
     (box,) = body(view, "object_2")["parts"]
     assert (box["shape"], box["size"], box["pos"], box["quat"]) == ("box", [0.1, 0.2, 0.3], [0, 0, 0], [1, 0, 0, 0])
@@ -54,7 +54,7 @@ def test_a_drawing_holds_the_shapes_as_mujoco_has_them_in_the_frames_of_their_bo
 
 
 def test_what_is_hidden_or_masked_is_neither_drawn_nor_placed_until_it_may_be(session: Session) -> None:
-    view = view_of(session, sight(session))
+    view = view_of(session, visibility(session))
     names = {f"object_{number}" for number in (1, 2, 3, 4, 7, 8, 9)}
     assert {body["id"] for body in view["drawing"]["bodies"]} == set(view["poses"]) == names
     found = after(session, "find_objects")
@@ -92,7 +92,7 @@ def test_being_looked_at_changes_no_bit_of_the_world(scene: int) -> None:
         ("step", {"duration": 0.005}),
     ]
     looked_at, alone = Session(load_scene(scene)), Session(load_scene(scene))
-    found = sight(looked_at, *load_variants(scene))
+    found = visibility(looked_at, *load_variants(scene))
     for tool, arguments in calls:
         with recorded(looked_at, tool, arguments) as states:
             told = call(looked_at, tool, arguments)
@@ -126,7 +126,7 @@ def test_without_an_orientation_to_read_only_the_place_is_told(
 ) -> None:
     pack["object_permissions"]["object_2_permissions"]["body_quat"] = False
     session = Session(load_scene(7, 0, write_pack(pack, xml.replace('gravity="0 0 -9.81"', 'gravity="0 0 0"'))))
-    before = view_of(session, sight(session))
+    before = view_of(session, visibility(session))
     call(session, "apply_torque", {"object_id": 2, "torque_vector": [0, 5, 0]})
     view = after(session, "step", duration=0.5)
     assert view["poses"]["object_2"] == [1, 0, 1, 1, 0, 0, 0]
@@ -141,8 +141,8 @@ def test_a_body_whose_frame_depends_on_the_seed_is_not_drawn(session: Session) -
         moved, '<body name="object_9" pos="6 0 2"><geom type="box" size="0.1 0.1 0.1" pos="0 0 -1"/>'
     )
     assert other != session.scene.mjcf
-    assert "object_9" in view_of(session, sight(session))["poses"]
-    view = view_of(session, sight(session, other))
+    assert "object_9" in view_of(session, visibility(session))["poses"]
+    view = view_of(session, visibility(session, other))
     assert "object_9" not in view["poses"]
     assert "object_9" not in json.dumps(view)
 
@@ -150,7 +150,7 @@ def test_a_body_whose_frame_depends_on_the_seed_is_not_drawn(session: Session) -
 def views_at_the_start(scene: int, *seeds: int) -> set[str]:
     """The views of some seeds, as they are sent."""
     sessions = [Session(load_scene(scene, seed)) for seed in seeds]
-    found = sight(sessions[0], *(session.scene.mjcf for session in sessions))
+    found = visibility(sessions[0], *(session.scene.mjcf for session in sessions))
     views = {json.dumps(view_of(session, found)) for session in sessions}
     hidden = [item.object_id for item in sessions[0].state.objects.values() if not item.known]
     assert [name for name in hidden for view in views if f'"{name}"' in view] == []
@@ -165,5 +165,5 @@ def test_before_anything_is_measured_two_seeds_give_the_same_bytes(scene: int) -
 @pytest.mark.parametrize("scene", [13, 21, 70])
 def test_before_anything_is_measured_a_seed_that_was_not_compared_gives_the_same_bytes(scene: int) -> None:
     sessions = [Session(load_scene(scene, seed)) for seed in (0, 101, 2_000_003)]
-    views = {json.dumps(view_of(session, sight(session, *load_variants(scene)))) for session in sessions}
+    views = {json.dumps(view_of(session, visibility(session, *load_variants(scene)))) for session in sessions}
     assert len(views) == 1

@@ -1,0 +1,152 @@
+"""What may be seen in an episode: one rule for pictures of every kind, for the viewer and for films.
+
+A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
+type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
+orientation at the start, and only if its position says where all of it is. So the only attribute that may be seen and
+not read is the orientation that such an object, or one that cannot move, has at the start of every variant. Objects are
+drawn where the instruments read them. Whoever draws receives only these parts and places.
+"""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from physment_mcp.scene import Scene, load_variants
+from physment_mcp.session import LabObject, Session
+from physment_mcp.world import Pose, World
+from physment_mcp.world.pictures.looks import Part, same_parts
+from physment_mcp.world.pictures.showing import Frame, ShownBody, ShownPart
+from physment_mcp.world.readings import Array
+
+_CACHED = 64
+"""Most scenes of which a process caches the visibility."""
+_METRES, _QUATERNION = 6, 5
+"""Decimals of positions [m] and of orientations: finer ones cannot be seen."""
+_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+_MARKER_M, _MARKER_SHARE = 0.05, 0.035
+"""Radius of a marker alone [m]; of others, as a share of the largest distance between what is drawn."""
+_MARKER_COLOUR = (0.55, 0.6, 0.68, 0.55)
+
+
+class Visible(NamedTuple):
+    """What may be seen at one moment."""
+
+    objects: tuple[LabObject, ...]
+    fixtures: frozenset[str]
+    """Fixed bodies that are no objects."""
+    parts: frozenset[Part]
+    """Geoms that may be drawn, of these bodies and of others."""
+    turns: Mapping[str, Array]
+    """Body → the orientation (4,) in which its geom is drawn instead of its own."""
+
+    @property
+    def bodies(self) -> frozenset[str]:
+        """Names of all bodies that may be seen."""
+        return frozenset(item.body for item in self.objects) | self.fixtures
+
+
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """What the rule says about a scene, before anything happens in an episode of it."""
+
+    parts: frozenset[Part]
+    fixtures: frozenset[str]
+    turns: Mapping[str, Array]
+
+    def now(self, session: Session) -> Visible:
+        """What may be seen now in an episode of the scene."""
+        objects = tuple(item for item in session.known() if self._may_show(session, item))
+        made = {(item.body, 0) for item in objects if item.created}
+        return Visible(objects, self.fixtures, self.parts | made, self.turns)
+
+    def _may_show(self, session: Session, item: LabObject) -> bool:
+        may = session.may_read
+        placed = may(item, "orientation") or item.body in self.turns or not session.world.is_movable(item.body)
+        return placed and may(item, "type") and may(item, "size") and may(item, "position")
+
+
+def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
+    """Find out what may be seen in a scene.
+
+    Args:
+        scene: The scene.
+        variants: Its MJCF at enough other seeds to show everything that depends on the seed.
+
+    Raises:
+        SceneError: A variant does not compile.
+    """
+    listed, start = scene.public.objects, World(scene.mjcf, scene.timestep)
+    hidden = {item.object_id for item in listed if item.permissions.hidden}
+    parts = same_parts((*variants, scene.mjcf), hidden)
+    return Visibility(parts, start.fixtures({item.object_id for item in listed}), _start_turns(scene, start))
+
+
+def _start_turns(scene: Scene, start: World) -> dict[str, Array]:
+    """Orientation at the start of the bodies that are drawn with it because their orientation is withheld."""
+    withheld = (item.object_id for item in scene.public.objects if not item.permissions.body_quat)
+    turns = {body: start.turn_at_centre(body) for body in withheld if start.is_movable(body)}
+    return {body: turn for body, turn in turns.items() if turn is not None}
+
+
+def cached_visibility(scenes_dir: Path | None) -> Callable[[Scene], Visibility]:
+    """A function that finds the visibility in scenes of a folder, and caches it.
+
+    It raises SceneError if the folder does not hold enough variants of a scene, as an export of one seed.
+    """
+
+    @functools.lru_cache(_CACHED)
+    def find(scene: Scene) -> Visibility:
+        return visibility_of(scene, load_variants(scene.public.scene_id, scenes_dir))
+
+    return find
+
+
+def bodies_of(session: Session, visible: Visible) -> list[ShownBody]:
+    """The bodies that may be seen, with the parts of them that may be seen: fixtures first.
+
+    Objects have their ids as names. Fixtures have numbers, because their own names may tell too much; a colon keeps
+    them apart from the names that agents give. Shapes are in the frames of their bodies and poses are readings, so
+    neither shows a place more finely than `get_position` returns it.
+    """
+    frames: dict[str, Frame] = dict.fromkeys(visible.fixtures, "world")
+    frames |= {item.body: "body" if session.may_read(item, "orientation") else "origin" for item in visible.objects}
+    shown = session.world.shown_parts(frames, visible.parts, visible.turns)
+    fixtures = [parts for body, parts in shown.items() if body in visible.fixtures]
+    found = [ShownBody(f"fixture:{number}", False, (), parts) for number, parts in enumerate(fixtures, 1)]
+    for item in visible.objects:
+        # The place of an object of which nothing may be drawn can depend on the seed.
+        if item.body in shown:
+            pose = pose_numbers(session, item, session.world.pose(item.body))
+            found.append(ShownBody(item.object_id, session.world.is_movable(item.body), pose, shown[item.body]))
+    return found
+
+
+def pose_numbers(session: Session, item: LabObject, pose: Pose) -> list[float]:
+    """Position [m] and quaternion of an object as 7 numbers, upright if its orientation may not be read."""
+    turn = pose.quaternion if session.may_read(item, "orientation") else _UPRIGHT
+    position = [round(float(value), _METRES) + 0.0 for value in pose.position]
+    return position + [round(float(value), _QUATERNION) + 0.0 for value in turn]
+
+
+def markers_at_start(session: Session, visibility: Visibility) -> list[ShownBody]:
+    """Spheres that mark where objects are at the start which may not be drawn, but whose position may be read.
+
+    Only objects that are at the same place in every variant get one. The spheres tell nothing of shape or size: their
+    radius follows from the distances between what is drawn.
+    """
+    visible = visibility.now(session)
+    drawn, known = bodies_of(session, visible), session.known()
+    named = {body.name for body in drawn}
+    marked = {
+        item.object_id: pose_numbers(session, item, session.world.pose(item.body))
+        for item in known
+        if item.object_id not in named and session.may_read(item, "position") and (item.body, 0) in visible.parts
+    }
+    places = np.array([*(body.pose[:3] for body in drawn if body.pose), *(pose[:3] for pose in marked.values())])
+    radius = _MARKER_SHARE * float(np.ptp(places, axis=0).max()) if len(places) > 1 else 0.0
+    sphere = ShownPart("sphere", [radius or _MARKER_M, 0.0, 0.0], [0.0] * 3, list(_UPRIGHT), list(_MARKER_COLOUR))
+    return [ShownBody(name, True, (*pose[:3], *_UPRIGHT), [sphere]) for name, pose in marked.items()]
