@@ -14,8 +14,8 @@ from evaluator.certify.pictures import at_start
 from evaluator.certify.viewed_episode import viewed_episode
 from evaluator.episode.views import shows_views, view_now
 from evaluator.films.filming import film_of
+from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene, load_variants
-from physment_mcp.serving import lab_app
 from physment_mcp.serving.frames import Frames, Painter
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
@@ -64,7 +64,7 @@ async def test_agents_the_app_players_films_and_plates_are_shown_the_same(scene:
     Frames(session, load_variants(scene), caught).draw()
     slot = EpisodeSlot(Session(load_scene(scene)), find_visibility=cached_visibility(None))
     async with app_client(build_server(slot)) as client:
-        (app,) = (await client.read_resource(lab_app.VIEW_URI)).contents
+        (app,) = (await client.read_resource(VIEW_URI)).contents
     slot = EpisodeSlot(Session(load_scene(scene)), find_visibility=cached_visibility(None))
     async with Client(build_server(slot), extensions=[shows_views()]) as client:
         played = await view_now(client)

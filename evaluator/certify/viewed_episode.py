@@ -6,22 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcp import Client
-from mcp.client.extension import advertise
 
+from evaluator.episode.views import shows_views
 from evaluator.errors import UsageError
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import Scene, load_scene
-from physment_mcp.serving.lab_app import EXTENSION, MIME_TYPE, VIEW, VIEW_URI
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility, Visible, cached_visibility, visibility_of
 from scenes import Permissions
 
-VIEW_KEY = VIEW
-"""Key of the view in `_meta` of a result."""
-START_URI = VIEW_URI
-"""Resource that holds what may be seen now."""
 _ALL = Permissions(geom_type=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True)
 
 
@@ -69,8 +64,7 @@ async def viewed_episode(
         find_visibility(session.scene)
     except SceneError as error:
         raise UsageError(str(error)) from error
-    declared = advertise(EXTENSION, {"mimeTypes": [MIME_TYPE]})
     async with Client(
-        build_server(EpisodeSlot(session, find_visibility=find_visibility)), cache=None, extensions=[declared]
+        build_server(EpisodeSlot(session, find_visibility=find_visibility)), cache=None, extensions=[shows_views()]
     ) as client:
         yield client

@@ -1,7 +1,7 @@
 """Command line of the evaluator: lists the commands, and turns their errors into exit codes.
 
-Modules of the evaluator are imported inside functions, and of the commands only the one that is asked for, so that
-`--help` answers at once.
+Modules of the evaluator except `errors` are imported inside functions, and of the commands only the one that is asked
+for, so that `--help` answers at once.
 """
 
 import argparse
@@ -9,6 +9,15 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
+
+from evaluator.errors import UsageError
+from physment_mcp.contract.command_line import SentenceParser, did_you_mean
+
+
+class Parser(SentenceParser):
+    """The parser of this command line."""
+
+    usage_error = UsageError
 
 
 def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: None) -> int:
@@ -19,7 +28,7 @@ def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: 
         begin: Called when the modules of the command are loaded, before it does anything.
     """
     from evaluator.commands.process import make_room  # noqa: PLC0415
-    from evaluator.errors import InfrastructureError, StoreError, UsageError  # noqa: PLC0415
+    from evaluator.errors import InfrastructureError, StoreError  # noqa: PLC0415
 
     make_room()
     try:
@@ -43,8 +52,6 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         SystemExit: The command line asks for help or the version.
     """
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
-    from evaluator.commands.parser import did_you_mean  # noqa: PLC0415
-    from evaluator.errors import UsageError  # noqa: PLC0415
 
     words = list(argv)
     # `run` is the default command: insert it if the first word is an option.
@@ -70,11 +77,8 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
             options, which is enough to list them.
     """
     from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
-    from evaluator.commands.parser import EvaluatorParser  # noqa: PLC0415
 
-    program = EvaluatorParser(
-        "physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    program = Parser("physment-eval", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
     commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
     if command in COMMANDS:

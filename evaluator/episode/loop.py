@@ -31,10 +31,7 @@ from evaluator.records import (
     total_usage,
 )
 from evaluator.spans import call_span, end_call, turn_span
-
-SCENE_RESOURCE = "physment://scene"
-GONE = "physment/gone"
-"""Key in `_meta` of a result that a host sets when it no longer has the episode."""
+from physment_mcp.contract.names import GONE, SCENE_URI
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +145,7 @@ async def _brief(client: Client, key: EpisodeKey, toolbox: Toolbox) -> Briefing:
 
 async def _scene_resource(client: Client) -> Mapping[str, Any]:
     try:
-        contents = (await client.read_resource(SCENE_RESOURCE)).contents
+        contents = (await client.read_resource(SCENE_URI)).contents
     except MCPError:
         return {}
     return json.loads(contents[0].text) if isinstance(contents[0], types.TextResourceContents) else {}

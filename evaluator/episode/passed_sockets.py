@@ -2,19 +2,16 @@
 
 import asyncio
 import contextlib
-import json
 import socket
 from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
 
 import anyio
-import mcp_types as types
 from mcp import Client
 from mcp.client._transport import TransportStreams
 from mcp.client.extension import ClientExtension
-from mcp.shared.message import SessionMessage
+
+from physment_mcp.contract.line_stream import LineStream
 
 AVAILABLE = hasattr(socket, "send_fds")
 """Whether this system passes sockets between processes; Windows does not."""
@@ -52,62 +49,8 @@ class ControlSocket:
         self.socket.close()
 
 
-@dataclass(slots=True, eq=False)
-class Messages:
-    """A socket as the pair of streams that MCP sessions use. It is closed by whoever made it."""
-
-    reader: asyncio.StreamReader
-    writer: asyncio.StreamWriter
-
-    async def receive(self) -> SessionMessage | Exception:
-        """The next message, or why a line is none.
-
-        Raises:
-            anyio.EndOfStream: The server has closed the episode, or is gone.
-        """
-        try:
-            line = await self.reader.readline()
-        except (OSError, ValueError):
-            raise anyio.EndOfStream from None
-        if not line.endswith(b"\n"):
-            raise anyio.EndOfStream
-        try:
-            return SessionMessage(types.jsonrpc_message_adapter.validate_json(line, by_name=False))
-        except ValueError as error:
-            return error
-
-    async def send(self, item: SessionMessage, /) -> None:
-        """Write a message; waits while the server does not read."""
-        written = item.message.model_dump_json(by_alias=True, exclude_unset=True)
-        try:
-            self.writer.write(written.encode() + b"\n")
-            await self.writer.drain()
-        except OSError as error:
-            raise anyio.BrokenResourceError from error
-
-    async def aclose(self) -> None:
-        """Nothing: the socket is closed as a whole, when the episode ends."""
-
-    def __aiter__(self) -> Self:
-        return self
-
-    async def __anext__(self) -> SessionMessage | Exception:
-        try:
-            return await self.receive()
-        except anyio.EndOfStream:
-            raise StopAsyncIteration from None
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
-    ) -> None:
-        await self.aclose()
-
-    def write(self, line: object) -> None:
-        """Write a line that is no MCP message."""
-        self.writer.write(json.dumps(line).encode() + b"\n")
+class Messages(LineStream):
+    """A socket that was passed, as the streams of an MCP client."""
 
     @contextlib.asynccontextmanager
     async def client(self, timeout_s: float, declared: Sequence[ClientExtension] = ()) -> AsyncGenerator[Client]:

@@ -12,14 +12,12 @@ from mcp import Client
 from mcp.client.extension import ClientExtension, advertise
 from mcp.shared.exceptions import MCPError
 
-VIEW = "physment/view"
-"""Key of the view in `_meta` of a result."""
-_RESOURCE = "physment://view"
+from physment_mcp.contract.names import APP_TYPE, APPS, VIEW, VIEW_URI
 
 
 def shows_views() -> ClientExtension:
     """What a client declares that shows what may be seen, as chat clients do (MCP Apps)."""
-    return advertise("io.modelcontextprotocol/ui", {"mimeTypes": ["text/html;profile=mcp-app"]})
+    return advertise(APPS, {"mimeTypes": [APP_TYPE]})
 
 
 def view_in(result: types.CallToolResult) -> dict[str, Any] | None:
@@ -45,7 +43,7 @@ def joined(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 async def view_now(client: Client) -> dict[str, Any] | None:
     """What may be seen now; None if the server does not tell."""
     try:
-        (content,) = (await client.read_resource(_RESOURCE)).contents
+        (content,) = (await client.read_resource(VIEW_URI)).contents
     except MCPError:
         return None
     return json.loads(content.text) if isinstance(content, types.TextResourceContents) else None

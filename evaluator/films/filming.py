@@ -10,12 +10,12 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import ValidationError
 
-from evaluator.certify.viewed_episode import START_URI, VIEW_KEY
 from evaluator.errors import UsageError
 from evaluator.films.reel import Instant, reel
 from evaluator.records import Episode, EpisodeKey, Exchange
 from evaluator.report.film_record import Film
 from evaluator.study.forking import described
+from physment_mcp.contract.names import VIEW, VIEW_URI
 
 Opens = Callable[[EpisodeKey], AbstractAsyncContextManager[Client]]
 """What opens the laboratory of an episode for a client that is shown what is seen."""
@@ -37,7 +37,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
     calls: list[list[int]] = [[] for _ in episode.turns]
     problem = ""
     async with opens(episode.key) as client:
-        start = (await client.read_resource(START_URI)).contents[0]
+        start = (await client.read_resource(VIEW_URI)).contents[0]
         assert isinstance(start, types.TextResourceContents)
         camera.see(json.loads(start.text))
         for turn, exchange in ((turn, one) for turn, played in enumerate(episode.turns) for one in played.exchanges):
@@ -71,7 +71,7 @@ async def _played(client: Client, stored: Exchange) -> tuple[str, Mapping[str, A
         return f"({stored.call.tool}): {stored.text} is recorded, and the laboratory now refuses it: {error}", None
     text = "\n".join(part.text for part in result.content if isinstance(part, types.TextContent))
     if text == stored.text and result.is_error == stored.is_error:
-        return "", (result.meta or {}).get(VIEW_KEY)
+        return "", (result.meta or {}).get(VIEW)
     return f"({stored.call.tool}): {stored.text} is recorded, and the laboratory now returns {text}", None
 
 

@@ -12,7 +12,7 @@ import anyio
 
 from physment_mcp.commands import bundle, config, export, fork_server, serve
 from physment_mcp.commands.base import common_options, observations, timestep, whole_number
-from physment_mcp.commands.parser import LaboratoryParser
+from physment_mcp.contract.command_line import SentenceParser
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.serving.log_lines import PatientLines
 from physment_mcp.version import __version__, engine_version
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line: what stdio takes, and the commands."""
-    words = LaboratoryParser(
+    words = _Parser(
         "physment-mcp",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -66,6 +66,10 @@ def parser() -> argparse.ArgumentParser:
         command.add(commands)
     fork_server.add(commands, main)
     return words
+
+
+class _Parser(SentenceParser):
+    usage_error = UsageError
 
 
 class _Versions(argparse.Action):

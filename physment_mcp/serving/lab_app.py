@@ -14,18 +14,14 @@ from typing import Any
 
 import mcp_types as types
 
+from physment_mcp.contract.names import APP_TYPE, APPS, VIEW_URI
 from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.resources import FRESH_MS
 from physment_mcp.tools.act import CHANGE_POSITION, MOVE_OBJECT
 from physment_mcp.tools.edit import CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS
 from physment_mcp.tools.episode import STEP
 
-EXTENSION = "io.modelcontextprotocol/ui"
-MIME_TYPE = "text/html;profile=mcp-app"
 APP_URI = "ui://physment/lab"
-VIEW_URI = "physment://view"
-VIEW = "physment/view"
-"""Key of the view in `_meta` of a result."""
 SHOWING = frozenset(
     tool.name for tool in (STEP, MOVE_OBJECT, CHANGE_POSITION, CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS)
 )
@@ -45,8 +41,8 @@ _APP_META = {
 def shows_apps(capabilities: types.ClientCapabilities | None) -> bool:
     """Whether a client declares that it shows apps in HTML."""
     declared = None if capabilities is None else capabilities.extensions
-    kinds = (declared or {}).get(EXTENSION, {}).get("mimeTypes")
-    return isinstance(kinds, list) and MIME_TYPE in kinds
+    kinds = (declared or {}).get(APPS, {}).get("mimeTypes")
+    return isinstance(kinds, list) and APP_TYPE in kinds
 
 
 def with_app(tools: tuple[types.Tool, ...]) -> list[types.Tool]:
@@ -63,7 +59,7 @@ def app_resources() -> list[types.Resource]:
             name="lab",
             title="The laboratory",
             description="Draws what may be seen, and plays the motion of the last step.",
-            mime_type=MIME_TYPE,
+            mime_type=APP_TYPE,
             icons=[ICON],
             _meta=_APP_META,
         ),
@@ -80,7 +76,7 @@ def app_resources() -> list[types.Resource]:
 
 def app_page() -> types.ReadResourceResult:
     """The app, as a client reads it."""
-    content = types.TextResourceContents(uri=APP_URI, mime_type=MIME_TYPE, text=_page(), _meta=_APP_META)
+    content = types.TextResourceContents(uri=APP_URI, mime_type=APP_TYPE, text=_page(), _meta=_APP_META)
     return types.ReadResourceResult(contents=[content], ttl_ms=FRESH_MS, cache_scope="public")
 
 

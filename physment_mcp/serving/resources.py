@@ -10,6 +10,7 @@ from typing import Any
 
 import mcp_types as types
 
+from physment_mcp.contract.names import SCENE_URI
 from physment_mcp.errors import quoted
 from physment_mcp.serving.call_log import MAX_PAGE_BYTES, LoggedCall
 from physment_mcp.serving.icon import ICON
@@ -100,7 +101,7 @@ def _episode_view(session: Session) -> dict[str, Any]:
 
 
 _VIEWS = {
-    "physment://scene": _View(
+    SCENE_URI: _View(
         "scene", "The open scene", "Task, objects and form of the answer, as in the prompt.", _scene, settled=True
     ),
     "physment://episode": _View(

@@ -15,6 +15,7 @@ from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
 
+from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
 from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.attachments import frame_with, view_with
@@ -38,8 +39,6 @@ _PROMPT = "scene"
 _REPORT_S = 0.04
 """Shortest wall time between two reports of progress of a call [s]."""
 _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
-GONE = "physment/gone"
-"""Key in `_meta` of a result: the episode is gone, which is not the agent's fault."""
 
 
 def build_server(slot: EpisodeSlot) -> Server[Any]:
@@ -172,7 +171,7 @@ class _Service:
         return types.CallToolResult(
             content=content,
             structured_content=result.model_dump(mode="json"),
-            _meta=None if view is None else {lab_app.VIEW: view},
+            _meta=None if view is None else {VIEW: view},
         )
 
     async def list_prompts(
@@ -263,7 +262,7 @@ class _Service:
         if shows_app and uri == lab_app.APP_URI:
             return lab_app.app_page()
         async with self._slot.lock:
-            if shows_app and uri == lab_app.VIEW_URI:
+            if shows_app and uri == VIEW_URI:
                 session = self._slot.session
                 return lab_app.view_page(None if session is None else await view_with(session, self._slot.visibility))
             try:

@@ -8,23 +8,21 @@ the episode. These sockets have no address: no other program can reach them, and
 
 import asyncio
 import contextlib
-import json
 import logging
 import socket
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import anyio
-import mcp_types as types
 from mcp.server.runner import modern_on_request
 from mcp.shared.dispatcher import DispatchContext, OnRequest
 from mcp.shared.jsonrpc_dispatcher import JSONRPCDispatcher
 from mcp.shared.message import SessionMessage
 from mcp.shared.transport_context import TransportContext
 
+from physment_mcp.contract.line_stream import LineStream
 from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
@@ -45,11 +43,9 @@ _CLOSED = "the connection of this episode was closed"
 
 
 @dataclass(slots=True, eq=False)
-class _Lines:
-    """A socket as the pair of streams that MCP sessions use. It is closed by whoever made it."""
+class _Lines(LineStream):
+    """The socket of an episode."""
 
-    reader: asyncio.StreamReader
-    writer: asyncio.StreamWriter
     last_used: float = field(default_factory=time.monotonic)
     in_flight: int = 0
     """Requests that are being served."""
@@ -61,59 +57,14 @@ class _Lines:
             return line if line.endswith(b"\n") else None
         return None
 
-    def write(self, line: Mapping[str, object]) -> None:
-        """Write a line that is no MCP message."""
-        self.writer.write(json.dumps(line).encode() + b"\n")
-
     async def receive(self) -> SessionMessage | Exception:
-        """The next message, or why a line is none.
-
-        Raises:
-            anyio.EndOfStream: The other end is closed, or has sent a line that is too long.
-        """
-        try:
-            line = await self.reader.readline()
-        except ValueError:
-            logger.warning("an episode is closed: a line on its socket had more than %d bytes", MAX_LINE)
-            raise anyio.EndOfStream from None
-        except OSError:
-            raise anyio.EndOfStream from None
-        if not line.endswith(b"\n"):
-            raise anyio.EndOfStream
+        """As that of `LineStream`; notes when the episode was last used."""
+        message = await LineStream.receive(self)
         self.last_used = time.monotonic()
-        try:
-            return SessionMessage(types.jsonrpc_message_adapter.validate_json(line, by_name=False))
-        except ValueError as error:
-            return error
+        return message
 
-    async def send(self, item: SessionMessage, /) -> None:
-        """Write a message; waits while the other end does not read."""
-        written = item.message.model_dump_json(by_alias=True, exclude_unset=True)
-        try:
-            self.writer.write(written.encode() + b"\n")
-            await self.writer.drain()
-        except OSError as error:
-            raise anyio.BrokenResourceError from error
-
-    async def aclose(self) -> None:
-        """Nothing: the socket is closed as a whole, when the episode ends."""
-
-    def __aiter__(self) -> Self:
-        return self
-
-    async def __anext__(self) -> SessionMessage | Exception:
-        try:
-            return await self.receive()
-        except anyio.EndOfStream:
-            raise StopAsyncIteration from None
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
-    ) -> None:
-        await self.aclose()
+    def too_long(self) -> None:
+        logger.warning("an episode is closed: a line on its socket had more than %d bytes", MAX_LINE)
 
 
 class SocketEpisodes:

@@ -5,10 +5,9 @@ from typing import Any
 from mcp import Client
 from mcp.client.extension import advertise
 
-EXTENSION = "io.modelcontextprotocol/ui"
-MIME_TYPE = "text/html;profile=mcp-app"
+from physment_mcp.contract.names import APP_TYPE, APPS
 
 
 def app_client(server: Any, mode: Any = "auto") -> Client:
     """A client of a server that shows apps in HTML."""
-    return Client(server, mode=mode, extensions=[advertise(EXTENSION, {"mimeTypes": [MIME_TYPE]})])
+    return Client(server, mode=mode, extensions=[advertise(APPS, {"mimeTypes": [APP_TYPE]})])

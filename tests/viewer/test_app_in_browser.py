@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.server import build_server
@@ -45,7 +46,7 @@ async def _results() -> tuple[str, dict[str, Any], dict[str, Any], str]:
     async with app_client(build_server(slot)) as client:
         page = (await client.read_resource(lab_app.APP_URI)).contents[0]
         step, refused = [await client.call_tool("step", {"duration": duration}) for duration in (0.4, -1)]
-        view = (await client.read_resource(lab_app.VIEW_URI)).contents[0]
+        view = (await client.read_resource(VIEW_URI)).contents[0]
         dumped = [one.model_dump(mode="json", by_alias=True, exclude_none=True) for one in (step, refused)]
         return page.text, dumped[0], dumped[1], view.text  # type: ignore[union-attr]
 

@@ -1,11 +1,7 @@
 """Mistyped words of the command line of the laboratory."""
 
-from pathlib import Path
-
 import pytest
 
-import evaluator.commands.parser
-import physment_mcp.commands.parser
 from physment_mcp.commands.program import main
 
 
@@ -24,14 +20,3 @@ def test_a_mistyped_word_is_answered_with_the_nearest_in_one_sentence(
 ) -> None:
     assert main(words) == 2
     assert capsys.readouterr() == ("", f"physment-mcp: {said}\n")
-
-
-def test_both_programs_have_the_same_parser() -> None:
-    texts = {
-        Path(module.__file__ or "").read_text(encoding="utf-8").replace(package, "PACKAGE").replace(name, "Parser")
-        for package, name, module in (
-            ("evaluator.errors", "EvaluatorParser", evaluator.commands.parser),
-            ("physment_mcp.errors", "LaboratoryParser", physment_mcp.commands.parser),
-        )
-    }
-    assert len(texts) == 1

@@ -10,13 +10,14 @@ from mcp import Client
 from mcp.client.extension import advertise
 from mcp.shared.exceptions import MCPError
 
+from physment_mcp.contract.names import APP_TYPE, APPS, VIEW, VIEW_URI
 from physment_mcp.scene import load_scene
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.server import build_server, published_tools
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
 from physment_mcp.visibility import cached_visibility, visibility_of
-from tests.builders.app_client import EXTENSION, MIME_TYPE, app_client
+from tests.builders.app_client import app_client
 from tests.builders.laboratory import OpenHost, WritePack
 
 pytestmark = pytest.mark.anyio
@@ -61,16 +62,16 @@ async def test_a_client_that_shows_apps_gets_the_app_and_what_it_draws(slot: Ope
         assert set(carrying) == lab_app.SHOWING
         assert carrying["step"] == {"ui": {"resourceUri": lab_app.APP_URI}, "ui/resourceUri": lab_app.APP_URI}
         listed = {resource.uri: resource for resource in (await client.list_resources()).resources}
-        assert listed[lab_app.APP_URI].mime_type == MIME_TYPE
+        assert listed[lab_app.APP_URI].mime_type == APP_TYPE
         (page,) = (await client.read_resource(lab_app.APP_URI)).contents
-        assert (page.mime_type, page.text[:15]) == (MIME_TYPE, "<!doctype html>")
+        assert (page.mime_type, page.text[:15]) == (APP_TYPE, "<!doctype html>")
         results = {tool: await client.call_tool(tool, arguments) for tool, arguments in CALLS}
-        view = (results["step"].meta or {})[lab_app.VIEW]
+        view = (results["step"].meta or {})[VIEW]
         assert view["motion"]["times"][0] == 0.1
         assert view["poses"]["object_1"][2] == view["motion"]["poses"]["object_1"][-1][2]
-        assert lab_app.VIEW in (results["find_objects"].meta or {})
-        assert lab_app.VIEW not in (results["get_position"].meta or {})
-        (now,) = (await client.read_resource(lab_app.VIEW_URI)).contents
+        assert VIEW in (results["find_objects"].meta or {})
+        assert VIEW not in (results["get_position"].meta or {})
+        (now,) = (await client.read_resource(VIEW_URI)).contents
         assert json.loads(now.text) == {name: part for name, part in view.items() if name != "motion"}
 
 
@@ -80,10 +81,10 @@ async def test_other_clients_get_the_same_bytes_as_from_a_server_without_the_app
 ) -> None:
     without = slot()
     without._find_visibility = None
-    extensions = None if settings is None else [advertise(EXTENSION, settings)]
+    extensions = None if settings is None else [advertise(APPS, settings)]
     async with Client(build_server(without)) as plain, Client(build_server(slot()), extensions=extensions) as other:
         assert await said(other) == await said(plain)
-        for uri in (lab_app.APP_URI, lab_app.VIEW_URI):
+        for uri in (lab_app.APP_URI, VIEW_URI):
             with pytest.raises(MCPError, match="there is no resource"):
                 await other.read_resource(uri)
 
@@ -92,14 +93,14 @@ async def test_an_episode_that_is_played_for_a_score_does_not_offer_it(slot: Ope
     async with Client(build_server(slot(max_calls=50))) as plain, app_client(build_server(slot(max_calls=50))) as other:
         assert await said(other) == await said(plain)
         with pytest.raises(MCPError, match="there is no resource"):
-            await other.read_resource(lab_app.VIEW_URI)
+            await other.read_resource(VIEW_URI)
 
 
 async def test_looking_is_no_call_and_is_not_logged(slot: OpenSlot) -> None:
     looked_at, alone = slot(), slot()
     async with app_client(build_server(looked_at)) as client, Client(build_server(alone)) as other:
         for tool, arguments in CALLS:
-            await client.read_resource(lab_app.VIEW_URI)
+            await client.read_resource(VIEW_URI)
             seen, told = await client.call_tool(tool, arguments), await other.call_tool(tool, arguments)
             assert (seen.content, seen.structured_content) == (told.content, told.structured_content)
     notes = [[logged.as_note(number) for number, logged in enumerate(one.log.calls)] for one in (looked_at, alone)]
@@ -114,8 +115,8 @@ async def test_a_view_that_cannot_be_made_hides_no_result(slot: OpenSlot, tmp_pa
     async with app_client(build_server(blind)) as client:
         result = await client.call_tool("step", {"duration": 0.1})
         assert not result.is_error
-        assert lab_app.VIEW not in (result.meta or {})
-        (now,) = (await client.read_resource(lab_app.VIEW_URI)).contents
+        assert VIEW not in (result.meta or {})
+        (now,) = (await client.read_resource(VIEW_URI)).contents
         assert json.loads(now.text)["drawing"] == {"bodies": []}
 
 

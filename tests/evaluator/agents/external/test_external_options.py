@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from evaluator.agents.external.agent import ExternalAgent
-from evaluator.commands.parser import EvaluatorParser
+from evaluator.commands.program import Parser
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
 
 
 def parsed(*words: str) -> argparse.Namespace:
     """The arguments, parsed as `physment-eval run` parses them: below a sub-command."""
-    parser = EvaluatorParser()
+    parser = Parser()
     add_options(parser.add_subparsers().add_parser("run"))
     return parser.parse_args(["run", "--server", "host", *words])
 

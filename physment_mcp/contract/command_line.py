@@ -3,19 +3,20 @@
 import argparse
 import difflib
 from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn
-
-from evaluator.errors import UsageError
+from typing import Any, ClassVar, NoReturn
 
 
-class EvaluatorParser(argparse.ArgumentParser):
-    """Raises UsageError where argparse prints the usage and exits. The parsers of its commands do the same."""
+class SentenceParser(argparse.ArgumentParser):
+    """Raises an error where argparse prints the usage and exits. The parsers of its commands do the same."""
+
+    usage_error: ClassVar[type[Exception]]
+    """What it raises; programs set it in a class of their own."""
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
         """Refuse an unknown option before the parser takes its value for something else.
 
         Raises:
-            UsageError: The command line is wrong.
+            usage_error: The command line is wrong.
         """
         self._refuse_unknown_options(args[0])
         return super().parse_known_args(*args, **kwargs)
@@ -24,9 +25,9 @@ class EvaluatorParser(argparse.ArgumentParser):
         """Say what is wrong, and where the usage is.
 
         Raises:
-            UsageError: Always.
+            usage_error: Always.
         """
-        raise UsageError(f"{message} (see {self.prog} --help)")
+        raise self.usage_error(f"{message} (see {self.prog} --help)")
 
     def _refuse_unknown_options(self, words: Sequence[str]) -> None:
         options = [option for option in self._option_string_actions if option.startswith("--")]
