@@ -19,7 +19,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .DEFAULT_GOAL := help
 .PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
   docs clients conformance inspect-test engines integrations harbor mcpb viewer lock \
-  test-lowest dist test-wheel release-page release release-check clean
+  test-lowest dist clean
 
 # `## text` after a target is its line in this list, `##@ text` a heading.
 help: ## list the commands
@@ -193,18 +193,5 @@ test-lowest: ## test with the oldest versions that pyproject.toml allows (into .
 
 ##@ Release (CONTRIBUTING.md says how)
 
-dist: $(STAMP) ## build sdist and wheel into dist/; both must hold exactly the files that git tracks
-	@$(BIN)/python -m release build
-
-test-wheel: $(STAMP) ## install the built wheel in a new environment, also by uvx and pipx, and play scenes with it (3 minutes)
-	@$(BIN)/python -m release trial
-
-# SOURCE=https://github.com/OWNER/NAME is needed as long as pyproject.toml names no Source.
-release-page: dist mcpb ## build what the page of a release offers into dist/: wheel, sdist, bundle, server.json, notes
-	@$(BIN)/python -m release page $(if $(SOURCE),--source $(SOURCE)) $(if $(TAG),--tag $(TAG))
-
-release: $(STAMP) ## VERSION=X.Y.Z: set version and changelog, check, test, build, commit and tag; pushes nothing
-	@$(BIN)/python -m release prepare $(VERSION)
-
-release-check: $(STAMP) ## VERSION=X.Y.Z: the same, but leaves no commit, tag or file behind
-	@$(BIN)/python -m release prepare --dry-run $(VERSION)
+dist: $(STAMP) ## build sdist and wheel into dist/
+	@$(BIN)/python -m build --no-isolation --outdir dist .

@@ -6,6 +6,7 @@ import sys
 import sysconfig
 import tomllib
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,18 @@ def test_the_wheel_contains_every_file_of_every_pack(installed: Path, tmp_path: 
     where, ids = run(str(installed / "python"), "-c", code, cwd=tmp_path).splitlines()
     assert Path(where).is_relative_to(installed.parent)
     assert ids.split() == [str(files.scene_id) for files in scenes.list_packs()]
+
+
+def test_the_wheel_holds_every_file_of_the_packages_that_git_tracks_and_no_other(installed: Path) -> None:
+    (wheel,) = installed.parents[1].glob("*.whl")
+    with zipfile.ZipFile(wheel) as opened:
+        held = {name for name in opened.namelist() if ".dist-info/" not in name}
+    tracked = subprocess.run(
+        ["git", "ls-files", "-z", "evaluator", "physment_mcp", "scenes"], cwd=ROOT, capture_output=True, check=False
+    )
+    if tracked.returncode:
+        pytest.skip("this is no checkout of git")
+    assert held == set(tracked.stdout.decode().split("\0")) - {""}
 
 
 def test_the_packages_in_the_wheel_are_marked_as_typed(installed: Path, tmp_path: Path) -> None:

@@ -1,7 +1,12 @@
 """What contributors rely on: make targets, workflow, commit hooks, citation, decision records, paths in guides."""
 
+import hashlib
+import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
 import sysconfig
 import tomllib
 from importlib.metadata import version
@@ -82,16 +87,58 @@ def test_the_workflow_tests_every_supported_python_with_locked_and_lowest_depend
 
 def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
     called = {command.split()[1] for command in commands(WORKFLOW) if command.startswith("make ")}
-    assert called == {"check", "test", "test-lowest", "pages-check", "docs", "test-wheel"}
+    assert called == {"check", "test", "test-lowest", "pages-check", "docs", "dist"}
     assert called <= TARGETS
 
 
-def test_a_release_calls_a_make_target_that_exists_and_may_write_nothing_but_the_page() -> None:
-    (job,) = WORKFLOWS["release"]["jobs"].values()
-    called = [command.split()[1] for command in commands(WORKFLOWS["release"]) if command.startswith("make ")]
-    assert called == ["release-page"]
+def test_a_release_is_checked_and_each_job_may_write_only_what_it_makes() -> None:
+    jobs = WORKFLOWS["release"]["jobs"]
+    (called,) = [command.split()[1:-1] for command in commands(WORKFLOWS["release"]) if command.startswith("make ")]
+    assert called == ["check", "test", "dist", "mcpb"]
     assert set(called) <= TARGETS
-    assert (WORKFLOWS["release"]["permissions"], job["permissions"]) == ({"contents": "read"}, {"contents": "write"})
+    assert WORKFLOWS["release"]["permissions"] == {"contents": "read"}
+    assert jobs["page"]["permissions"] == {"contents": "write"}
+    assert jobs["index"]["permissions"] == {"contents": "read", "id-token": "write"}
+
+
+def released(name: str, folder: Path, tag: str) -> int:
+    """Run a step of the release in a folder; returns its exit code."""
+    (step,) = (step for step in steps(WORKFLOWS["release"]["jobs"]["page"]) if step.get("name") == name)
+    place = {"GITHUB_SERVER_URL": "https://github.com", "GITHUB_REPOSITORY": "some-lab/physment"}
+    env = {**os.environ, **place, "GITHUB_REPOSITORY_OWNER": "some-lab", "GITHUB_REF_NAME": tag}
+    return subprocess.run(["bash", "-e", "-c", step["run"]], cwd=folder, env=env, check=False).returncode
+
+
+def test_a_release_needs_the_tag_of_its_version_and_a_section_of_the_changelog(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "physment_mcp", tmp_path / "physment_mcp", ignore=lambda *_: {"world", "serving", "tools"})
+    (tmp_path / "dist").mkdir()
+    sections = ("# Changelog", "## Unreleased", "- Later.", "## 0.2.0 (2030-01-02)", "- New.", "## 0.1.0 (2029-01-01)")
+    (tmp_path / "CHANGELOG.md").write_text("\n\n".join([*sections, "- Old.\n"]), encoding="utf-8")
+    assert released("Refuse a tag that is not the version", tmp_path, f"v{__version__}") == 0
+    assert released("Refuse a tag that is not the version", tmp_path, "v9.0.0") != 0
+    assert released("Take the notes from the changelog", tmp_path, "v0.2.0") == 0
+    assert (tmp_path / "dist" / "notes.md").read_text(encoding="utf-8").strip() == "- New."
+    assert released("Take the notes from the changelog", tmp_path, "v0.3.0") != 0
+
+
+def test_the_entry_keeps_the_rules_of_the_registry(tmp_path: Path) -> None:
+    """Those of its schema that concern us, and those that it checks itself."""
+    (tmp_path / "dist").mkdir()
+    (tmp_path / "dist" / "physment.mcpb").write_bytes(b"a bundle")
+    (tmp_path / ".github").mkdir()
+    shutil.copy(ROOT / ".github" / "server.json", tmp_path / ".github")
+    assert released("Write the entry in the MCP registry", tmp_path, "v0.2.0") == 0
+    entry = json.loads((tmp_path / "dist" / "server.json").read_text(encoding="utf-8"))
+    assert entry["name"] == "io.github.some-lab/physment-mcp"
+    assert re.fullmatch(r"[a-zA-Z0-9.-]+/[a-zA-Z0-9._-]+", entry["name"])
+    assert 1 <= len(entry["description"]) <= 100
+    assert 1 <= len(entry["title"]) <= 100
+    assert entry["repository"] == {"url": "https://github.com/some-lab/physment", "source": "github"}
+    (package,) = entry["packages"]
+    assert package["version"] == entry["version"] == "0.2.0"
+    assert package["transport"] == {"type": "stdio"}
+    assert package["identifier"] == "https://github.com/some-lab/physment/releases/download/v0.2.0/physment.mcpb"
+    assert package["fileSha256"] == hashlib.sha256(b"a bundle").hexdigest()
 
 
 def test_one_job_of_the_workflow_waits_for_all_others() -> None:
@@ -104,10 +151,11 @@ def test_one_job_of_the_workflow_waits_for_all_others() -> None:
 
 
 @pytest.mark.parametrize("name", WORKFLOWS)
-def test_the_actions_of_a_workflow_are_pinned_to_a_major_version(name: str) -> None:
-    used = [step["uses"] for job in WORKFLOWS[name]["jobs"].values() for step in steps(job) if "uses" in step]
+def test_the_actions_of_a_workflow_are_pinned_to_a_commit_and_say_its_version(name: str) -> None:
+    text = (ROOT / ".github" / "workflows" / f"{name}.yml").read_text(encoding="utf-8")
+    used = re.findall(r"uses: (.+)", text)
     assert used
-    assert [action for action in used if not re.fullmatch(r"actions/[a-z-]+@v\d+", action)] == []
+    assert [one for one in used if not re.fullmatch(r"actions/[a-z-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", one)] == []
 
 
 def test_the_commit_hooks_run_the_tools_of_this_project_and_download_nothing() -> None:
@@ -124,14 +172,14 @@ def test_the_commit_hooks_run_the_tools_of_this_project_and_download_nothing() -
             assert (Path(sysconfig.get_path("scripts")) / tool.name).is_file()
 
 
-def test_the_citation_names_this_version_and_no_address_of_its_own() -> None:
+def test_the_version_is_in_one_place_and_the_citation_names_no_address_of_its_own() -> None:
     assert CITATION["cff-version"] == "1.2.0"
-    assert CITATION["version"] == PROJECT["version"] == __version__ == version("physment-mcp")
+    assert (PROJECT["dynamic"], __version__) == (["version"], version("physment-mcp"))
     assert CITATION["license"] == PROJECT["license"]
     assert CITATION["authors"] == PROJECT["authors"] == [{"name": "PhysMent MCP contributors"}]
     assert {"message", "title", "type"} <= CITATION.keys()
     assert CITATION.get("repository-code") == PROJECT.get("urls", {}).get("Source")
-    assert CITATION.keys().isdisjoint({"url", "doi", "repository", "contact"})
+    assert CITATION.keys().isdisjoint({"url", "doi", "repository", "contact", "version"})
 
 
 def test_the_index_of_the_decisions_has_a_line_for_every_record() -> None:
