@@ -1,8 +1,8 @@
 """Work on what an agent wrote is in proportion to its length, so that no text can hold the evaluator up.
 
-The work is counted and not timed, as calls of functions. A text that is twice as long makes twice the work; the square of
-the length would make four times. `make bench` prints what the same texts take in time, searches by regular expressions
-included, which are one call each.
+The work is counted and not timed, as calls of functions. A text that is twice as long makes twice the work; the square
+of the length would make four times. `make bench` prints what the same texts take in time; searches by regular
+expressions, which count as one call each, are in it.
 """
 
 from collections.abc import Callable
