@@ -1,12 +1,58 @@
-"""An agent that makes the calls of recorded episodes again, in the same turns, whatever they return."""
+"""Repeats stored replies in a new episode: the one driver of replays, forks, films and published logs.
 
+What differs between them is what happens to the returns: `exchange_difference` compares them within a tolerance or to
+the bit, or nobody does and the episode is as logged.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from evaluator.episode.player import Briefing, Feedback, Reply
+from mcp import Client
+from pydantic import JsonValue
+
+from evaluator.episode.loop import play_episode
+from evaluator.episode.player import Briefing, Feedback, Player, Reply
+from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import AgentError, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Turn
+from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Turn
 from evaluator.store import RunFolder
+
+_NOTHING = "(nothing)"
+
+
+@dataclass(slots=True)
+class RepeatingPlayer:
+    """Gives replies one after the other, whatever they return."""
+
+    replies: Sequence[Reply]
+    ended: str = "the stored transcript ends here"
+    """Why the episode ends if there is no reply left and nobody goes on."""
+    compare: Callable[[int, Sequence[Exchange]], None] = lambda _turn, _returned: None
+    """Called with the number of a turn, from 1, and what its calls returned, before the next."""
+    go_on: Callable[[], Player] | None = None
+    """Makes the player that goes on after the last reply."""
+    _given: int = 0
+    _next: Player | None = None
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        """The next reply.
+
+        Raises:
+            AgentError: There is none left, and nobody goes on.
+        """
+        if self._next is not None:
+            return await self._next.act(feedback)
+        if feedback is not None:
+            self.compare(self._given, feedback.exchanges)
+        if self._given < len(self.replies):
+            self._given += 1
+            return self.replies[self._given - 1]
+        if self.go_on is None:
+            raise AgentError(self.ended)
+        self._next = self.go_on()
+        return await self._next.act(None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +62,7 @@ class RecordedAgent:
     name: str
     episodes: tuple[Episode, ...]
 
-    def player(self, key: EpisodeKey, briefing: Briefing) -> "_RecordedPlayer":
+    def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
         """The player of the record with this key.
 
         Raises:
@@ -31,22 +77,12 @@ class RecordedAgent:
         if len(found) > 1:
             agents = ", ".join(episode.key.agent for episode in found)
             raise AgentError(f"{len(found)} transcripts are stored for {_described(key)}, of {agents}")
-        return _RecordedPlayer(found[0].turns)
+        return RepeatingPlayer(replies_of(found[0].turns))
 
 
-@dataclass(slots=True)
-class _RecordedPlayer:
-    turns: tuple[Turn, ...]
-    played: int = 0
-
-    async def act(self, feedback: Feedback | None) -> Reply:
-        del feedback
-        if self.played == len(self.turns):
-            raise AgentError("the stored transcript ends here")
-        turn = self.turns[self.played]
-        self.played += 1
-        # The record of a malformed reply has no calls, so it is played as a reply without calls.
-        return Reply(turn.reasoning, tuple(exchange.call for exchange in turn.exchanges))
+def replies_of(turns: Iterable[Turn]) -> list[Reply]:
+    """The replies of turns; that of a malformed one has no calls, because its record has none."""
+    return [Reply(turn.reasoning, tuple(exchange.call for exchange in turn.exchanges)) for turn in turns]
 
 
 def load_recorded(folder: Path) -> RecordedAgent:
@@ -61,6 +97,80 @@ def load_recorded(folder: Path) -> RecordedAgent:
     if not episodes:
         raise UsageError(f"{folder} holds no transcript to replay")
     return RecordedAgent(f"replay:{folder.name}", episodes)
+
+
+async def play_again(stored: Episode, client: Client, toolboxes: Toolboxes | None) -> Episode:
+    """Play an episode with the calls of a record, and with as many turns as the record was allowed.
+
+    Args:
+        stored: The record.
+        client: A client connected to a fresh session of its scene and seed.
+        toolboxes: As for `play_episode`.
+
+    Raises:
+        InfrastructureError: The server failed.
+    """
+    # A program that plays by itself is told its number of calls in words of its own, and each call is a turn.
+    by_itself = stored.max_calls is not None
+    budget = max(stored.allowance, len(stored.turns)) if by_itself else stored.key.budget
+    key = stored.key.model_copy(update={"budget": budget})
+    agent = RecordedAgent(stored.key.agent, (stored.model_copy(update={"key": key}),))
+    now = await play_episode(agent, client, key, stored.versions, toolboxes)
+    return now.model_copy(update={"key": stored.key, **({"prompt": stored.prompt} if by_itself else {})})
+
+
+def exchange_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
+    """The first difference between the returns of two runs of a call: path, earlier and later value; None if equal."""
+    kinds = [_kind(exchange) for exchange in (before, after)]
+    if kinds[0] != kinds[1]:
+        return "", f"{kinds[0]}: {before.text}", f"{kinds[1]}: {after.text}"
+    if before.is_error:
+        return None if before.text == after.text else ("", before.text, after.text)
+    return next(different_values(before.content, after.content, rel_tol, ""), None)
+
+
+def exact_difference(before: Exchange, after: Exchange) -> tuple[str, JsonValue, JsonValue] | None:
+    """As `exchange_difference`, but every bit of the values and of the text must be equal."""
+    found = exchange_difference(before, after, 0.0)
+    if found is None and before.text != after.text:
+        return "text", before.text, after.text
+    return found
+
+
+def different_values(
+    old: JsonValue, new: JsonValue, rel_tol: float, path: str
+) -> Iterator[tuple[str, JsonValue, JsonValue]]:
+    """Every place where two JSON values differ: its path, and what is there in each.
+
+    Args:
+        old: One value.
+        new: The other.
+        rel_tol: Largest difference between numbers that count as the same, relative to the larger one.
+        path: Of the values, empty for a whole document.
+    """
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in dict.fromkeys((*old, *new)):
+            inner = f"{path}.{name}" if path else name
+            yield from different_values(old.get(name, _NOTHING), new.get(name, _NOTHING), rel_tol, inner)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
+            yield from different_values(old_item, new_item, rel_tol, f"{path}[{index}]")
+    elif _is_number(old) and _is_number(new):
+        assert isinstance(old, int | float)
+        assert isinstance(new, int | float)
+        if not math.isclose(old, new, rel_tol=rel_tol):
+            yield path, old, new
+    elif type(old) is not type(new) or old != new:
+        yield path, old, new
+
+
+def _is_number(value: JsonValue) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _kind(exchange: Exchange) -> str:
+    ran = "returned" if exchange.returned else "not run"
+    return f"{ran}, an error" if exchange.is_error else ran
 
 
 def _described(key: EpisodeKey) -> str:

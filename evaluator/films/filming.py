@@ -1,21 +1,22 @@
 """Plays a stored episode again and notes what is seen, unless the laboratory returns anything but what is stored."""
 
-import json
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 import mcp_types as types
 from mcp import Client
-from mcp.shared.exceptions import MCPError
 from pydantic import ValidationError
 
+from evaluator.agents.recorded import exact_difference, play_again
+from evaluator.episode.toolbox import Toolboxes
+from evaluator.episode.views import view_in, view_now
 from evaluator.errors import UsageError
 from evaluator.films.reel import Instant, reel
-from evaluator.records import Episode, EpisodeKey, Exchange
+from evaluator.records import Episode, EpisodeKey
 from evaluator.report.film_record import Film
 from evaluator.study.forking import described
-from physment_mcp.contract.names import VIEW, VIEW_URI
 
 Opens = Callable[[EpisodeKey], AbstractAsyncContextManager[Client]]
 """What opens the laboratory of an episode for a client that is shown what is seen."""
@@ -34,22 +35,13 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
         UsageError: The laboratory returns something else than what is stored, or the film would be too large.
     """
     camera = _Camera()
-    calls: list[list[int]] = [[] for _ in episode.turns]
-    problem = ""
     async with opens(episode.key) as client:
-        start = (await client.read_resource(VIEW_URI)).contents[0]
-        assert isinstance(start, types.TextResourceContents)
-        camera.see(json.loads(start.text))
-        for turn, exchange in ((turn, one) for turn, played in enumerate(episode.turns) for one in played.exchanges):
-            if exchange.returned:
-                problem, view = await _played(client, exchange)
-                if problem:
-                    problem = f"{described(episode.key)}, turn {turn + 1}, call {len(calls[turn]) + 1} {problem}"
-                    break
-                camera.see(view)
-            calls[turn].append(len(camera.instants) - 1)
-    if problem:
-        raise UsageError(problem)
+        camera.see(await view_now(client))
+        now = await play_again(episode, client, Toolboxes(look=camera.look))
+    _refuse_other_returns(episode, now)
+    looks = iter(camera.looks)
+    instant = 0
+    calls = [[instant := next(looks) if one.returned else instant for one in turn.exchanges] for turn in episode.turns]
     seen = reel(camera.instants, camera.drawings)
     try:
         return Film.model_validate({"episode": record_sha256, "revealed": revealed, "calls": calls, **seen})
@@ -57,22 +49,17 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
         raise UsageError(f"{described(episode.key)} gives no film: {error.errors()[0]['msg']}") from error
 
 
-async def _played(client: Client, stored: Exchange) -> tuple[str, Mapping[str, Any] | None]:
-    """Make a call again.
-
-    Returns:
-        How its return differs from what is stored, empty if it is the same to the last sign; and what is seen after the
-        call, None if it changes nothing that is seen.
-    """
-    asked = types.CallToolRequestParams(name=stored.call.tool, arguments=stored.call.arguments)
-    try:
-        result = await client.session.send_request(types.CallToolRequest(params=asked), types.CallToolResult)
-    except MCPError as error:
-        return f"({stored.call.tool}): {stored.text} is recorded, and the laboratory now refuses it: {error}", None
-    text = "\n".join(part.text for part in result.content if isinstance(part, types.TextContent))
-    if text == stored.text and result.is_error == stored.is_error:
-        return "", (result.meta or {}).get(VIEW)
-    return f"({stored.call.tool}): {stored.text} is recorded, and the laboratory now returns {text}", None
+def _refuse_other_returns(stored: Episode, now: Episode) -> None:
+    for turn, (before, after) in enumerate(itertools.zip_longest(stored.turns, now.turns), start=1):
+        pairs = itertools.zip_longest(before.exchanges, after.exchanges if after else ())
+        for number, (old, new) in enumerate(pairs, start=1):
+            found = exact_difference(old, new) if new else ("", old.text, "nothing")
+            if found is not None:
+                _, was, returned = found
+                raise UsageError(
+                    f"{described(stored.key)}, turn {turn}, call {number} ({old.call.tool}): {was} is recorded, and the"
+                    f" laboratory now returns {returned}"
+                )
 
 
 class _Camera:
@@ -81,8 +68,15 @@ class _Camera:
     def __init__(self) -> None:
         self.instants: list[Instant] = []
         self.drawings: list[Mapping[str, Any]] = []
+        self.looks: list[int] = []
+        """For each call, the instant at which it had returned."""
         self._kept = 0
         """Number of instants that calls refer to."""
+
+    def look(self, result: types.CallToolResult) -> None:
+        """Add what is seen after a call."""
+        self.see(view_in(result))
+        self.looks.append(len(self.instants) - 1)
 
     def see(self, view: Mapping[str, Any] | None) -> None:
         """Add the motion that led to a view, and the view."""

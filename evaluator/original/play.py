@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import anyio
 
+from evaluator.agents.recorded import RepeatingPlayer
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import Laboratory
 from evaluator.episode.loop import play_episode
-from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.errors import AgentError, InfrastructureError
+from evaluator.episode.player import Briefing
+from evaluator.errors import InfrastructureError
 from evaluator.original.logs import LoggedEpisode
 from evaluator.protocols.text import parse_reply
 from evaluator.records import Episode, EpisodeKey, Grade, Versions
@@ -29,23 +30,10 @@ class LogAgent:
         """The name of the model's folder."""
         return self.log.model
 
-    def player(self, key: EpisodeKey, briefing: Briefing) -> "_LogPlayer":
+    def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
         """The player of the log."""
         del key, briefing
-        return _LogPlayer(self.log.replies)
-
-
-@dataclass(slots=True)
-class _LogPlayer:
-    replies: tuple[str, ...]
-    said: int = 0
-
-    async def act(self, feedback: Feedback | None) -> Reply:
-        del feedback
-        if self.said == len(self.replies):
-            raise AgentError("the log ends here")
-        self.said += 1
-        return parse_reply(self.replies[self.said - 1])
+        return RepeatingPlayer([parse_reply(reply) for reply in self.log.replies], "the log ends here")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ Two agents that go on from the same turn have the same evidence, so that any dif
 turns before the fork keep calls and returns only: what the first agent thought is in its own record.
 """
 
+import functools
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
@@ -12,15 +13,15 @@ from dataclasses import dataclass, replace
 
 from pydantic import JsonValue
 
+from evaluator.agents.recorded import RepeatingPlayer, exact_difference, replies_of
 from evaluator.episode.connect import Laboratory
 from evaluator.episode.contender import AgentContender
 from evaluator.episode.loop import play_episode
-from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
+from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import UsageError
 from evaluator.protocols.text import feedback_text
-from evaluator.records import Episode, EpisodeKey, Fork, Outcome, Usage, Versions
+from evaluator.records import Episode, EpisodeKey, Exchange, Fork, Outcome, Usage, Versions
 from evaluator.store import RunFolder
-from evaluator.study.replay import exchange_difference
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
 """What `--episode` may say of an episode."""
@@ -41,7 +42,7 @@ class ForkedAgent:
         """The name of the agent that goes on."""
         return self.inner.name
 
-    def player(self, key: EpisodeKey, briefing: Briefing) -> "_ForkedPlayer":
+    def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
         """The player of one episode.
 
         Raises:
@@ -52,48 +53,29 @@ class ForkedAgent:
             raise UsageError(
                 f"{described(stored.key)} cannot be continued: the laboratory's opening prompt has changed"
             )
-        return _ForkedPlayer(self.inner, key, briefing, stored, self.turn)
+        replies = [Reply(calls=reply.calls) for reply in replies_of(stored.turns[: self.turn])]
+        return RepeatingPlayer(
+            replies,
+            compare=functools.partial(_refuse_other_returns, stored),
+            go_on=lambda: self.inner.player(key, self._after(stored, briefing)),
+        )
+
+    def _after(self, stored: Episode, briefing: Briefing) -> Briefing:
+        prompt = f"{briefing.prompt}\n\n{account(stored, self.turn)}"
+        return replace(briefing, prompt=prompt, budget=briefing.budget - self.turn)
 
 
-@dataclass(slots=True)
-class _ForkedPlayer:
-    agent: Agent
-    key: EpisodeKey
-    briefing: Briefing
-    stored: Episode
-    turn: int
-    played: int = 0
-    inner: Player | None = None
-
-    async def act(self, feedback: Feedback | None) -> Reply:
-        if self.inner is not None:
-            return await self.inner.act(feedback)
-        if feedback is not None:
-            self._compare(feedback)
-        if self.played == self.turn:
-            prompt = f"{self.briefing.prompt}\n\n{account(self.stored, self.turn)}"
-            briefing = replace(self.briefing, prompt=prompt, budget=self.briefing.budget - self.turn)
-            self.inner = self.agent.player(self.key, briefing)
-            return await self.inner.act(None)
-        calls = tuple(exchange.call for exchange in self.stored.turns[self.played].exchanges)
-        self.played += 1
-        return Reply(calls=calls)
-
-    def _compare(self, feedback: Feedback) -> None:
-        """Refuse to go on from returns that are not, bit for bit, the recorded ones."""
-        before = self.stored.turns[self.played - 1].exchanges
-        for number, (old, new) in enumerate(zip(before, feedback.exchanges, strict=True), start=1):
-            found = exchange_difference(old, new, 0.0)
-            if found is None and old.text != new.text:
-                found = "text", old.text, new.text
-            if found is None and old.frames != new.frames:
-                found = "frames", [one.name for one in old.frames], [one.name for one in new.frames]
-            if found is not None:
-                path, was, now = found
-                raise UsageError(
-                    f"{described(self.stored.key)} cannot be continued: at turn {self.played}, call {number}"
-                    f" ({old.call.tool}{path and f': {path}'}) {was} is recorded, and the laboratory now returns {now}"
-                )
+def _refuse_other_returns(stored: Episode, turn: int, returned: Sequence[Exchange]) -> None:
+    for number, (old, new) in enumerate(zip(stored.turns[turn - 1].exchanges, returned, strict=True), start=1):
+        found = exact_difference(old, new)
+        if found is None and old.frames != new.frames:
+            found = "frames", [one.name for one in old.frames], [one.name for one in new.frames]
+        if found is not None:
+            path, was, now = found
+            raise UsageError(
+                f"{described(stored.key)} cannot be continued: at turn {turn}, call {number}"
+                f" ({old.call.tool}{path and f': {path}'}) {was} is recorded, and the laboratory now returns {now}"
+            )
 
 
 def account(stored: Episode, turn: int) -> str:

@@ -4,25 +4,21 @@ Where the tool contract is that of the record, every field must be equal. Where 
 record must be equal; fields that were added since, and opening prompts that changed with it, are only counted.
 """
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import anyio
-from mcp import Client
 from pydantic import JsonValue
 
-from evaluator.agents.recorded import RecordedAgent
+from evaluator.agents.recorded import RecordedAgent, exchange_difference, play_again
 from evaluator.episode.connect import Laboratory
-from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Record
 from evaluator.study.provenance import server_record
 
 REL_TOL = 1e-9
 """Two numbers count as the same up to this difference, relative to the larger one."""
-_NOTHING = "(nothing)"
 
 
 class Difference(Record):
@@ -82,7 +78,7 @@ async def replay(
 
     async def worker() -> None:
         for stored in waiting:
-            results[stored.key] = await _replay_episode(agent, laboratory, stored, contracts, rel_tol)
+            results[stored.key] = await _replay_episode(laboratory, stored, contracts, rel_tol)
             on_end(results[stored.key])
 
     async with anyio.create_task_group() as tasks:
@@ -92,12 +88,12 @@ async def replay(
 
 
 async def _replay_episode(
-    agent: RecordedAgent, laboratory: Laboratory, stored: Episode, contracts: frozenset[str], rel_tol: float
+    laboratory: Laboratory, stored: Episode, contracts: frozenset[str], rel_tol: float
 ) -> Replayed:
     try:
         async with laboratory.open(stored.key.scene, stored.key.seed) as client:
             present = (await server_record(client, option="")).tool_schema_hash
-            now = await _played_again(agent, client, laboratory, stored)
+            now = await play_again(stored, client, laboratory.toolboxes)
     except InfrastructureError as error:
         return Replayed(stored.key, failure=str(error))
     calls = sum(exchange.returned for turn in stored.turns for exchange in turn.exchanges)
@@ -105,17 +101,6 @@ async def _replay_episode(
     if not contracts <= {present}:
         now, added = without_added(stored, now)
     return Replayed(stored.key, calls, tuple(differences(stored, now, rel_tol)), added)
-
-
-async def _played_again(agent: RecordedAgent, client: Client, laboratory: Laboratory, stored: Episode) -> Episode:
-    """An episode with the calls of a record, and with as many turns as the record was allowed."""
-    if stored.max_calls is None:
-        return await play_episode(agent, client, stored.key, stored.versions, laboratory.toolboxes)
-    # A program that plays by itself is told its number of calls in words of its own, and each call is a turn.
-    key = stored.key.model_copy(update={"budget": max(stored.allowance, len(stored.turns))})
-    one = RecordedAgent(agent.name, (stored.model_copy(update={"key": key}),))
-    now = await play_episode(one, client, key, stored.versions, laboratory.toolboxes)
-    return now.model_copy(update={"key": stored.key, "prompt": stored.prompt})
 
 
 def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]:
@@ -179,54 +164,3 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
     elif stored.answer != now.answer:
         # The recorded answer is what is graded; it must be the one that was given in a call.
         yield Difference(key=key, turn=0, call=0, what="answer", stored=stored.answer, now=now.answer)
-
-
-def exchange_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
-    """The first difference between the returns of two runs of a call: path, earlier and later value; None if equal."""
-    kinds = [_kind(exchange) for exchange in (before, after)]
-    if kinds[0] != kinds[1]:
-        return "", f"{kinds[0]}: {before.text}", f"{kinds[1]}: {after.text}"
-    if before.is_error:
-        return None if before.text == after.text else ("", before.text, after.text)
-    return next(different_values(before.content, after.content, rel_tol, ""), None)
-
-
-def _kind(exchange: Exchange) -> str:
-    ran = "returned" if exchange.returned else "not run"
-    return f"{ran}, an error" if exchange.is_error else ran
-
-
-def different_values(
-    old: JsonValue, new: JsonValue, rel_tol: float, path: str
-) -> Iterator[tuple[str, JsonValue, JsonValue]]:
-    """Every place where two JSON values differ: its path, and what is there in each.
-
-    Args:
-        old: One value.
-        new: The other.
-        rel_tol: Largest difference between numbers that count as the same, relative to the larger one.
-        path: Of the values, empty for a whole document.
-    """
-    if isinstance(old, dict) and isinstance(new, dict):
-        for name in _names_of_both(old, new):
-            inner = f"{path}.{name}" if path else name
-            yield from different_values(old.get(name, _NOTHING), new.get(name, _NOTHING), rel_tol, inner)
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
-            yield from different_values(old_item, new_item, rel_tol, f"{path}[{index}]")
-    elif _is_number(old) and _is_number(new):
-        assert isinstance(old, int | float)
-        assert isinstance(new, int | float)
-        if not math.isclose(old, new, rel_tol=rel_tol):
-            yield path, old, new
-    elif type(old) is not type(new) or old != new:
-        yield path, old, new
-
-
-def _names_of_both(old: Iterable[str], new: Iterable[str]) -> dict[str, None]:
-    """The names that are in either of two objects, in order."""
-    return dict.fromkeys((*old, *new))
-
-
-def _is_number(value: JsonValue) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
+from evaluator.agents.recorded import different_values
 from evaluator.answers.grading import GRADER_VERSION
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
@@ -20,7 +21,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import graded_rows
 from evaluator.seal import Seal
 from evaluator.store import RunFolder
-from evaluator.study.replay import REL_TOL, different_values
+from evaluator.study.replay import REL_TOL
 from scenes import PackError, find_pack, same_pack
 
 
