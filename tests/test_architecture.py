@@ -302,3 +302,19 @@ def test_the_evaluator_imports_without_the_engine() -> None:
     ours = {name for name in loaded if name.startswith("physment_mcp.") and not under_module(name, CONTRACT)}
     assert "evaluator.commands.run" in loaded
     assert ("mujoco" in loaded, ours) == (False, {"physment_mcp.version"})
+
+
+def test_no_command_imports_another_command() -> None:
+    """What two commands need is in a module that declares none, such as `playing` or `finishing`."""
+    found = {
+        path.stem: set(imports((ROOT / path).read_text(encoding="utf-8")))
+        for path in modules()
+        if path.parts[:2] in {("evaluator", "commands"), ("physment_mcp", "commands")}
+    }
+    declared = {
+        f"evaluator.commands.{path.stem}"
+        for path in (ROOT / "evaluator" / "commands").glob("*.py")
+        if re.search(r"^def add\(commands", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert "evaluator.commands.run" in declared
+    assert {name: used & declared for name, used in found.items() if used & declared} == {}

@@ -25,7 +25,7 @@ STAMPS = {
     "evaluator/study/attempts.py": {"unplayed"},
     "evaluator/study/provenance.py": {"run_record"},
     "evaluator/watch/app.py": {"_look"},
-    "evaluator/commands/run.py": {"create_folder"},
+    "evaluator/commands/playing.py": {"create_folder"},
     "evaluator/commands/play.py": {"_play"},
 }
 """Module → functions that read the wall clock, each for a stamp: a beginning, an expiry, a name of a folder, or

@@ -149,3 +149,11 @@ def trust_edited(parser: "ActionsContainer") -> None:
         action="store_true",
         help="go on with records that are not as they were sealed at the end of their run; the report says so",
     )
+
+
+def stored_run_options(command: argparse.ArgumentParser) -> None:
+    """Declare the options of commands that grade stored episodes."""
+    trust_edited(command)
+    seed_key(command)
+    command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
+    command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")

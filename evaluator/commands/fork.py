@@ -10,19 +10,19 @@ from evaluator.commands.argument_types import count_of, folder_to_write, seconds
 from evaluator.commands.base import Commands
 from evaluator.commands.external import USUAL_CONCURRENCY
 from evaluator.commands.model_options import add_model_options, model_options
-from evaluator.commands.run import PreparedRun, create_folder, play_run
-from evaluator.commands.run_options import RunOptions
+from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.episode.contender import AgentContender
 from evaluator.errors import UsageError
 from evaluator.records import Episode
 from evaluator.run_record import ForkedRun, Plan
+from evaluator.seed_key import SeedKey
 from evaluator.store import RunFolder
-from evaluator.study.contenders import Team
+from evaluator.study.contenders import contenders_of
 from evaluator.study.forking import CONDITIONS, ForkContender, fork_keys, line_hashes, select_episodes
 from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
-from evaluator.study.limits import Limits, Meter
+from evaluator.study.limits import Meter
+from evaluator.study.run_config import RunConfig
 from evaluator.study.sealing import seal_note
-from evaluator.study.shards import WHOLE
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\
@@ -84,15 +84,8 @@ def _fork(args: argparse.Namespace) -> int:
     episodes = select_episodes(source, args.episode, args.turn)
     seed_of = seeds_of(source, args.seed_key)
     key = read_seed_key(args.seed_key) if args.seed_key else read_revealed(source)
-    options = _options(args, episodes, Team(
-        agents=tuple(args.agent),
-        scenes_dir=args.scenes_dir,
-        server=args.server,
-        observations=record.plan.observations,
-        seed_key=key if record.plan.held_back else None,
-        **model_options(args),
-    ))  # fmt: skip
-    built, agents = options.team.build(), dict[str, AgentContender]()
+    config = _config(args, episodes, record.plan, key if record.plan.held_back else None)
+    built, agents = contenders_of(config), dict[str, AgentContender]()
     for name, contender in built.items():
         if not isinstance(contender, AgentContender):
             raise UsageError(f"--agent {name}: a program plays by itself from the start, and cannot go on from a fork")
@@ -102,13 +95,13 @@ def _fork(args: argparse.Namespace) -> int:
     contenders = {name: ForkContender(inner, keys, hashes, args.turn) for name, inner in agents.items()}
     seal = source.read_seal()
     run = PreparedRun(
-        options=options,
+        config=config,
         contenders=contenders,
-        plan=_plan(options, record.plan, list(contenders)),
+        plan=_plan(config, record.plan, list(contenders)),
         keys=list(keys),
-        folder=create_folder(options, contenders),
+        folder=create_folder(config, contenders),
         answers=KeyRing(args.scenes_dir, seed_of),
-        meter=Meter(options.limits),
+        meter=Meter(config.limits),
         console=Console(stderr=args.json),
         forked_from=ForkedRun(folder=args.folder.resolve().name, seal_head=seal.head if seal else "", turn=args.turn),
     )
@@ -116,48 +109,46 @@ def _fork(args: argparse.Namespace) -> int:
     return play_run(run)
 
 
-def _options(args: argparse.Namespace, episodes: list[Episode], team: Team) -> RunOptions:
-    """The options of a run that plays what these episodes played."""
+def _config(args: argparse.Namespace, episodes: list[Episode], stored: Plan, seed_key: SeedKey | None) -> RunConfig:
+    """The configuration of a run that plays what these episodes played."""
     keys = [episode.key for episode in episodes]
     try:
         packs = tuple(find_pack(scene, args.scenes_dir) for scene in sorted({key.scene for key in keys}))
     except PackError as error:
         raise UsageError(str(error)) from error
-    return RunOptions(
-        team=team,
+    return RunConfig(
+        agents=tuple(args.agent),
+        scenes_dir=args.scenes_dir,
+        server=args.server,
+        observations=stored.observations,
+        seed_key=seed_key,
         packs=packs,
-        split="",
         budgets=tuple(sorted({key.budget for key in keys})),
         seeds=tuple(sorted({key.seed for key in keys})),
         epochs=max(key.epoch for key in keys),
         same_seeds=True,
         promptings=tuple(dict.fromkeys(key.prompting for key in keys)),
         protocols=tuple(dict.fromkeys(key.protocol for key in keys)),
-        shard=WHOLE,
-        limits=Limits(None, None, None),
         concurrency=args.concurrency,
-        executor="local",
+        workers=1,
         episode_timeout_s=args.episode_timeout,
         out=args.out,
         resume=args.resume,
-        trust_edited=False,
-        dry_run=False,
-        workers=1,
-        otel=False,
         as_json=args.json,
+        **model_options(args),
     )
 
 
-def _plan(options: RunOptions, stored: Plan, agents: list[str]) -> Plan:
+def _plan(config: RunConfig, stored: Plan, agents: list[str]) -> Plan:
     """The smallest matrix that holds the forked episodes."""
     return Plan(
-        scenes=tuple(files.scene_id for files in options.packs),
+        scenes=tuple(files.scene_id for files in config.packs),
         agents=tuple(agents),
-        budgets=options.budgets,
-        seeds=options.seeds,
-        epochs=options.epochs,
-        promptings=options.promptings,
-        protocols=options.protocols,
+        budgets=config.budgets,
+        seeds=config.seeds,
+        epochs=config.epochs,
+        promptings=config.promptings,
+        protocols=config.protocols,
         observations=stored.observations,
         held_back=stored.held_back,
     )

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class ModelOptions(TypedDict):
-    """Arguments of `Team` that the options of models decide."""
+    """Fields of `RunConfig` that the options of models decide."""
 
-    options: Options
+    model_options: Options
     base_url: str | None
     lanes: dict[str, int]
     patience: Patience
@@ -46,13 +46,13 @@ def add_model_options(group: "ArgumentGroup") -> None:
 
 
 def model_options(args: argparse.Namespace) -> ModelOptions:
-    """The part of a `Team` that the options of models decide.
+    """The part of a `RunConfig` that the options of models decide.
 
     Raises:
         UsageError: An option is malformed.
     """
     return {
-        "options": checked(Options(args.effort, args.temperature, args.reply_tokens)),
+        "model_options": checked(Options(args.effort, args.temperature, args.reply_tokens)),
         "base_url": args.base_url,
         "lanes": _lanes(args.provider_concurrency),
         "patience": Patience(timeout_s=args.request_timeout),

@@ -40,8 +40,8 @@ Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not;
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("run", "play episodes (the default)"),
-    "grade": ("results", "grade a stored run again"),
-    "merge": ("results", "put shards or parts together"),
+    "grade": ("grade", "grade a stored run again"),
+    "merge": ("merge", "put shards or parts together"),
     "report": ("report", "write the report of stored runs"),
     "watch": ("watch", "show a run in the browser while it is played"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),

@@ -19,9 +19,9 @@ from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import count_of, folder_to_write, port, scene_id, seed
 from evaluator.commands.base import Commands, run_async
+from evaluator.commands.finishing import report_on
 from evaluator.commands.listening import listening, open_page, page_token
 from evaluator.commands.play_page import play_on_page
-from evaluator.commands.report import report_on
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode

@@ -1,7 +1,6 @@
 """`physment-eval report`: one or several graded runs as a page, as tables, as figures."""
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,15 +8,14 @@ from pathlib import Path
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import folder_to_write, trust_edited
 from evaluator.commands.base import Commands
+from evaluator.commands.finishing import attached_to
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results
-from evaluator.report.attachments import Attachments, attached
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.paper_tables import paper_tables
 from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
-from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store import RunFolder
 from evaluator.study.sealing import seal_note
@@ -66,35 +64,6 @@ def add(commands: Commands) -> None:
     command.add_argument("--figures", choices=("svg", "pdf"), help="write the figures, too; needs the extra `report`")
 
 
-def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, seal: str) -> Path:
-    """Write the report of one run into its folder.
-
-    Args:
-        folder: The run.
-        rows: Its scored episodes.
-        keys: Answer keys of its scenes.
-        seal: What the seal of its records says.
-
-    Returns:
-        The file of the page.
-
-    Raises:
-        StoreError: The folder cannot be read or written.
-    """
-    record = folder.read_run()
-    shown = pictures(record.packs, keys.folder)
-    found = _attached(folder, rows, folder)
-    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal)])
-
-
-def _attached(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
-    """Write the films and frames of a run beside a report, and say what is left out."""
-    found = attached(folder, [row.episode for row in rows], target.path)
-    for sentence in found.left_out:
-        print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
-    return found
-
-
 def _report(args: argparse.Namespace) -> int:
     if len(args.folders) > 1 and args.out is None:
         raise UsageError("several runs make one report: say where it goes with --out DIR")
@@ -112,7 +81,7 @@ def _report(args: argparse.Namespace) -> int:
     except OSError as error:
         raise StoreError(f"{target.path} cannot be written: {error.strerror}") from error
     runs = [
-        replace(run, attachments=_attached(RunFolder(path), run.rows, target))
+        replace(run, attachments=attached_to(RunFolder(path), run.rows, target))
         for path, run in zip(args.folders, runs, strict=True)
     ]
     written = [write_report(target, runs)]

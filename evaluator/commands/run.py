@@ -1,44 +1,25 @@
 """`physment-eval [run]`: play the matrix, grade it, write the report."""
 
 import argparse
-import contextlib
-import functools
-import os
 import sys
 from collections import Counter
-from collections.abc import AsyncGenerator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.records import engine_note
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands
 from evaluator.commands.overview import DESCRIPTION
-from evaluator.commands.results import finish
-from evaluator.commands.run_options import RunOptions, add_options, read_options
-from evaluator.commands.telemetry import exporting_spans, require_otel
-from evaluator.commands.terminal import ProgressDisplay
-from evaluator.episode.connect import HostLaboratory, Laboratory, connect
-from evaluator.episode.contender import Contender
-from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import EpisodeKey
-from evaluator.redaction import Redaction
-from evaluator.run_record import ForkedRun, Plan, RunRecord
-from evaluator.store import RunFolder
-from evaluator.study.attempts import LocalPlay, Play
+from evaluator.commands.playing import PreparedRun, create_folder, play_run
+from evaluator.commands.run_options import add_options, read_options
+from evaluator.commands.telemetry import require_otel
+from evaluator.errors import UsageError
+from evaluator.study.contenders import contenders_of
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
-from evaluator.study.process_executor import process_workers, usual_workers
-from evaluator.study.provenance import run_record, server_record
-from evaluator.study.ray_executor import ray_workers, require_ray
-from evaluator.study.runner import Runner, missing
-from evaluator.study.sealing import Sealing
-from evaluator.study.shards import WHOLE
-from evaluator.study.tally import Tally
-from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, same_packs, timestep_of
+from evaluator.study.ray_executor import require_ray
+from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
 
 def add(commands: Commands) -> None:
@@ -52,57 +33,26 @@ def add(commands: Commands) -> None:
     add_options(run)
 
 
-@dataclass(frozen=True, slots=True)
-class PreparedRun:
-    """A run that is ready to be played."""
-
-    options: RunOptions
-    contenders: Mapping[str, Contender]
-    plan: Plan
-    keys: list[EpisodeKey]
-    """The episodes of this shard."""
-    folder: RunFolder
-    answers: KeyRing
-    meter: Meter
-    console: Console
-    forked_from: ForkedRun | None = None
-    """The run whose episodes are continued; None if they are played from their start."""
-
-
 def _run(args: argparse.Namespace) -> int:
-    options = read_options(args)
-    contenders = options.team.build()
-    plan = options.plan(contenders)
-    keys = [key for key in plan.matrix() if options.shard.takes(key)]
-    if options.dry_run:
-        print(*estimate_lines(plan, keys, options.shard, options.concurrency), sep="\n")
+    config = read_options(args)
+    contenders = contenders_of(config)
+    plan = config.plan(contenders)
+    keys = [key for key in plan.matrix() if config.shard.takes(key)]
+    if config.dry_run:
+        print(*estimate_lines(plan, keys, config.shard, config.concurrency), sep="\n")
         return 0
-    if options.otel:
-        if options.executor == "ray":
+    if config.otel:
+        if config.executor == "ray":
             raise UsageError("--otel: the workers of --executor ray export no spans; play with --executor local")
         require_otel()
-    if options.executor == "ray":
+    if config.executor == "ray":
         require_ray()
-    for note in (*_timestep_notes(options.packs), engine_note(options.team.scenes_dir or default_folder())):
+    for note in (*_timestep_notes(config.packs), engine_note(config.scenes_dir or default_folder())):
         if note:
             print(f"physment-eval: {note}", file=sys.stderr)
-    folder = create_folder(options, contenders)
-    answers, console = KeyRing(options.team.scenes_dir, options.team.seed_of), Console(stderr=options.as_json)
-    return play_run(PreparedRun(options, contenders, plan, keys, folder, answers, Meter(options.limits), console))
-
-
-def play_run(run: PreparedRun) -> int:
-    """Play what is missing, grade it and write the report; returns the exit code."""
-    options, folder = run.options, run.folder
-    continuation = f"to continue, give the same options with --out {options.out or folder.path} --resume"
-    try:
-        stopped = _play(run)
-    except KeyboardInterrupt:
-        print(f"physment-eval: interrupted; {continuation}", file=sys.stderr)
-        return 130
-    if stopped:
-        print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
-    return finish(folder, run.answers, run.console, as_json=options.as_json, wanted=len(run.keys))
+    folder = create_folder(config, contenders)
+    answers, console = KeyRing(config.scenes_dir, config.seed_of), Console(stderr=config.as_json)
+    return play_run(PreparedRun(config, contenders, plan, keys, folder, answers, Meter(config.limits), console))
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
@@ -123,142 +73,3 @@ def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
                 f"{scenes} with the time step of the model, {step:g} s; the paper has {USUAL_TIMESTEP_S:g} s. To force"
                 f" it: --server '{command}'"
             )
-
-
-def create_folder(options: RunOptions, contenders: Mapping[str, Contender]) -> RunFolder:
-    """The folder of a run that starts or goes on.
-
-    Raises:
-        UsageError: A folder must be named and is not.
-        StoreError: It cannot be written, or holds a run already.
-    """
-    shard = options.shard
-    if options.resume and options.out is None:
-        raise UsageError("--resume needs the folder of the run: --out DIR")
-    if shard != WHOLE and options.out is None:
-        raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
-    time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    label = "study" if len(contenders) > 1 else next(iter(contenders)).split(":")[0]
-    whole = options.out or Path("runs") / f"{time}-{label}"
-    folder = RunFolder(whole if shard == WHOLE else whole / shard.name)
-    folder.create(resume=options.resume)
-    return folder
-
-
-def _play(run: PreparedRun) -> str:
-    """Play what is missing.
-
-    Returns:
-        Why some episodes were left out, as a clause; empty if none were.
-    """
-    try:
-        # A malformed pack or a missing key must show now, and not after hours of play.
-        for scene, seed in dict.fromkeys((key.scene, key.seed) for key in run.keys):
-            run.answers.key(scene, seed)
-        return run_async(functools.partial(_play_missing, run))
-    except UsageError:
-        # rmdir removes only an empty folder, so only a run that never started is deleted.
-        with contextlib.suppress(OSError):
-            run.folder.path.rmdir()
-        raise
-
-
-async def _play_missing(run: PreparedRun) -> str:
-    options, folder = run.options, run.folder
-    async with contextlib.AsyncExitStack() as stack:
-        stack.enter_context(folder.held())
-        if options.otel:
-            stack.enter_context(exporting_spans())
-        damage = folder.set_damage_aside() if options.resume else []
-        for note in damage:
-            print(f"physment-eval: {note}", file=sys.stderr)
-        sealing = Sealing(folder, trust=options.trust_edited, damage=damage)
-        laboratory = await stack.enter_async_context(
-            connect(options.team.server, options.team.scenes_dir, options.team.observations, options.team.seed_of)
-        )
-        folder = replace(folder, redaction=_redaction(laboratory), on_line=sealing.add)
-        for contender in run.contenders.values():
-            await stack.enter_async_context(contender.running())
-        record = await _record(run, laboratory)
-        play = await stack.enter_async_context(_executor(run, laboratory, record))
-        folder.write_run(_continued(folder, record, options.packs))
-        stack.callback(_seal, folder, sealing, run.console)
-        done = folder.episodes()
-        run.meter.add_all(episode.usage for episode in done.values())
-        todo = missing(run.keys, done)
-        display = stack.enter_context(
-            ProgressDisplay(run.console, len(todo), Tally(run.answers, run.meter, run.plan.agents))
-        )
-        runner = Runner(
-            play=play,
-            folder=folder,
-            concurrency=options.concurrency,
-            meter=run.meter,
-            on_start=display.started,
-            on_end=display.ended,
-        )
-        return await runner.run(todo)
-
-
-def _redaction(laboratory: Laboratory) -> Redaction:
-    """Takes the keys of providers and the token of the host out of all records."""
-    token = laboratory.token if isinstance(laboratory, HostLaboratory) else None
-    return Redaction.of(os.environ, {"host token": token} if token else {})
-
-
-def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
-    """Write the seal, and print it for the operator to keep."""
-    folder.write_seal(sealing.seal)
-    console.print(sealing.sentence(), highlight=False, soft_wrap=True)
-
-
-async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
-    """The record of this start. Asking the server for its part shows early whether there is one."""
-    plan, shard = run.plan, run.options.shard
-    try:
-        async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
-            server = await server_record(client, run.options.team.server)
-    except InfrastructureError as error:
-        raise UsageError(str(error)) from error
-    agents = {name: contender.facts() for name, contender in run.contenders.items()}
-    part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
-    record = run_record(plan, run.options.packs, server, agents, part)
-    return record.model_copy(update={"forked_from": run.forked_from})
-
-
-@contextlib.asynccontextmanager
-async def _executor(run: PreparedRun, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
-    """What plays the episodes, as `--executor` and `--workers` say."""
-    options = run.options
-    count = options.workers or usual_workers(options.team, len(run.keys), options.concurrency)
-    if options.executor == "local" and count == 1:
-        yield LocalPlay(laboratory, run.contenders, record.versions_of, options.episode_timeout_s)
-        return
-    start = ray_workers if options.executor == "ray" else functools.partial(process_workers, count=count)
-    async with start(
-        options.team,
-        run.contenders,
-        record,
-        concurrency=options.concurrency,
-        timeout_s=options.episode_timeout_s,
-    ) as play:
-        yield play
-
-
-def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
-    """The record to write: that of a new run, or the stored one with this start added.
-
-    Raises:
-        UsageError: The stored run has another plan, agents, packs or shard, so the results would not belong together.
-    """
-    if not folder.run_file.exists():
-        return record
-    stored = folder.read_run()
-    if same_packs(stored.packs, packs):
-        record = record.model_copy(update={"packs": stored.packs})
-    name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
-    if name:
-        raise UsageError(
-            f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
-        )
-    return stored.model_copy(update={"resumed": (*stored.resumed, record.start())})

@@ -1,13 +1,11 @@
-"""The options of `run`: how they are declared, and what they ask for together (`RunOptions`)."""
+"""The options of `run`: how they are declared, and what they ask for together, a `RunConfig`."""
 
 import argparse
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.stopping import POLICIES
 from evaluator.commands import external
 from evaluator.commands.argument_types import (
@@ -20,13 +18,12 @@ from evaluator.commands.argument_types import (
     us_dollars,
 )
 from evaluator.commands.model_options import add_model_options, model_options
-from evaluator.episode.contender import Contender
 from evaluator.errors import UsageError
-from evaluator.run_record import Plan
 from evaluator.study import process_executor
-from evaluator.study.contenders import AGENTS, EXTERNAL, Team
+from evaluator.study.contenders import AGENTS, EXTERNAL
 from evaluator.study.held_back import read_seed_key
 from evaluator.study.limits import Limits
+from evaluator.study.run_config import RunConfig
 from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,
@@ -35,71 +32,14 @@ from evaluator.study.selection import (
     parse_scenes,
     select,
 )
-from evaluator.study.shards import Shard, parse_shard, shard_of_environment
-from scenes import PackFiles
+from evaluator.study.shards import parse_shard, shard_of_environment
 from scenes.splits import HELD_BACK, splits
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions:
-    """What a run is asked to be, from the command line or a study file."""
-
-    team: Team
-    """Who plays, and on which server."""
-    packs: tuple[PackFiles, ...]
-    split: str
-    """Name and version of the split of scenes and seeds; empty if none was named."""
-    budgets: tuple[int, ...]
-    seeds: tuple[int, ...]
-    epochs: int
-    same_seeds: bool
-    """Whether also programs that play by themselves meet the same seeds at each repetition."""
-    promptings: tuple[str, ...]
-    protocols: tuple[str, ...]
-    shard: Shard
-    """Which part of the matrix is played here."""
-    limits: Limits
-    concurrency: int
-    """Episodes played at a time."""
-    executor: str
-    """`local` or `ray`."""
-    workers: int | None
-    """Processes that play; None for as many as are worth their start."""
-    episode_timeout_s: float
-    """Wall time of one attempt at an episode [s]."""
-    out: Path | None
-    """Run folder, or folder of the shards; None for a new one below `runs`."""
-    resume: bool
-    trust_edited: bool
-    """Go on with records that do not fit to their seal."""
-    dry_run: bool
-    otel: bool
-    """Export spans of OpenTelemetry."""
-    as_json: bool
-    """Print the summary as JSON on stdout, and everything else on stderr."""
-
-    def plan(self, contenders: Mapping[str, Contender]) -> Plan:
-        """The matrix with these agents, by name."""
-        programs = tuple(name for name, contender in contenders.items() if isinstance(contender, ExternalAgent))
-        return Plan(
-            scenes=tuple(files.scene_id for files in self.packs),
-            agents=tuple(contenders),
-            budgets=self.budgets,
-            seeds=self.seeds,
-            epochs=self.epochs,
-            promptings=self.promptings,
-            protocols=self.protocols,
-            observations=self.team.observations,
-            own_seeds=() if self.same_seeds else programs,
-            split=self.split,
-            held_back=self.team.seed_key.commitment if self.team.seed_key else "",
-        )
-
-
-def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.environ) -> RunOptions:
+def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.environ) -> RunConfig:
     """The options that were parsed.
 
     Args:
@@ -111,7 +51,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
     """
     external.check_sealed(args)
     split, packs, seeds = _selected(args)
-    team = Team(
+    return RunConfig(
         agents=tuple(args.agent or ["reference"]),
         scenes_dir=args.scenes_dir,
         server=args.server,
@@ -125,9 +65,6 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         sealed=args.sealed,
         users=tuple(filter(None, args.sealed_users.split(","))),
         seed_key=read_seed_key(args.seed_key) if args.seed_key else None,
-    )
-    return RunOptions(
-        team=team,
         packs=packs,
         split=split,
         budgets=parse_numbers(args.budgets, "--budgets", 1),

@@ -27,7 +27,8 @@ from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import Play
 from evaluator.study.channel import Crash, ProcessChannel
-from evaluator.study.contenders import EXTERNAL, Team
+from evaluator.study.contenders import EXTERNAL
+from evaluator.study.run_config import RunConfig
 from evaluator.study.workers import EpisodeWorker, Seat, Terms, WorkerLost, Workers, lanes_of, shares
 
 AVAILABLE = hasattr(socket, "AF_UNIX")
@@ -45,17 +46,16 @@ _END_S = 5.0
 """Longest wall time for a worker to end by itself [s]."""
 
 
-def usual_workers(team: Team, episodes: int, concurrency: int) -> int:
+def usual_workers(config: RunConfig, episodes: int) -> int:
     """How many workers play a run unless the operator says: as many as are worth their start and fit into this machine.
 
     Args:
-        team: Who plays.
+        config: The configuration of the run.
         episodes: How many episodes.
-        concurrency: How many of them at a time.
     """
-    if not AVAILABLE or EXTERNAL in team.agents or team.server == "stdio":
+    if not AVAILABLE or EXTERNAL in config.agents or config.server == "stdio":
         return 1  # programs, and servers on stdio, are processes already
-    worth = min(episodes // _EPISODES_EACH, concurrency // _CONCURRENT_EACH)
+    worth = min(episodes // _EPISODES_EACH, config.concurrency // _CONCURRENT_EACH)
     return max(1, min(_processors(), _free_memory() // _MEMORY, worth))
 
 
@@ -201,40 +201,38 @@ class _Reply:
 
 @contextlib.asynccontextmanager
 async def process_workers(
-    team: Team,
+    config: RunConfig,
     contenders: Mapping[str, Contender],
     record: RunRecord,
     *,
     count: int,
-    concurrency: int,
-    timeout_s: float | None = None,
     patience_s: float = _PATIENCE_S,
 ) -> AsyncGenerator[Play]:
     """Workers on this machine.
 
     Args:
-        team: Who plays.
+        config: The configuration of the run.
         contenders: The same, built here; their facts hold the limits of the providers, which the workers share.
         record: The record of the run.
         count: How many workers; fewer are started if fewer episodes are played at a time, or a provider allows fewer
             requests.
-        concurrency: Episodes at a time, over all workers.
-        timeout_s: Wall time of one attempt at an episode [s]; None for no limit.
         patience_s: How long a lost worker is waited for [s].
 
     Raises:
         UsageError: A worker cannot start.
     """
-    lanes = lanes_of(team, contenders)
-    count = max(1, min(count, concurrency, *lanes.values()))
-    shared = replace(team, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
-    packs = record.packs if team.server in {"stdio", "host"} else {}
+    lanes = lanes_of(config, contenders)
+    count = max(1, min(count, config.concurrency, *lanes.values()))
+    shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
+    packs = record.packs if config.server in {"stdio", "host"} else {}
     plan = EpisodeWorker(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND)
     async with anyio.create_task_group() as tasks:
         workers = [_ProcessWorker(plan, tasks) for _ in range(count)]
-        seats = [Seat(worker, places) for worker, places in zip(workers, shares(concurrency, count), strict=True)]
+        seats = [
+            Seat(worker, places) for worker, places in zip(workers, shares(config.concurrency, count), strict=True)
+        ]
         try:
-            async with Workers(seats, Terms(record, timeout_s, patience_s, _KIND)).at_work() as play:
+            async with Workers(seats, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
                 yield play
         finally:
             tasks.cancel_scope.cancel()

@@ -20,7 +20,7 @@ from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import Play
-from evaluator.study.contenders import Team
+from evaluator.study.run_config import RunConfig
 from evaluator.study.workers import EpisodeWorker, Seat, Terms, WorkerLost, Workers, lanes_of, shares
 
 EXTRA = "physment-mcp[ray]"
@@ -80,22 +80,18 @@ class _RayWorker:
 
 @contextlib.asynccontextmanager
 async def ray_workers(
-    team: Team,
+    config: RunConfig,
     contenders: Mapping[str, Contender],
     record: RunRecord,
     *,
-    concurrency: int,
-    timeout_s: float | None = None,
     patience_s: float = PATIENCE_S,
 ) -> AsyncGenerator[Play]:
     """Workers on the cluster at `RAY_ADDRESS` or on this machine, one for each processor.
 
     Args:
-        team: Who plays; every node must be able to build it.
+        config: The configuration of the run; every node must be able to build its agents.
         contenders: The same, built here; their facts hold the limits of the providers, which the workers share.
         record: The record of the run.
-        concurrency: Episodes at a time, over all workers.
-        timeout_s: Wall time of one attempt at an episode [s]; None for no limit.
         patience_s: How long a lost worker is waited for [s].
 
     Raises:
@@ -105,11 +101,11 @@ async def ray_workers(
     seats: list[Seat] = []
     actors: list[Any] = []
     try:
-        lanes = lanes_of(team, contenders)
-        count = max(1, min(int(ray.cluster_resources().get("CPU", 1)), concurrency, *lanes.values()))
-        shared = replace(team, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
-        packs = record.packs if team.server in {"stdio", "host"} else {}
-        for places in shares(concurrency, count):
+        lanes = lanes_of(config, contenders)
+        count = max(1, min(int(ray.cluster_resources().get("CPU", 1)), config.concurrency, *lanes.values()))
+        shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
+        packs = record.packs if config.server in {"stdio", "host"} else {}
+        for places in shares(config.concurrency, count):
             # Two calls more than episodes: `prepare` and `close`. Ray must not repeat calls: attempts are counted here.
             actor = ray.remote(EpisodeWorker).options(
                 num_cpus=1,
@@ -120,7 +116,7 @@ async def ray_workers(
             )
             actors.append(actor.remote(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND))
             seats.append(Seat(_RayWorker(ray, actors[-1]), places))
-        async with Workers(seats, Terms(record, timeout_s, patience_s, _KIND)).at_work() as play:
+        async with Workers(seats, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
             yield play
     finally:
         for actor in actors:

@@ -22,7 +22,8 @@ from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
-from evaluator.study.contenders import Team
+from evaluator.study.contenders import contenders_of
+from evaluator.study.run_config import RunConfig
 from scenes import find_pack, same_pack
 
 _AGAIN_S = 0.5
@@ -69,7 +70,7 @@ class Worker(Protocol):
 class EpisodeWorker:
     """What runs in the process of a worker: plays episodes, several at a time, in a laboratory of its own."""
 
-    team: Team
+    config: RunConfig
     folder: Path
     """Where the run was started: relative paths in options start here, on machines that share the folder."""
     version: str
@@ -93,12 +94,12 @@ class EpisodeWorker:
             if (here := metadata.version("physment-mcp")) != self.version:
                 return UsageError(f"{where} has version {here}, not {self.version}")
             for scene, known in self.packs.items():
-                if not same_pack(known, find_pack(int(scene), self.team.scenes_dir)):
+                if not same_pack(known, find_pack(int(scene), self.config.scenes_dir)):
                     return UsageError(f"{where} has another pack of scene {scene}")
-            self._contenders = self.team.build()
+            self._contenders = contenders_of(self.config)
             for contender in self._contenders.values():
                 await self._open.enter_async_context(contender.running())
-            place = connect(self.team.server, self.team.scenes_dir, self.team.observations, self.team.seed_of)
+            place = connect(self.config.server, self.config.scenes_dir, self.config.observations, self.config.seed_of)
             self._laboratory = await self._open.enter_async_context(place)
         except Exception as error:  # noqa: BLE001 - whatever a node lacks, the operator must learn which node it is
             return UsageError(f"{where} cannot play: {error}")
@@ -240,9 +241,9 @@ def shares(concurrency: int, count: int) -> list[int]:
     return [concurrency // count + (number < concurrency % count) for number in range(count)]
 
 
-def lanes_of(team: Team, contenders: Mapping[str, Contender]) -> dict[str, int]:
+def lanes_of(config: RunConfig, contenders: Mapping[str, Contender]) -> dict[str, int]:
     """Provider → most requests at a time, for every provider that is asked."""
-    lanes = dict(team.lanes)
+    lanes = dict(config.lanes)
     for contender in contenders.values():
         match contender.facts():
             case {"provider": str(provider), "concurrency": int(limit)}:

@@ -4,6 +4,7 @@ import errno
 import os
 import socket
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,9 +15,10 @@ from evaluator.records import Outcome
 from evaluator.run_record import Plan, ServerRecord
 from evaluator.store import RunFolder
 from evaluator.study import process_executor
-from evaluator.study.contenders import Team
+from evaluator.study.contenders import contenders_of
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import run_record
+from evaluator.study.run_config import RunConfig
 from scenes import find_pack
 from tests.builders.records import episode_key
 
@@ -83,9 +85,9 @@ def leaves(error: BaseException) -> list[BaseException]:
 
 async def start(agent: str = "") -> None:
     """Start two workers, and let them play an episode of an agent that they do not have."""
-    team, plan = Team(("random",)), Plan(scenes=(7,), agents=("random",))
+    config, plan = RunConfig(agents=("random",), concurrency=2), Plan(scenes=(7,), agents=("random",))
     record = run_record(plan, [find_pack(7)], ServerRecord(option="stdio"))
-    async with process_workers(team, team.build(), record, count=2, concurrency=2) as play:
+    async with process_workers(config, contenders_of(config), record, count=2) as play:
         assert agent, "no worker can start"
         await play(episode_key(agent=agent))
 
@@ -128,17 +130,17 @@ async def test_a_worker_for_which_there_is_no_file_left_is_reported_in_one_sente
 def test_by_default_there_are_as_many_workers_as_are_worth_their_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process_executor, "_processors", lambda: 8)
     monkeypatch.setattr(process_executor, "_free_memory", lambda: 2**40)
-    host = Team(("random",), server="host")
-    assert usual_workers(host, 1000, 100) == 8
-    assert usual_workers(host, 1000, 12) == 3
-    assert usual_workers(host, 60, 100) == 2
-    assert usual_workers(host, 1, 1) == 1
-    assert usual_workers(Team(("random",), server="stdio"), 1000, 100) == 1
-    assert usual_workers(Team(("external",), server="host"), 1000, 100) == 1
+    host = RunConfig(agents=("random",), server="host")
+    assert usual_workers(replace(host, concurrency=100), 1000) == 8
+    assert usual_workers(replace(host, concurrency=12), 1000) == 3
+    assert usual_workers(replace(host, concurrency=100), 60) == 2
+    assert usual_workers(replace(host, concurrency=1), 1) == 1
+    assert usual_workers(RunConfig(agents=("random",), server="stdio", concurrency=100), 1000) == 1
+    assert usual_workers(RunConfig(agents=("external",), server="host", concurrency=100), 1000) == 1
     monkeypatch.setattr(process_executor, "_free_memory", lambda: 2**30)
-    assert usual_workers(host, 1000, 100) == 2
+    assert usual_workers(replace(host, concurrency=100), 1000) == 2
     monkeypatch.setattr(process_executor, "_free_memory", lambda: 0)
-    assert usual_workers(host, 1000, 100) == 1
+    assert usual_workers(replace(host, concurrency=100), 1000) == 1
 
 
 @pytest.mark.parametrize(

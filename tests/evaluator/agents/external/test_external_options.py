@@ -10,6 +10,7 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.commands.program import Parser
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
+from evaluator.study.contenders import contenders_of
 
 
 def parsed(*words: str) -> argparse.Namespace:
@@ -20,7 +21,7 @@ def parsed(*words: str) -> argparse.Namespace:
 
 
 def external_agent(args: argparse.Namespace) -> ExternalAgent:
-    (agent,) = read_options(args, {}).team.build().values()
+    (agent,) = contenders_of(read_options(args, {})).values()
     assert isinstance(agent, ExternalAgent)
     return agent
 
@@ -47,10 +48,10 @@ def test_a_wall_time_that_is_not_a_time_is_refused(value: str) -> None:
 
 def test_only_an_external_agent_has_a_command_and_it_has_no_stopping_policy() -> None:
     with pytest.raises(UsageError, match="belongs to --agent external"):
-        read_options(parsed("--agent", "random", "--", sys.executable), {}).team.build()
+        contenders_of(read_options(parsed("--agent", "random", "--", sys.executable), {}))
     words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
     with pytest.raises(UsageError, match="cannot be told when to answer"):
-        read_options(parsed(*words), {}).team.build()
+        contenders_of(read_options(parsed(*words), {}))
 
 
 def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_otherwise() -> None:
@@ -59,11 +60,11 @@ def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_
 
     def seeds(*more: str) -> dict[str, list[int]]:
         options = read_options(parsed(*words, *more, "--", sys.executable, "{mcp_url}"), {})
-        keys = options.plan(options.team.build()).matrix()
+        keys = options.plan(contenders_of(options)).matrix()
         assert len(keys) == len(set(keys)) == 32
         return {agent: [key.seed for key in keys if key.agent == agent and key.scene == 7] for agent in agents}
 
-    agents = list(read_options(parsed(*words, "--", sys.executable, "{mcp_url}"), {}).team.build())
+    agents = list(contenders_of(read_options(parsed(*words, "--", sys.executable, "{mcp_url}"), {})))
     own = seeds()
     program = next(name for name in own if name.startswith("external"))
     assert own["random"] == [0, 3] * 4

@@ -1,0 +1,83 @@
+"""What ends every command that plays or grades a run: grades, summary, report, results on the terminal."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.terminal import print_results
+from evaluator.records import Outcome
+from evaluator.report.agent_results import Run
+from evaluator.report.attachments import Attachments, attached
+from evaluator.report.page import write_report
+from evaluator.report.pictures import pictures
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.scoring import grade_run
+from evaluator.store import RunFolder
+from evaluator.study.held_back import is_withheld
+from evaluator.study.sealing import seal_note
+
+
+def finish(
+    folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None, note: str = ""
+) -> int:
+    """Grade and score a run once; write its grades, summary and report; print the results.
+
+    Args:
+        folder: The run.
+        keys: Answer keys of its scenes.
+        console: Where the tables are printed.
+        as_json: Whether the summary is printed to stdout as JSON.
+        wanted: How many episodes the run should have; None if those that it has are all.
+        note: What the seal says; by default the seal is checked.
+
+    Returns:
+        The exit code: 1 if episodes are missing or could not be played.
+    """
+    graded = grade_run(folder, keys, withhold=is_withheld(folder))
+    report_on(folder, graded.rows, keys, note or seal_note(folder))
+    print_results(console, graded)
+    for line in graded.changes:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)
+    if as_json:
+        print(graded.summary.model_dump_json())
+    unplayed = sum(row.episode.outcome is Outcome.INFRASTRUCTURE_ERROR for row in graded.rows)
+    missing = 0 if wanted is None else wanted - len(graded.rows)
+    if unplayed or missing > 0:
+        problems = [f"{unplayed} episodes could not be played"] if unplayed else []
+        problems += [f"{missing} episodes are not played yet"] if missing > 0 else []
+        print(f"physment-eval: {', '.join(problems)}; try --resume", file=sys.stderr)
+        return 1
+    return 0
+
+
+def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, seal: str) -> Path:
+    """Write the report of one run into its folder.
+
+    Args:
+        folder: The run.
+        rows: Its scored episodes.
+        keys: Answer keys of its scenes.
+        seal: What the seal of its records says.
+
+    Returns:
+        The file of the page.
+
+    Raises:
+        StoreError: The folder cannot be read or written.
+    """
+    record = folder.read_run()
+    shown = pictures(record.packs, keys.folder)
+    found = attached_to(folder, rows, folder)
+    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal)])
+
+
+def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
+    """Write the films and frames of a run beside a report, and say what is left out."""
+    found = attached(folder, [row.episode for row in rows], target.path)
+    for sentence in found.left_out:
+        print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
+    return found

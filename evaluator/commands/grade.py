@@ -1,0 +1,35 @@
+"""`physment-eval grade`: grades, summary and report of a stored run."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import stored_run_options
+from evaluator.commands.base import Commands
+from evaluator.commands.finishing import finish
+from evaluator.store import RunFolder
+from evaluator.study.held_back import seeds_of
+from evaluator.study.sealing import seal_note
+
+_DESCRIPTION = """\
+Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. If a verdict
+changes, every change is listed and the previous grades are kept beside the new ones.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `grade`."""
+    command = commands.add_parser("grade", description=_DESCRIPTION)
+    command.set_defaults(run=_grade)
+    command.add_argument("folder", type=Path, help="run folder")
+    stored_run_options(command)
+
+
+def _grade(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.folder)
+    folder.read_run()
+    note = seal_note(folder, trust=args.trust_edited)
+    keys = KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key))
+    return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note)

@@ -1,0 +1,37 @@
+"""`physment-eval merge`: shards of a run, or parts of a study, as one run."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.argument_types import folder_to_write, stored_run_options
+from evaluator.commands.base import Commands
+from evaluator.commands.finishing import finish
+from evaluator.store import RunFolder
+from evaluator.study.held_back import pass_on_key, seeds_of
+from evaluator.study.merging import expand, merge
+
+_DESCRIPTION = """\
+Merge the shards of a run, or the parts of a study, into one run folder, grade it and write its report. Of a folder that
+holds shards, all shards are merged.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `merge`."""
+    command = commands.add_parser("merge", description=_DESCRIPTION)
+    command.set_defaults(run=_merge)
+    command.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="run folders, or folders of shards")
+    command.add_argument("--out", type=folder_to_write, required=True, metavar="DIR", help="the new run folder")
+    stored_run_options(command)
+
+
+def _merge(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.out)
+    parts = expand(args.folders)
+    keys = KeyRing(args.scenes_dir, seeds_of(parts[0], args.seed_key))
+    merge(parts, folder, trust=args.trust_edited)
+    pass_on_key(parts[0], folder)
+    return finish(folder, keys, Console(stderr=args.json), as_json=args.json)

@@ -1,0 +1,200 @@
+"""Plays a run that is ready, grades it and writes its report: for `run` and `fork`."""
+
+import contextlib
+import functools
+import os
+import sys
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rich.console import Console
+
+from evaluator.answers.keys import KeyRing
+from evaluator.commands.base import run_async
+from evaluator.commands.finishing import finish
+from evaluator.commands.telemetry import exporting_spans
+from evaluator.commands.terminal import ProgressDisplay
+from evaluator.episode.connect import HostLaboratory, Laboratory, connect
+from evaluator.episode.contender import Contender
+from evaluator.errors import InfrastructureError, UsageError
+from evaluator.records import EpisodeKey
+from evaluator.redaction import Redaction
+from evaluator.run_record import ForkedRun, Plan, RunRecord
+from evaluator.store import RunFolder
+from evaluator.study.attempts import LocalPlay, Play
+from evaluator.study.limits import Meter
+from evaluator.study.process_executor import process_workers, usual_workers
+from evaluator.study.provenance import run_record, server_record
+from evaluator.study.ray_executor import ray_workers
+from evaluator.study.run_config import RunConfig
+from evaluator.study.runner import Runner, missing
+from evaluator.study.sealing import Sealing
+from evaluator.study.shards import WHOLE
+from evaluator.study.tally import Tally
+from scenes import PackFiles, same_packs
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedRun:
+    """A run that is ready to be played."""
+
+    config: RunConfig
+    contenders: Mapping[str, Contender]
+    plan: Plan
+    keys: list[EpisodeKey]
+    """The episodes of this shard."""
+    folder: RunFolder
+    answers: KeyRing
+    meter: Meter
+    console: Console
+    forked_from: ForkedRun | None = None
+    """The run whose episodes are continued; None if they are played from their start."""
+
+
+def play_run(run: PreparedRun) -> int:
+    """Play what is missing, grade it and write the report; returns the exit code."""
+    config, folder = run.config, run.folder
+    continuation = f"to continue, give the same options with --out {config.out or folder.path} --resume"
+    try:
+        stopped = _play(run)
+    except KeyboardInterrupt:
+        print(f"physment-eval: interrupted; {continuation}", file=sys.stderr)
+        return 130
+    if stopped:
+        print(f"physment-eval: {stopped}; {continuation}", file=sys.stderr)
+    return finish(folder, run.answers, run.console, as_json=config.as_json, wanted=len(run.keys))
+
+
+def create_folder(config: RunConfig, contenders: Mapping[str, Contender]) -> RunFolder:
+    """The folder of a run that starts or goes on.
+
+    Raises:
+        UsageError: A folder must be named and is not.
+        StoreError: It cannot be written, or holds a run already.
+    """
+    shard = config.shard
+    if config.resume and config.out is None:
+        raise UsageError("--resume needs the folder of the run: --out DIR")
+    if shard != WHOLE and config.out is None:
+        raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
+    time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    label = "study" if len(contenders) > 1 else next(iter(contenders)).split(":")[0]
+    whole = config.out or Path("runs") / f"{time}-{label}"
+    folder = RunFolder(whole if shard == WHOLE else whole / shard.name)
+    folder.create(resume=config.resume)
+    return folder
+
+
+def _play(run: PreparedRun) -> str:
+    """Play what is missing.
+
+    Returns:
+        Why some episodes were left out, as a clause; empty if none were.
+    """
+    try:
+        # A malformed pack or a missing key must show now, and not after hours of play.
+        for scene, seed in dict.fromkeys((key.scene, key.seed) for key in run.keys):
+            run.answers.key(scene, seed)
+        return run_async(functools.partial(_play_missing, run))
+    except UsageError:
+        # rmdir removes only an empty folder, so only a run that never started is deleted.
+        with contextlib.suppress(OSError):
+            run.folder.path.rmdir()
+        raise
+
+
+async def _play_missing(run: PreparedRun) -> str:
+    config, folder = run.config, run.folder
+    async with contextlib.AsyncExitStack() as stack:
+        stack.enter_context(folder.held())
+        if config.otel:
+            stack.enter_context(exporting_spans())
+        damage = folder.set_damage_aside() if config.resume else []
+        for note in damage:
+            print(f"physment-eval: {note}", file=sys.stderr)
+        sealing = Sealing(folder, trust=config.trust_edited, damage=damage)
+        laboratory = await stack.enter_async_context(
+            connect(config.server, config.scenes_dir, config.observations, config.seed_of)
+        )
+        folder = replace(folder, redaction=_redaction(laboratory), on_line=sealing.add)
+        for contender in run.contenders.values():
+            await stack.enter_async_context(contender.running())
+        record = await _record(run, laboratory)
+        play = await stack.enter_async_context(_executor(run, laboratory, record))
+        folder.write_run(_continued(folder, record, config.packs))
+        stack.callback(_seal, folder, sealing, run.console)
+        done = folder.episodes()
+        run.meter.add_all(episode.usage for episode in done.values())
+        todo = missing(run.keys, done)
+        display = stack.enter_context(
+            ProgressDisplay(run.console, len(todo), Tally(run.answers, run.meter, run.plan.agents))
+        )
+        runner = Runner(
+            play=play,
+            folder=folder,
+            concurrency=config.concurrency,
+            meter=run.meter,
+            on_start=display.started,
+            on_end=display.ended,
+        )
+        return await runner.run(todo)
+
+
+def _redaction(laboratory: Laboratory) -> Redaction:
+    """Takes the keys of providers and the token of the host out of all records."""
+    token = laboratory.token if isinstance(laboratory, HostLaboratory) else None
+    return Redaction.of(os.environ, {"host token": token} if token else {})
+
+
+def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
+    """Write the seal, and print it for the operator to keep."""
+    folder.write_seal(sealing.seal)
+    console.print(sealing.sentence(), highlight=False, soft_wrap=True)
+
+
+async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
+    """The record of this start. Asking the server for its part shows early whether there is one."""
+    plan, shard = run.plan, run.config.shard
+    try:
+        async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
+            server = await server_record(client, run.config.server)
+    except InfrastructureError as error:
+        raise UsageError(str(error)) from error
+    agents = {name: contender.facts() for name, contender in run.contenders.items()}
+    part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
+    record = run_record(plan, run.config.packs, server, agents, part)
+    return record.model_copy(update={"forked_from": run.forked_from})
+
+
+@contextlib.asynccontextmanager
+async def _executor(run: PreparedRun, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
+    """What plays the episodes, as `--executor` and `--workers` say."""
+    config = run.config
+    count = config.workers or usual_workers(config, len(run.keys))
+    if config.executor == "local" and count == 1:
+        yield LocalPlay(laboratory, run.contenders, record.versions_of, config.episode_timeout_s)
+        return
+    start = ray_workers if config.executor == "ray" else functools.partial(process_workers, count=count)
+    async with start(config, run.contenders, record) as play:
+        yield play
+
+
+def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
+    """The record to write: that of a new run, or the stored one with this start added.
+
+    Raises:
+        UsageError: The stored run has another plan, agents, packs or shard, so the results would not belong together.
+    """
+    if not folder.run_file.exists():
+        return record
+    stored = folder.read_run()
+    if same_packs(stored.packs, packs):
+        record = record.model_copy(update={"packs": stored.packs})
+    name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
+    if name:
+        raise UsageError(
+            f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"
+        )
+    return stored.model_copy(update={"resumed": (*stored.resumed, record.start())})

@@ -1,0 +1,111 @@
+"""What a run is asked to be: one record, from the command line, a study file or Python, that workers get unchanged."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from evaluator.agents.external.agent import ExternalAgent
+from evaluator.episode.contender import Contender
+from evaluator.models.choice import Options
+from evaluator.models.lanes import Patience
+from evaluator.run_record import Plan
+from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.study.limits import Limits
+from evaluator.study.shards import WHOLE, Shard
+from scenes import PackFiles
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunConfig:
+    """The configuration of a run. It can be pickled, and makes the same agents on every machine."""
+
+    # Who plays
+    agents: tuple[str, ...] = ("reference",)
+    """Value of each `--agent`."""
+    server: str = "stdio"
+    """As `--server` says."""
+    scenes_dir: Path | None = None
+    """Folder of scene packs; None for the suite."""
+    observations: str = "text"
+    """`text`, or `rgb` for results with pictures."""
+    model_options: Options = field(default_factory=Options)
+    """Options of all models."""
+    base_url: str | None = None
+    """Where models are asked, instead of the provider's own address."""
+    lanes: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Provider → most requests at a time."""
+    patience: Patience = field(default_factory=Patience)
+    """How long and how often a model is asked."""
+    stopping: str = "always"
+    """When agents are advised to answer."""
+    command: tuple[str, ...] = ()
+    """Words after `--`: the program of an external agent."""
+    max_calls: int | None = None
+    """Most tool calls of an external agent in an episode."""
+    max_wall_s: float = 1800.0
+    """Most wall time of an external agent for an episode [s]."""
+    home: Path | None = None
+    """Folder whose content each home of an external agent starts with."""
+    sealed: bool = False
+    """The operator vouches that an external agent cannot read the packs."""
+    users: tuple[str, ...] = ()
+    """System users that a sealed agent runs as."""
+    seed_key: SeedKey | None = None
+    """The key of held-back seeds; None if the seeds are as recorded."""
+
+    # The matrix
+    packs: tuple[PackFiles, ...] = ()
+    split: str = ""
+    """Name and version of the split of scenes and seeds; empty if none was named."""
+    budgets: tuple[int, ...] = (20,)
+    seeds: tuple[int, ...] = (0,)
+    epochs: int = 1
+    same_seeds: bool = False
+    """Whether also programs that play by themselves meet the same seeds at each repetition."""
+    promptings: tuple[str, ...] = ("zero-shot",)
+    protocols: tuple[str, ...] = ("native",)
+    shard: Shard = WHOLE
+    """Which part of the matrix is played here."""
+
+    # How it is played
+    limits: Limits = field(default_factory=Limits)
+    concurrency: int = 1
+    """Episodes played at a time."""
+    executor: str = "local"
+    """`local` or `ray`."""
+    workers: int | None = None
+    """Processes that play; None for as many as are worth their start."""
+    episode_timeout_s: float | None = 7200.0
+    """Wall time of one attempt at an episode [s]; None for no limit."""
+    out: Path | None = None
+    """Run folder, or folder of the shards; None for a new one below `runs`."""
+    resume: bool = False
+    trust_edited: bool = False
+    """Go on with records that do not fit to their seal."""
+    dry_run: bool = False
+    otel: bool = False
+    """Export spans of OpenTelemetry."""
+    as_json: bool = False
+    """Print the summary as JSON on stdout, and everything else on stderr."""
+
+    @property
+    def seed_of(self) -> SeedOf:
+        """What turns the seeds of episodes into those that variants are drawn from."""
+        return seed_as_recorded if self.seed_key is None else self.seed_key.seed
+
+    def plan(self, contenders: Mapping[str, Contender]) -> Plan:
+        """The matrix with these agents, by name."""
+        programs = tuple(name for name, contender in contenders.items() if isinstance(contender, ExternalAgent))
+        return Plan(
+            scenes=tuple(files.scene_id for files in self.packs),
+            agents=tuple(contenders),
+            budgets=self.budgets,
+            seeds=self.seeds,
+            epochs=self.epochs,
+            promptings=self.promptings,
+            protocols=self.protocols,
+            observations=self.observations,
+            own_seeds=() if self.same_seeds else programs,
+            split=self.split,
+            held_back=self.seed_key.commitment if self.seed_key else "",
+        )
