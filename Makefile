@@ -63,22 +63,22 @@ test: $(STAMP) ## run the whole test suite, and require full coverage of the cor
 	  { echo "The core must be covered completely, branches too:" >&2; $(BIN)/coverage report --include=$(CORE) >&2; exit 1; }
 
 fuzz: $(STAMP) ## make 200 000 random tool calls and check what must always hold (about 5 minutes; FUZZ=--seed=3 for options)
-	@$(BIN)/python -m tests.fuzz.run $(FUZZ)
+	@$(BIN)/python -m tests.harness.fuzz.run $(FUZZ)
 
 leaks: $(STAMP) ## search for what gives keys away: at the start, and by fixed lists of calls (30 minutes; LEAKS=--minutes=9)
-	@$(BIN)/python -m tests.fuzz.leaks $(LEAKS)
+	@$(BIN)/python -m tests.harness.fuzz.leaks $(LEAKS)
 
 bench: $(STAMP) ## measure speed as ratios of two things timed in one run, into bench.json; nothing fails by being slow
-	@$(BIN)/python -m tests.bench.bench $(BENCH)
+	@$(BIN)/python -m tests.harness.bench.bench $(BENCH)
 
 hostile: $(STAMP) ## measure how much each kind of hostile client slows honest clients of one host (10 minutes)
-	@$(BIN)/python -m tests.load.hostile
+	@$(BIN)/python -m tests.harness.load.hostile
 
 soak: $(STAMP) ## load one host with honest and hostile clients for 30 minutes; fails if its memory or its files grow
-	@$(BIN)/python -m tests.load.soak
+	@$(BIN)/python -m tests.harness.load.soak
 
 faults: $(STAMP) ## strike 200 runs of the evaluator with signals, full disks and damaged files, and resume them (1 to 2 hours)
-	@$(BIN)/python -m tests.load.faults
+	@$(BIN)/python -m tests.harness.load.faults
 
 clean: ## remove the environments, built files and caches
 	@rm -rf $(VENV) .docs .inspect .integrations .lowest .engines dist build .pytest_cache .ruff_cache .hypothesis .coverage
@@ -96,7 +96,7 @@ pages-check: pages ## the same, and fail if the text of a page changed: somebody
 	@git diff --exit-code -- 'docs/*.md'
 
 pictures: $(STAMP) ## play an episode and a study, and draw the README's pictures (chromium, libosmesa6; 5 processor minutes)
-	@$(BIN)/python -m tests.front_page.make
+	@$(BIN)/python -m tests.harness.front_page.make
 
 ##@ Documentation
 
@@ -116,19 +116,19 @@ docs: $(DOCS) ## build the website into build/site (Sphinx, 120 MB, into .docs);
 ##@ Other programs (each installs what it tests)
 
 clients: $(STAMP) ## play scenes through ten third-party MCP clients (2.8 GB, into ~/.cache) and write their table
-	@$(BIN)/python -m tests.clients.run --out docs/reference/clients.md
+	@$(BIN)/python -m tests.harness.clients.run --out docs/reference/clients.md
 
 conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against a host; only listed scenarios may fail
-	@$(BIN)/python -m tests.conformance.run --out docs/explanation/conformance.md
+	@$(BIN)/python -m tests.harness.conformance.run --out docs/explanation/conformance.md
 
 # An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
 inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays, grades and reads our logs
 	@test -d .inspect || python3 -m venv .inspect
 	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
-	@.inspect/bin/python -m pytest tests/clients/test_inspect_task.py tests/clients/test_inspect_log.py
+	@.inspect/bin/python -m pytest tests/harness/clients/test_inspect_task.py tests/harness/clients/test_inspect_log.py
 
 engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, into .engines; ENGINES="4.1.0 --certify" for options)
-	@$(BIN)/python -m tests.engines.run $(ENGINES)
+	@$(BIN)/python -m tests.harness.engines.run $(ENGINES)
 
 # Each in an environment of its own, because the frameworks pin versions of mcp that exclude ours and each other's. An
 # environment that cannot be made, as NeMo Gym's before Python 3.12, is left out, and its tests are skipped.

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 EPISODE_BYTES = 1_000_000
-"""What an open episode takes at most: its state, a model of its own, its server and its log. `tests/bench/opening.py`
-measures 0.6 MB where four episodes share a seed."""
+"""What an open episode takes at most: its state, a model of its own, its server and its log.
+`tests/harness/bench/opening.py` measures 0.6 MB where four episodes share a seed."""
 _SHARE = 0.5
 """Share of the free memory that episodes may take."""
 _MOST = 8000

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from evaluator.markdown import markdown_table
 from evaluator.study.selection import SUITE, parse_scenes
-from tests.clients import scripted_model
+from tests.harness.clients import scripted_model
 from tests.integrations.playing import Stand, json_lines, standing
 from tests.integrations.test_nemo_gym import PROGRAM as NEMO_GYM
 from tests.integrations.test_openenv import PROGRAM as OPENENV

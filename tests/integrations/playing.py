@@ -22,8 +22,8 @@ from evaluator.store import RunFolder
 from scenes.splits import splits
 from tests.builders.paths import ROOT
 from tests.builders.records import VERSIONS, episode_key
-from tests.clients.playing import LABORATORY, Rehearsed, canonical, exchanges_of
-from tests.clients.scripted_model import KEY, app, serving
+from tests.harness.clients.playing import LABORATORY, Rehearsed, canonical, exchanges_of
+from tests.harness.clients.scripted_model import KEY, app, serving
 
 ENVIRONMENTS = Path(os.environ.get("PHYSMENT_INTEGRATIONS") or ROOT / ".integrations")
 """Where `make integrations` puts an environment for each integration."""

@@ -14,8 +14,8 @@ from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
 from scenes import default_folder
 from tests.builders.kept import forget_scenes
-from tests.fuzz.drawing import draw_call
-from tests.fuzz.invariants import model_bytes
+from tests.harness.fuzz.drawing import draw_call
+from tests.harness.fuzz.invariants import model_bytes
 
 SCENES = [7, 21, 60, 97, 100, 203]
 """Scenes of different size; some have hidden objects, joints, laws or limits."""

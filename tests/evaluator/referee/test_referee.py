@@ -29,7 +29,7 @@ from evaluator.store import RunFolder
 from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.records import VERSIONS, episode_key
 from tests.builders.referee_client import referee_client
-from tests.clients.playing import canonical, exchanges_of
+from tests.harness.clients.playing import canonical, exchanges_of
 
 RECORD = RunRecord(
     created_at="2026-01-01T00:00:00+00:00",

@@ -1,0 +1,84 @@
+"""Processor time per turn of many conversations on a local host, over sockets and over HTTP.
+
+`rows` yields what `make bench` prints. Wall time would say little: it depends on what else the machine does.
+Run with: python -m tests.harness.bench.transports [EPISODES [TURNS [ROUNDS]]]
+"""
+
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import AsyncGenerator
+from dataclasses import replace
+from pathlib import Path
+
+import anyio
+
+from evaluator.commands.process import make_room
+from evaluator.episode.connect import LocalHost
+from evaluator.episode.contender import AgentContender
+from evaluator.episode.toolbox import Toolboxes
+from evaluator.records import Versions
+from evaluator.run_record import Plan
+from evaluator.store import RunFolder
+from evaluator.study.attempts import LocalPlay
+from evaluator.study.runner import Runner
+from tests.harness.bench.many_episodes import Thinker
+from tests.harness.bench.measuring import Row, row_of
+
+AIM = 0.6
+
+
+async def turn(episodes: int, turns: int, *, sockets: bool) -> tuple[float, float]:
+    """Processor time per turn of the evaluator and of its host [s]."""
+    agent = Thinker(turns, 0.0)
+    plan = Plan(scenes=(7,), agents=(agent.name,), seeds=tuple(range(episodes)), budgets=(turns,))
+    versions = Versions(physment="0", protocol="0", pack="0")
+    before = await _start()
+    before += _of_children()
+    with tempfile.TemporaryDirectory() as scratch:
+        async with LocalHost() as host:
+            laboratory = host if sockets else replace(host, sockets=None, toolboxes=Toolboxes())
+            async with laboratory.open(7, 0) as client:
+                await laboratory.toolboxes.of(client)
+            busy = time.process_time()
+            play = LocalPlay(laboratory, {agent.name: AgentContender(agent)}, lambda _scene: versions)
+            folder = RunFolder(Path(scratch))
+            await Runner(play=play, folder=folder, concurrency=episodes).run(plan.matrix())
+            busy = time.process_time() - busy
+    return busy / (episodes * turns), (_of_children() - before) / (episodes * turns)
+
+
+async def _start() -> float:
+    """Processor time that a host takes without episodes [s]: it starts, and lists its tools once."""
+    before = _of_children()
+    async with LocalHost() as host, host.open(7, 0) as client:
+        await host.toolboxes.of(client)
+    return _of_children() - before
+
+
+def _of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+async def rows(episodes: int = 40, turns: int = 20, rounds: int = 3) -> AsyncGenerator[Row]:
+    """Turns over sockets against turns over HTTP, alternately, without the start of the host."""
+    pairs = [
+        (await turn(episodes, turns, sockets=True), await turn(episodes, turns, sockets=False)) for _ in range(rounds)
+    ]
+    for side, what in enumerate(("evaluator", "host")):
+        times = [(ours[side], theirs[side]) for ours, theirs in pairs]
+        yield row_of(f"turn of two calls, {what}: sockets against HTTP", times, AIM)
+
+
+async def main() -> None:
+    """Print the rows."""
+    words = [int(word) for word in sys.argv[1:]]
+    async for row in rows(*words):
+        print(f"{row.what}: {row.ours_s * 1e3:.2f} ms, {row.theirs_s * 1e3:.2f} ms, {row.ratio:.2f} (aim {row.aim:g})")
+
+
+if __name__ == "__main__":
+    make_room()  # as `physment-eval` does
+    anyio.run(main)

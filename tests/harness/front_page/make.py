@@ -1,0 +1,138 @@
+"""Writes the pictures of the README into docs/pictures: a scene being measured, a report, a film; light and dark.
+
+python -m tests.harness.front_page.make [--run DIR]    with the report of a run; else the run is played first
+
+It needs Chromium and libosmesa6. `pytest tests/harness/front_page --update-goldens` writes the text beside them.
+"""
+
+import argparse
+import base64
+import io
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from rich.console import Console
+
+from evaluator.records import Episode, GradeRecord
+from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
+from tests.builders.paths import DOCS
+from tests.harness.front_page.episode import caption, played
+
+PICTURES = DOCS / "pictures"
+SCHEMES = ("light", "dark")
+DESCRIPTION = 0x010E
+"""The tag of EXIF, ImageDescription, in which a picture says what it shows."""
+SCALE = 2
+"""Pixels of the picture for each pixel of the page, for screens that are as fine."""
+REPORT_WIDTH = 1000
+STUDY = (
+    *("--agent", "reference", "--agent", "random", "--agent", "blind"),
+    *("--budgets", "5,10,15,20", "--seeds", "1", "--server", "host", "--concurrency", "4"),
+)
+"""The run whose report is shown: 1,260 episodes."""
+
+
+def main() -> None:
+    """Write the pictures."""
+    # MuJoCo chooses how it draws when it is imported; this way needs neither a screen nor a graphics card.
+    os.environ.setdefault("MUJOCO_GL", "osmesa")
+    parser = argparse.ArgumentParser(description="Write the pictures of the README.")
+    parser.add_argument("--run", type=Path, metavar="DIR", help="a run folder with a report; else it is played first")
+    args = parser.parse_args()
+    program = installed()
+    if program is None:
+        sys.exit("Chromium is not installed, so there are no pictures: apt-get install chromium")
+    with tempfile.TemporaryDirectory() as made, chromium(program, Path(made, "profile"), *SOFTWARE_WEBGL) as page:
+        folder = Path(made)
+        episode, grade = played(folder / "episode")
+        PICTURES.mkdir(exist_ok=True)
+        _scene(page, episode, grade, folder / "scene.html")
+        report = args.run or _played_study(folder / "study")
+        _report(page, report / "report.html")
+        _film(page, folder / "film")
+
+
+def _played_study(folder: Path) -> Path:
+    subprocess.run([sys.executable, "-m", "evaluator", "run", *STUDY, "--out", str(folder)], check=True)
+    return folder
+
+
+def _scene(page: Page, episode: Episode, grade: GradeRecord, file: Path) -> None:
+    from tests.harness.front_page.scene_picture import WIDTH, page_of
+
+    file.write_text(page_of(episode, grade), encoding="utf-8")
+    page.send("Emulation.setDefaultBackgroundColorOverride", color={"r": 0, "g": 0, "b": 0, "a": 0})
+    end = "document.querySelector('svg').getBoundingClientRect().bottom"
+    _shoot(page, file, "scene", WIDTH, end, caption(episode, grade))
+    page.send("Emulation.setDefaultBackgroundColorOverride")
+
+
+def _report(page: Page, file: Path) -> None:
+    """From the head of the report to its first row of charts."""
+    end = "document.querySelector('.charts figure').getBoundingClientRect().bottom + 6"
+    _shoot(page, file, "report", REPORT_WIDTH, end, "The upper part of a report.")
+
+
+def _film(page: Page, folder: Path) -> None:
+    """A film of three boxes that one push has set in motion, in its report, in the middle of the step."""
+    for words in (
+        ["run", "--agent", "reference", "--scenes", "13", "--out", folder],
+        ["film", folder],
+        ["report", folder],
+    ):
+        subprocess.run([sys.executable, "-m", "evaluator", *words], check=True)
+    scrub = "document.querySelector('.film-controls input')"
+    for scheme in SCHEMES:
+        page.look(REPORT_WIDTH, scheme, scale=SCALE)
+        page.open(folder / "report.html", "#episode-1")
+        page.run("document.querySelector('#episode-1 .film > button').click()")
+        page.wait("document.querySelector('.film-box canvas') !== null")
+        page.run(f"{scrub}.value = 0.6 * {scrub}.max")
+        page.run(f"{scrub}.dispatchEvent(new Event('input'))")
+        page.run("document.activeElement.blur()")
+        page.run("document.querySelector('.film-panel').scrollIntoView({ block: 'center' })")
+        page.run("new Promise((drawn) => setTimeout(drawn, 1500))")
+        box = page.run("document.querySelector('.film-panel').getBoundingClientRect().toJSON()")
+        clip = {name: box[name] for name in ("x", "width", "height")} | {
+            "y": box["y"] + page.run("scrollY"),
+            "scale": 1,
+        }
+        found = page.send("Page.captureScreenshot", clip=clip)
+        _save(found["data"], "film", scheme, "A film of an episode in its report, with the calls beside it.")
+
+
+def _shoot(page: Page, file: Path, name: str, width: int, end: str, description: str) -> None:
+    """Write the upper part of a page as NAME-light.webp and NAME-dark.webp, without loss.
+
+    Args:
+        page: The browser.
+        file: The page.
+        name: Name of the picture.
+        width: How wide the window is [px].
+        end: Expression of JavaScript for the lower end of the part [px].
+        description: What the picture shows, kept in it.
+    """
+    for scheme in SCHEMES:
+        page.look(width, scheme, scale=SCALE)
+        page.send("Emulation.setScrollbarsHidden", hidden=True)
+        page.open(file)
+        clip = {"x": 0, "y": 0, "width": width, "height": page.run(end), "scale": 1}
+        found = page.send("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
+        _save(found["data"], name, scheme, description)
+
+
+def _save(data: str, name: str, scheme: str, description: str) -> None:
+    """Write a screenshot as NAME-SCHEME.webp, without loss."""
+    picture, exif = Image.open(io.BytesIO(base64.b64decode(data))), Image.Exif()
+    exif[DESCRIPTION] = description
+    target = PICTURES / f"{name}-{scheme}.webp"
+    picture.save(target, lossless=True, quality=100, method=6, exif=exif)
+    Console().print(f"{target}: {picture.width} × {picture.height}, {target.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
