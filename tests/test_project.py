@@ -91,6 +91,14 @@ def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
     assert called <= TARGETS
 
 
+def test_the_nightly_jobs_call_make_targets_that_exist() -> None:
+    (job,) = WORKFLOWS["nightly"]["jobs"].values()
+    targets = job["strategy"]["matrix"]["target"]
+    assert "make ${{ matrix.target }} PYTHON=python3.12" in commands(WORKFLOWS["nightly"])
+    assert set(targets) <= TARGETS
+    assert {"fuzz", "leaks", "hostile", "soak", "faults"} <= set(targets)
+
+
 def test_a_release_is_checked_and_each_job_may_write_only_what_it_makes() -> None:
     jobs = WORKFLOWS["release"]["jobs"]
     (called,) = [command.split()[1:-1] for command in commands(WORKFLOWS["release"]) if command.startswith("make ")]
