@@ -14,7 +14,7 @@ TOP, WALL = 3.0, 0.2
 RADIUS = 0.02
 BALLS, BALL_KG = 18, 0.33
 WAIT_S = 6.5
-RESOLUTION = 3e-4
+RESOLUTION = 5e-4
 SIGMA = 0.4 * RESOLUTION
 """Standard deviation of a sink: by rounding of the place, and of the floor on which a ball is set down."""
 LARGEST_M = 20.0
