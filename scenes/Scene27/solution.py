@@ -5,13 +5,16 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 HALF, LATCH, ASKED = 1.5, 0.06, 0.15
 REACH = 0.054
 RESOLUTION = 0.00003
 """Error of a height, and of an angle, by rounding."""
-WAIT_S = 4.0
+PLACES, RATIOS, GAPS = (0.5, 1.3), (0.4, 5.0), (0.015, 0.04)
+"""Ranges of a loose prop: how far it is from the middle, its stiffness over that of all fixed ones, and its gap."""
+WAIT_S = 5.0
 PRESSED, PRESSES = 0.001, 3
 """A loose prop is known once it was pressed so far, so many times."""
 LOOSE = {"left": (-1,), "right": (1,), "both": (-1, 1)}
@@ -30,13 +33,23 @@ ROUNDS = (
 
 
 def _load(p, sides, height, angle):
-    """Force and torque that hold the plank: fixed props as a linear law p[:3], then place, stiffness, gap of others."""
+    """Force and torque that hold the plank: fixed props as a linear law p[:3], then place, ratio, gap of others."""
     force, torque = p[0] * height + p[1] * angle, p[1] * height + p[2] * angle
     for number in range(len(sides)):
-        place, stiffness, gap = p[3 + 3 * number : 6 + 3 * number]
-        push = stiffness * np.maximum(-gap - (height - place * angle), 0)
+        place, ratio, gap = p[3 + 3 * number : 6 + 3 * number]
+        push = ratio * p[0] * np.maximum(-gap - (height - place * angle), 0)
         force, torque = force - push, torque + place * push
     return force, torque
+
+
+def _stiffness(p, sides, height, angle):
+    """Matrices by which a small rise and tilt change force and torque, (n, 2, 2)."""
+    found = np.array([[p[0], p[1]], [p[1], p[2]]]) + np.zeros((len(height), 1, 1))
+    for number in range(len(sides)):
+        place, ratio, gap = p[3 + 3 * number : 6 + 3 * number]
+        bears = -gap - (height - place * angle) > 0
+        found += ratio * p[0] * bears[:, None, None] * np.array([[1.0, -place], [-place, place**2]])
+    return found
 
 
 def _points(readings):
@@ -66,28 +79,38 @@ def _linear(points):
     return np.linalg.lstsq(rows * near, np.concatenate((force, torque)) * near[:, 0], rcond=None)[0]
 
 
-def _fitted(kind, points):
-    """Misfit and the parameters of the props that fit best."""
+def _misfits(kind, points):
+    """Parameters of the props → misfits of heights and tilts, in their errors."""
     force, torque, height, angle = points
     sides = LOOSE[kind]
-    first = _linear(points)
-    first[0], first[2] = max(first[0], 50.0), max(first[2], 20.0)
-    errors = np.array([first[0], first[2]]) * RESOLUTION * 2
-    scale = first[0] / 2
-    low = [0, -np.inf, 0] + [v for side in sides for v in (0.2 if side > 0 else -1.5, 0, 0.002)]
-    high = [np.inf] * 3 + [v for side in sides for v in (1.5 if side > 0 else -0.2, 20 * scale, 0.05)]
-    sizes = [scale, scale, scale, *(0.5, scale, 0.01) * len(sides)]
 
-    def off(p):
+    def misfits(p):
         held = _load(p, sides, height, angle)
-        return np.concatenate(((held[0] - force) / errors[0], (held[1] - torque) / errors[1]))
+        missing = np.stack([held[0] - force, held[1] - torque], axis=-1)
+        return (np.linalg.solve(_stiffness(p, sides, height, angle), missing[..., None]) / RESOLUTION).ravel()
 
+    return misfits
+
+
+def _ranges(kind, points):
+    """Ranges of the parameters of the props."""
+    whole, _, tilting = _linear(points)
+    whole, tilting = max(whole, 50.0), max(tilting, 20.0)
+    loose = [(sorted((side * PLACES[0], side * PLACES[1])), RATIOS, GAPS) for side in LOOSE[kind]]
+    return [(whole / 3, 3 * whole), (-2 * whole, 2 * whole), (tilting / 3, 3 * tilting), *(r for n in loose for r in n)]
+
+
+def _fitted(kind, points):
+    """Misfit and the parameters of the props that fit best."""
+    misfits, ranges = _misfits(kind, points), np.array(_ranges(kind, points)).T
+    first = np.clip(_linear(points), *ranges[:, :3])
     best = None
     for place, gap in product((0.7, 1.1), (0.028, 0.038)):
-        start = [*first, *(v for side in sides for v in (side * place, scale, gap))]
-        got = least_squares(off, start, bounds=(low, high), x_scale=sizes, max_nfev=25)
+        start = [*first, *(v for side in LOOSE[kind] for v in (side * place, 1.0, gap))]
+        sizes = [first[0], first[0], first[2], *(0.5, 1.0, 0.01) * len(LOOSE[kind])]
+        got = least_squares(misfits, start, bounds=ranges, x_scale=sizes, max_nfev=25)
         best = got if best is None or got.cost < best.cost else best
-    best = least_squares(off, best.x, bounds=(low, high), x_scale=sizes, max_nfev=60)
+    best = least_squares(misfits, best.x, bounds=ranges, x_scale=sizes, max_nfev=60)
     return 2 * best.cost, best.x
 
 
@@ -106,7 +129,8 @@ def _hung(p, sides, end):
         matrix = np.array([[p[0], p[1], 1.0], [p[1], p[2], -place], [1.0, -place, 0.0]])
         right = np.array([0.0, 0.0, -ASKED])
         for number, bearing in enumerate(bears):
-            x, stiffness, gap = p[3 + 3 * number : 6 + 3 * number]
+            x, ratio, gap = p[3 + 3 * number : 6 + 3 * number]
+            stiffness = ratio * p[0]
             if bearing:
                 matrix[:2, :2] += stiffness * np.array([[1.0, -x], [-x, x * x]])
                 right[:2] -= stiffness * gap * np.array([1.0, -x])
@@ -168,12 +192,26 @@ def fit(readings, structure):
     return _predict(structure, _fitted(structure, _points(readings))[1])
 
 
+def rivals(readings):
+    """Loose props on either side or both, fitted."""
+    points = _points(readings)
+    return {
+        kind: member(
+            _misfits(kind, points),
+            lambda p, kind=kind: _predict(kind, p),
+            _fitted(kind, points)[1],
+            _ranges(kind, points),
+        )
+        for kind in LOOSE
+    }
+
+
 def _true(knobs):
     fixed = [(knobs["k1"], knobs["x1"]), (knobs["k2"], knobs["x2"])]
     p = [sum(k for k, _ in fixed), -sum(k * x for k, x in fixed), sum(k * x * x for k, x in fixed)]
     for number, side in ((3, -1), (4, 1)):
         if side in LOOSE[knobs["kind"]]:
-            p += [knobs[f"x{number}"], knobs[f"k{number}"], knobs[f"g{number}"]]
+            p += [knobs[f"x{number}"], knobs[f"k{number}"] / p[0], knobs[f"g{number}"]]
     return p
 
 

@@ -3,8 +3,10 @@
 from math import sqrt
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.courses import force, position, velocity
+from scenes.family import member
 from scenes.protocol import answer
 from scenes.rigs import Rig
 from scenes.works import parts_of_way, whitening, work_points
@@ -21,6 +23,10 @@ LOOKS, FEW_LOOKS, WIDE = (0.35, 0.7, 1.0), (0.5, 1.0), 0.35
 """When to look, in shares of a half swing: of a wide one, and of one that does not come so far."""
 UNKNOWN = 0.12
 """A side on which the carriage has not come farther, in m, is taken for a mirror image of the other."""
+LOWER = 0.75
+"""The lower hump asks for less than this share of the energy of the other one."""
+FLAT = {"left": 0, "right": 0, "flat": 2}
+"""Powers of the place by which the force of a kind of hollow has more."""
 TURNED = 0.03
 """Nearer to its turning place than this, in m, the carriage counts as turning back."""
 
@@ -127,15 +133,59 @@ def fit(readings, structure):
     return [_predict(p, (-1,) if structure == "left" else (1,))[0], _predict(p)[1]]
 
 
-def _true(knobs):
-    left, right, lean, power = knobs["left"], knobs["right"], knobs["lean"], knobs["e"]
+def _law(power, mass, height, left, right, lean):
+    """Mass and polynomial of the law, and the logarithm of the energy at the left hump over that at the right one."""
     factors = [left * right, right - left + lean * left * right, lean * (right - left) - 1, -lean]
     p = np.zeros(1 + len(POWERS))
-    p[0] = knobs["mass"]
     for number, factor in enumerate(factors):
         n = number + power
-        p[1 + n] = knobs["c"] * factor / (n + 2) * UNIT ** (n + 2)
-    return p
+        p[1 + n] = factor / (n + 2) * UNIT ** (n + 2)
+    energies = _potential(p, -left), _potential(p, right)
+    p *= height / min(energies)
+    p[0] = mass
+    return p, float(np.log(energies[0] / energies[1]))
+
+
+def _misfits(kind, readings):
+    """Logarithms of mass and height, places of the humps and lean → misfits of the energies, in their errors."""
+    x, speed, work, force, doubt = work_points(readings, RIG, PLACE_ERROR, FARTHEST)
+    p = _fitted(readings)
+    alone = (p[0] * speed * SPEED_ERROR) ** 2 + ((_slope(p, x) - force) * PLACE_ERROR) ** 2 + 1e-8
+    white = whitening(doubt, alone)
+    rows = np.column_stack([speed**2 / 2, np.power.outer(x / UNIT, POWERS)])
+
+    def misfits(constants):
+        law, ratio = _law(FLAT[kind], *np.exp(constants[:2]), *constants[2:])
+        higher = np.log(LOWER) + (ratio if kind == "left" else -ratio)
+        return np.append(white @ (rows @ law - work), max(higher, 0.0) / 1e-3)
+
+    return misfits, p
+
+
+def rivals(readings):
+    """Each law with each lower hump, fitted."""
+    found = {}
+    for kind, power in FLAT.items():
+        misfits, p = _misfits(kind, readings)
+        mass, height = np.log(p[0]), np.log(max(float(_potential(p, _top(p, 1))), 0.3))
+        edges = [(mass - 1, mass + 1), (-1.5, 2.5), (0.4, 1.0), (0.4, 1.0), (-0.6, 0.6)]
+        best = None
+        for left, right in ((0.55, 0.8), (0.7, 0.7), (0.8, 0.55)):
+            start = np.clip([mass, height, left, right, 0.0], *np.array(edges).T)
+            got = least_squares(misfits, start, bounds=np.array(edges).T, max_nfev=100)
+            best = got if best is None or got.cost < best.cost else best
+        found[kind] = member(
+            misfits,
+            lambda constants, power=power: _predict(_law(power, *np.exp(constants[:2]), *constants[2:])[0]),
+            best.x,
+            edges,
+        )
+    return found
+
+
+def _true(knobs):
+    places = knobs["left"], knobs["right"], knobs["lean"]
+    return _law(int(knobs["e"]), knobs["mass"], knobs["height"], *places)[0]
 
 
 def naive(knobs):

@@ -7,13 +7,30 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 HOOK, STRONGEST, TICK_S = 1.0, 1.5, 0.005
 SIGMA = 0.003
 """Error of a reading in rad or rad/s: rounding to 0.01."""
 BIG_NM, BIG_S, SPUN, HELD_S = 60.0, 0.5, 5.0, 0.5
-PARAMETERS = {"one": 3, "two": 5, "clutch": 3, "spring": 4}
+SHARE = (0.5, 2.5)
+RANGES = {
+    "one": (SHARE, (0.4, 7.0)),
+    "two": (SHARE, (0.2, 0.9), SHARE, (2.0, 16.0)),
+    "clutch": (SHARE, (0.3, 1.0)),
+    "spring": (SHARE, (1.0, 9.0), (0.02, 0.15)),
+}
+"""Ranges besides the drum's inertia: that of each rotor over it, and the time of its oil in s; torque on the drum at
+which a clutch slips in N·m; or the frequency of the spring in rad/s and its damping ratio."""
+SHELL = (0.005, 5.0)
+GUESSES = {
+    "one": ([1.0, tau] for tau in (0.5, 1.5, 5)),
+    "two": ([1.0, fast, 1.0, slow] for fast, slow in product((0.3, 0.7), (4, 10))),
+    "clutch": ([share, slips] for share, slips in product((0.7, 1.6), (0.4, 0.6, 0.85))),
+    "spring": ([1.0, swing, 0.06] for swing in (1.2, 2, 3, 4.5, 6.5)),
+}
+GUESSES = {kind: list(found) for kind, found in GUESSES.items()}
 LOOKS = {
     0.4: (0.02, 0.07, 0.14, 0.22, 0.32),
     2.5: (0.1, 0.3, 0.6, 1.0, 1.5, 2.0),
@@ -112,43 +129,50 @@ def _record(readings):
     return switches, times, rows, [which for _, which, _ in kept], np.array([value for _, _, value in kept])
 
 
-def _starts(kind, size):
-    """First guesses around a moment of inertia."""
+def _parts(kind, constants):
+    """Inertias and torques of a drum from the constants of RANGES, that of the drum before them."""
+    shell, share, *rest = constants
+    rotor = share * shell
     if kind == "one":
-        yield from ([size, size, size / tau] for tau in (0.4, 1.5, 5))
-    elif kind == "two":
-        pairs = product((0.25, 0.7), (4, 10))
-        yield from ([size, size, size / fast, size, size / slow] for fast, slow in pairs)
-    elif kind == "clutch":
-        yield from ([size, size * share, limit] for share, limit in product((0.7, 1.6), (0.12, 0.25, 0.45)))
-    else:
-        yield from ([size, size, size * w**2, 0.1 * size * w] for w in (1.2, 2, 3, 4.5, 6.5))
+        return [shell, rotor, rotor / rest[0]]
+    if kind == "two":
+        return [shell, rotor, rotor / rest[0], rest[1] * shell, rest[1] * shell / rest[2]]
+    if kind == "clutch":
+        return [shell, rotor, rest[0] * share / (1 + share)]
+    return [shell, rotor, rotor * rest[0] ** 2, 2 * rest[1] * rest[0] * rotor]
+
+
+def _misfits(kind, record):
+    """Logarithms of the constants → misfits of the readings, in their errors."""
+    switches, times, rows, which, values = record
+
+    def misfits(logs):
+        motion = np.array(_motion(kind, _parts(kind, np.exp(logs)), switches, times))
+        return np.nan_to_num(motion[which, rows] - values, nan=1e3) / SIGMA
+
+    return misfits
 
 
 def _fitted(kind, record):
-    """Half the sum of squares and the parameters that fit best."""
-    switches, times, rows, which, values = record
-
-    def errors(logs):
-        motion = np.array(_motion(kind, np.exp(logs), switches, times))
-        return np.nan_to_num(motion[which, rows] - values, nan=1e3) / SIGMA
-
+    """Half the sum of squares and the logarithms of the constants that fit best."""
+    switches, _, _, which, values = record
+    misfits, edges = _misfits(kind, record), np.log([SHELL, *RANGES[kind]]).T
     moving = [abs(v) for v, spin in zip(values, which, strict=True) if spin and abs(v) > SIGMA]
-    size = abs(switches[0][1]) * 0.05 / moving[0] if moving else 0.3
-    low, high = log(1e-4), log(1e3)
+    size = min(max(abs(switches[0][1]) * 0.05 / moving[0], 0.05), 3.0) if moving else 0.3
     best = None
-    for start in _starts(kind, min(max(size, 0.05), 3.0)):
-        got = least_squares(errors, np.log(start), bounds=(low, high), x_scale=0.3, max_nfev=8, loss="soft_l1")
+    for guess in GUESSES[kind]:
+        start = np.log([size, *guess])
+        got = least_squares(misfits, start, bounds=edges, x_scale=0.3, max_nfev=8, loss="soft_l1")
         best = got if best is None or got.cost < best.cost else best
-    best = least_squares(errors, best.x, bounds=(low, high), x_scale=0.3, max_nfev=60, loss="soft_l1")
-    return best.cost, np.exp(best.x)
+    best = least_squares(misfits, best.x, bounds=edges, x_scale=0.3, max_nfev=60, loss="soft_l1")
+    return best.cost, best.x
 
 
 def _best(record):
     """The structure with the best fit, a parameter counting as much as a few readings, and its parameters."""
-    fits = {kind: _fitted(kind, record) for kind in PARAMETERS}
-    kind = min(fits, key=lambda name: fits[name][0] + PARAMETERS[name] * log(len(record[4])) / 2)
-    return kind, fits[kind][1]
+    fits = {kind: _fitted(kind, record) for kind in RANGES}
+    kind = min(fits, key=lambda name: fits[name][0] + len(RANGES[name]) * log(len(record[4])) / 2)
+    return kind, _parts(kind, np.exp(fits[kind][1]))
 
 
 def _predict(kind, p):
@@ -223,7 +247,20 @@ def solve(task):
 
 def fit(readings, structure):
     """Both spins by the model of a structure."""
-    return _predict(structure, _fitted(structure, _record(readings))[1])
+    return _predict(structure, _parts(structure, np.exp(_fitted(structure, _record(readings))[1])))
+
+
+def rivals(readings):
+    """Every kind of drum, fitted."""
+    record, found = _record(readings), {}
+    for kind, ranges in RANGES.items():
+        misfits, edges = _misfits(kind, record), np.log([SHELL, *ranges])
+        best = least_squares(misfits, _fitted(kind, record)[1], bounds=edges.T, x_scale=0.3, max_nfev=60).x
+        edges[0] = best[0] - 0.5, best[0] + 0.5
+        found[kind] = member(
+            misfits, lambda logs, kind=kind: _predict(kind, _parts(kind, np.exp(logs))), best, edges.tolist()
+        )
+    return found
 
 
 def _true(knobs):

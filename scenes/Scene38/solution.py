@@ -1,10 +1,11 @@
 """Scene 38: map the pull of the cords with a puck that drifts, fit three cords, predict the balance at 70 N."""
 
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, cos, hypot, inf, log, pi, sin
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 PUCK = "object_1"
@@ -16,16 +17,22 @@ LOOKS = 3
 LONGEST_S = 2.0
 LAB_S = 26.0
 """Lab time of which each push takes at most the half of what is left."""
+STEP_S = 0.005
+"""The velocity that is read is that of a time step which began so much earlier."""
+ROUNDING = 0.0002 / 12**0.5
+"""Standard deviation of a reading, m and m/s."""
 ALL_ROUND = (0.0, pi, pi / 2, 3 * pi / 2)
-KINKS_M = (0.03, 0.06)
+KINKS_M = (0.035, 0.05)
 BEAM = 3
 """Fits that are carried on to more kinks."""
-PENALTY, LATE = 12.0, 1000.0
-"""Score of each parameter of a kink, and of a kink that comes later than it can."""
+PENALTY = 12.0
+"""Score of each parameter of a kink."""
 VALUES = {"E": 0, "W": 1, "S": 2}
 """Kind of a cord → parameters of its kink: elastic throughout, lifts a weight, gets stiffer."""
-LAST_KINK_M = 0.09
-"""A little more than the stretch before which, as told, the law of a cord has changed if it does."""
+CORD = ((-inf, inf), (0.4, 1.0), (-3.0, 9.0), (0.0, 0.05))
+"""Ranges of the bearing and distance of a peg, and of the logarithm of the stiffness and the slack of its cord."""
+KINK = ((0.03, 0.06), (log(2.5), log(4.0)))
+"""Ranges of the stretch at a kink, and of the logarithm of how many times stiffer the cord gets."""
 
 
 def _pull(places, cords):
@@ -63,7 +70,7 @@ def _answers(cords):
 
 
 def _field(exchanges):
-    """Pushes, places and velocities of all pairs of readings inside the edge, each (n, 2)."""
+    """Pushes, places where the step began, and velocities of all pairs of readings inside the edge, each (n, 2)."""
     push, place, rows = (0.0, 0.0), None, []
     for asked, reading in exchanges:
         if asked.tool == "apply_force" and "error" not in reading:
@@ -74,35 +81,59 @@ def _field(exchanges):
             rows.append((*push, *place, *reading["velocity"][:2]))
     table = np.array(rows)
     table = table[np.hypot(table[:, 2], table[:, 3]) < EDGE_M + 0.01]
-    return table[:, :2], table[:, 2:4], table[:, 4:]
+    velocity = table[:, 4:]
+    return table[:, :2], table[:, 2:4] - STEP_S * velocity, velocity
 
 
 def _cords(values, kinds):
-    """The cords of a vector of parameters: three times x, y, log k, length, then a kink, with its stiffness ratio."""
+    """The cords of parameters: log of the oil; three times those of CORD; then kinks, with stiffness ratios."""
     cords, extra = [], 13
     for number, kind in enumerate(kinds):
-        x, y, log_k, length = values[1 + 4 * number : 5 + 4 * number]
+        bearing, far, log_k, slack = values[1 + 4 * number : 5 + 4 * number]
         kink, beyond = 1.0, 1.0
         if kind != "E":
             kink, beyond = values[extra], 0.0
             extra += 1
         if kind == "S":
-            beyond = np.exp(min(values[extra], 5.0))
+            beyond = np.exp(values[extra])
             extra += 1
-        cords.append((x, y, np.exp(min(log_k, 9.0)), length, kink, beyond))
+        cords.append((far * cos(bearing), far * sin(bearing), np.exp(log_k), far + slack, kink, beyond))
     return cords
 
 
-def _fitted(field, kinds, start):
-    """Cords of these kinds fitted to the field from a start: a score, which is low for few and small misfits."""
+def _ranges(kinds):
+    """Range of each parameter."""
+    return [(-9.0, 9.0), *CORD * 3, *(edges for kind in kinds for edges in KINK[: VALUES[kind]])]
+
+
+def _misfits(field, kinds, error):
+    """Parameters → misfits of the velocities, in their errors (n, 2)."""
     push, place, velocity = field
 
-    def misfit(values):
-        return (push + _pull(place, _cords(values, kinds)) - np.exp(values[0]) * velocity).ravel()
+    def misfits(values):
+        drift = (push + _pull(place, _cords(values, kinds))) * np.exp(-values[0])
+        return ((drift - velocity) / error).ravel()
 
-    found = least_squares(misfit, start, x_scale="jac", max_nfev=60)
-    late = any(kink > LAST_KINK_M for *_, kink, beyond in _cords(found.x, kinds) if beyond != 1.0)
-    return push.size * np.log(2 * found.cost) + PENALTY * (len(start) - 13) + LATE * late, kinds, found.x
+    return misfits
+
+
+def _error(field, fitted):
+    """Errors of the velocities, with what the errors of the places add."""
+    _, kinds, values = fitted
+    cords = _cords(values, kinds)
+    slopes = [
+        (_pull(field[1] + shift, cords) - _pull(field[1] - shift, cords)) * np.exp(-values[0]) / 2e-3
+        for shift in 1e-3 * np.eye(2)
+    ]
+    return ROUNDING * np.sqrt(1 + slopes[0] ** 2 + slopes[1] ** 2)
+
+
+def _fitted(field, kinds, start, error):
+    """Cords of these kinds fitted to the field from a start: a score, which is low for few and small misfits."""
+    edges = np.array(_ranges(kinds)).T
+    start = np.clip(start, edges[0] + 1e-6, edges[1] - 1e-6)
+    found = least_squares(_misfits(field, kinds, error), start, bounds=edges, x_scale="jac", max_nfev=60)
+    return 2 * found.cost + PENALTY * (len(start) - 13), kinds, found.x
 
 
 def _plain(field):
@@ -116,8 +147,8 @@ def _plain(field):
     for turn in np.arange(0, 2 * pi / 3, pi / 9):
         start = [np.log(oil)]
         for bearing in (turn, turn + 2 * pi / 3, turn + 4 * pi / 3):
-            start += [0.7 * cos(bearing), 0.7 * sin(bearing), np.log(scale), 0.73]
-        fits.append(_fitted(field, "EEE", np.array(start)))
+            start += [bearing, 0.7, np.log(scale), 0.03]
+        fits.append(_fitted(field, "EEE", np.array(start), 2 * ROUNDING))
     return min(fits, key=lambda fit: fit[0])
 
 
@@ -127,7 +158,7 @@ def _away(fitted):
     return [atan2(-cord[1], -cord[0]) for cord in _cords(values, kinds)]
 
 
-def _with_kink(field, fitted, number, kind):
+def _with_kink(field, fitted, number, kind, error):
     """The best fit when one more cord has a kink."""
     _, kinds, values = fitted
     before = 13 + sum(VALUES[earlier] for earlier in kinds[:number])
@@ -137,28 +168,29 @@ def _with_kink(field, fitted, number, kind):
         late = starts[0].copy()
         late[3 + 4 * number : 5 + 4 * number] -= (0.9, 0.03)
         starts.append(late)
-    return min((_fitted(field, more, start) for start in starts), key=lambda fit: fit[0])
+    return min((_fitted(field, more, start, error) for start in starts), key=lambda fit: fit[0])
 
 
-def _without_kink(field, fitted, number):
+def _without_kink(field, fitted, number, error):
     """The fit when a cord has its kink no longer."""
     _, kinds, values = fitted
     before = 13 + sum(VALUES[earlier] for earlier in kinds[:number])
     less = np.delete(values, range(before, before + VALUES[kinds[number]]))
-    return _fitted(field, kinds[:number] + "E" + kinds[number + 1 :], less)
+    return _fitted(field, kinds[:number] + "E" + kinds[number + 1 :], less, error)
 
 
 def _structures(field):
     """The best fit of each structure: kinks are added one by one to the best fits with fewer, and taken away again."""
     level, best = [_plain(field)], {}
+    error = _error(field, level[0])
     for _ in range(3):
         level = [
-            _with_kink(field, fitted, number, kind)
+            _with_kink(field, fitted, number, kind, error)
             for fitted in level
             for number in range(3)
             if fitted[1][number] == "E"
             for kind in "SW"
-            if kind == "S" or "W" not in fitted[1]
+            if _possible(fitted[1][:number] + kind + fitted[1][number + 1 :])
         ]
         level.sort(key=lambda fit: fit[0])
         for fitted in level:
@@ -167,9 +199,14 @@ def _structures(field):
     for fitted in sorted(best.values(), key=lambda fit: -len(_label(fit))):
         for number in range(3):
             if fitted[1][number] != "E" and len(_label(fitted)) > 1:
-                less = _without_kink(field, fitted, number)
+                less = _without_kink(field, fitted, number, error)
                 best[_label(less)] = min(best.get(_label(less), less), less, key=lambda fit: fit[0])
     return best
+
+
+def _possible(kinds):
+    """Whether the cords may be of these kinds."""
+    return kinds.count("W") < 2 and kinds.count("S") < 3
 
 
 def _label(fitted):
@@ -184,6 +221,24 @@ def _prediction(fitted):
 def fit(readings, structure):
     """The two distances by the model of a structure."""
     return _prediction(_structures(_field(readings))[structure])
+
+
+def rivals(readings):
+    """Cords of every structure, with the errors by the best fit."""
+    field = _field(readings)
+    found = _structures(field)
+    error = _error(field, min(found.values(), key=lambda fit: fit[0]))
+    weighed = {}
+    for label, (_, kinds, values) in found.items():
+        best = _fitted(field, kinds, values, error)[2]
+        ranges = [
+            (value - 1, value + 1) if edges[1] > 2 or edges[0] < -2 else edges
+            for value, edges in zip(best, _ranges(kinds), strict=True)
+        ]
+        weighed[label] = member(
+            _misfits(field, kinds, error), lambda p, kinds=kinds: _answers(_cords(p, kinds)), best, ranges
+        )
+    return weighed
 
 
 def _look(seconds):
@@ -267,6 +322,19 @@ def measure(engine, knobs):
         free.step(free.whole_steps(60.0))
         found.append(float(np.hypot(*free.pose(PUCK).position[:2])))
     return found
+
+
+def settles(engine, knobs, off):
+    """By which share the puck is off its rest in the end, the force constant; the larger of the two."""
+    left = []
+    for force in FAR_N:
+        free = engine.changed({"body[rim].pos": (1000.0, 0.0, 0.0)})
+        rest = _rest(_drawn(knobs), force)
+        free.place(PUCK, np.array([*(1 + off) * rest, 0.02]), {})
+        free.push(PUCK, force=np.array([*force, 0.0]))
+        free.step(free.whole_steps(60.0))
+        left.append(float(np.hypot(*(free.pose(PUCK).position[:2] - rest)) / np.hypot(*rest)))
+    return max(left)
 
 
 def naive(knobs):
