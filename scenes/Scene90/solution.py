@@ -6,6 +6,7 @@ from math import sqrt
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 CARTS = ("object_1", "object_2")
@@ -37,6 +38,10 @@ PULSES = [(force, 0.12) for force in (1.5, 1.5, -1.5, -1.5, 0.0)]
 PULSES += [(force, 0.2) for force in (10.0, 10.0, -10.0, -10.0, 0.0)]
 PULSES += [(40.0, 0.3), (-40.0, 0.3)]
 """Of the fixed batch: forces in N, and times."""
+LEAST_WHEEL = 0.4
+"""Least force of a flywheel per acceleration, over the mass of object_1, that the task allows."""
+START_M = 0.05
+"""Range of the error of the place from which the ways are counted, m."""
 CALLS, TIME_S = 150, 26.0
 PENALTY = 4.0
 
@@ -260,6 +265,28 @@ def _record(readings):
     caught = np.abs(ways) > CAUGHT_M
     end = int(np.argmax(caught)) if caught.any() else len(ways)
     return mass, [(force / mass, duration) for force, duration in segments[-len(ways) :]][:end], ways[:end]
+
+
+def rivals(readings):
+    """Every net, fitted; one constant more is the error of the place from which the ways are counted."""
+    mass, segments, ways = _record(readings)
+    return {structure: _member(structure, mass, segments, ways) for structure in PARTS}
+
+
+def _member(structure, mass, segments, ways):
+    """A net, fitted to the changes of the distance."""
+    count = PARTS[structure]
+
+    def misfits(constants):
+        return (_ways(structure, np.exp(constants[:count]), segments) + constants[count] - ways) / NOISE
+
+    low = np.append(LOW[:count], -START_M)
+    low[2:count] = np.log(LEAST_WHEEL)
+    high = np.append(HIGH[:count], START_M)
+    start = np.append(_fitted(structure, segments, ways)[1], 0.0)
+    best = least_squares(misfits, np.clip(start, low, high), bounds=(low, high), x_scale=high - low).x
+    ranges = list(zip(low, high, strict=True))
+    return member(misfits, lambda found: _predict(structure, np.exp(found[:count]), mass), best, ranges)
 
 
 def batch(task):
