@@ -8,12 +8,12 @@ from scenes.loads import GRAVITY, Pan
 from scenes.protocol import answer
 
 PAN = Pan(top_m=2.0, catch_m=0.22)
-PRESSED_S, ASKED, DAMPING = 10.0, 0.45, 2.0
+PRESSED_S, ASKED, DAMPING = 10.0, 0.45, 4.0
 STRUCTURES = dict.fromkeys(("even", "root", "flat"), ("k", "oil", "column", "leak", "opens"))
-BOX = {"oil": (0.5, 6.0), "column": (0.5, 0.8), "leak": (0.004, 0.06), "opens": (0.15, 0.35)}
+BOX = {"oil": (1.0, 12.0), "column": (0.5, 0.8), "leak": (0.004, 0.06), "opens": (0.15, 0.35)}
 """`k` is the stiffness at first: pressure outside times area, over the height of the column."""
-SETTLE_S = 3.0
-LOOK_S, LOOKS, STEP, ROOM, COLUMN = 0.9, 3, 0.06, 0.21, 0.65
+SETTLE_S = 6.0
+LOOK_S, LOOKS, STEP, ROOM, COLUMN = 1.4, 3, 0.06, 0.21, 0.65
 CALLS, MOST_KG = 117, 299.9
 
 
@@ -34,8 +34,8 @@ def _rates(structure, knobs, time, state, force):
 
 def _laws(k, longest_s=0.15):
     """The laws, with stiffnesses near a known one."""
-    box = {**BOX, "k": (0.9 * k, 1.1 * k)}
-    return Laws(_rates, STRUCTURES, box, (0.0, 0.0), (6e-5,), longest_s, starts=150, tried=3, rounds=12)
+    box = {**BOX, "k": (0.85 * k, 1.15 * k)}
+    return Laws(_rates, STRUCTURES, box, (0.0, 0.0), (4e-5,), longest_s, starts=150, tried=3, rounds=12)
 
 
 def _stiffness(course):
@@ -48,7 +48,7 @@ def _stiffness(course):
 
 def _force(structure, knobs):
     """Force that brings the pan to the asked place: by trying many at once, in ever narrower ranges."""
-    laws, area, low, high = _laws(1.0, 0.02), knobs["k"] * knobs["column"], 0.1, 5.0
+    laws, area, low, high = _laws(1.0, 0.02), knobs["k"] * knobs["column"], 0.1, 8.0
     for _ in range(3):
         force = area * np.linspace(low, high, 60)
         trial = {name: np.full(60, knobs[name]) for name in STRUCTURES[structure]}
