@@ -42,6 +42,8 @@ LEAST_WHEEL = 0.4
 """Least force of a flywheel per acceleration, over the mass of object_1, that the task allows."""
 START_M = 0.05
 """Range of the error of the place from which the ways are counted, m."""
+STARTS = 12
+"""Number of points of the grid from which a net is fitted in the end."""
 CALLS, TIME_S = 150, 26.0
 PENALTY = 4.0
 
@@ -92,7 +94,7 @@ def _predict(structure, values, mass):
     return [float(DRIVE_N / mass / abs(box - RATE**2)), float(DRIVE_N / mass * way)]
 
 
-def _fitted(structure, segments, ways, start=None):
+def _fitted(structure, segments, ways, start=None, tried=2):
     """Chi² and logarithms of the parts' values, by least squares from the best of a grid."""
     count = PARTS[structure]
 
@@ -101,7 +103,7 @@ def _fitted(structure, segments, ways, start=None):
         return errors - errors.mean()
 
     grid = [np.log(point) for point in product(*GRID[:count])]
-    starts = sorted(grid, key=lambda logs: float(np.sum(np.square(off(logs)))))[: 2 if start is None else 1]
+    starts = sorted(grid, key=lambda logs: float(np.sum(np.square(off(logs)))))[: tried if start is None else 1]
     starts += [] if start is None else [start]
     bounds = (LOW[:count], HIGH[:count])
     fits = [least_squares(off, np.clip(logs, *bounds), bounds=bounds, max_nfev=15) for logs in starts]
@@ -283,7 +285,7 @@ def _member(structure, mass, segments, ways):
     low = np.append(LOW[:count], -START_M)
     low[2:count] = np.log(LEAST_WHEEL)
     high = np.append(HIGH[:count], START_M)
-    start = np.append(_fitted(structure, segments, ways)[1], 0.0)
+    start = np.append(_fitted(structure, segments, ways, tried=STARTS)[1], 0.0)
     best = least_squares(misfits, np.clip(start, low, high), bounds=(low, high), x_scale=high - low).x
     ranges = list(zip(low, high, strict=True))
     return member(misfits, lambda found: _predict(structure, np.exp(found[:count]), mass), best, ranges)
