@@ -3,8 +3,11 @@
 import numpy as np
 from scipy.optimize import brentq
 
-from scenes.courses import Course, Laws, force, position, recorded, refined, velocity
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor, force, position, velocity
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.swings import LegFit, Swing
 
 RIM_M, FORCE, LAUNCH_M, SPEED = 0.8, 20.0, 0.5, 8.0
 STRUCTURES = {
@@ -13,23 +16,16 @@ STRUCTURES = {
     "turning second": ("m", "k", "begins", "k2", "w"),
     "turning reel": ("m", "k", "begins", "w"),
 }
-PLAIN = ("m", "k", "bend", "w")
-"""Constants of a pull that bends smoothly, with which the next forces are planned."""
 BOX = {
     "m": (0.02, 20.0),
     "k": (3.0, 50.0),
-    "begins": (0.35, 0.75),
+    "begins": (0.4, 0.7),
     "k2": (3.0, 300.0),
     "w": (-3.0, 3.0),
     "bend": (-1.0, 4.0),
 }
 """All but the mass over the mass."""
-REACHES = (0.2, 0.3, 0.4, 0.5, 0.58, 0.64, 0.68, 0.71, 0.74, 0.75)
-"""How far out the puck is let go in each iteration that has a model, in m; the last one goes on."""
-FAR_M, TIME_S, CALLS, ITERATIONS = 0.5, 16.0, 148, 19
-LEGS, AHEAD, LOOKS, TRIALS = 2, 5, 3, 300
-TOUCHES, VISIBLE = (0.05, 0.5, 5.0), 0.12
-"""First forces in N, each for 0.2 s, until the speed is seen, in m/s."""
+FAR_M = 0.5
 
 
 def _pull(structure, knobs, r):
@@ -52,98 +48,46 @@ LAWS = Laws(
     structures=STRUCTURES,
     box=BOX,
     start=(0.0, 0.0, 0.0, 0.0),
-    sigma=(0.01, 0.01, 0.05, 0.05),
+    sigma=(0.0066, 0.0066, 0.0301, 0.0301),
     longest_s=0.08,
     starts=150,
     tried=3,
     rounds=8,
+    plain=("m", "k", "bend", "w"),
+)
+"""The plain law has a pull that bends smoothly."""
+RIG = Rig(
+    [force("object_1", 0), force("object_1", 1)],
+    [of("object_1", axis) for of in (position, velocity) for axis in (0, 1)],
 )
 
 
+def _distance(course):
+    """Distance from the hole at the end of each leg."""
+    return np.hypot(course.readings[:, 0], course.readings[:, 1])
+
+
 def _course(readings):
-    """Forces, places and velocities, up to where the rim caught."""
-    seen = [of("object_1", axis) for of in (position, velocity) for axis in (0, 1)]
-    raw = recorded(readings, [force("object_1", axis) for axis in (0, 1)], seen)
-    lost = np.nonzero(np.hypot(raw.readings[:, 0], raw.readings[:, 1]) > RIM_M - 0.005)[0]
-    kept = int(lost[0]) if len(lost) else len(raw.durations)
-    return Course(raw.durations[:kept], raw.controls[:kept], raw.readings[:kept])
+    """The course up to where the rim caught."""
+    course = RIG.course(readings)
+    return course.until(_distance(course) > RIM_M - 0.005)
 
 
-def _constants(unit):
-    """Constants of a smooth pull at points of the unit cube."""
-    spans = [(*BOX[name], part) for name, part in zip(PLAIN, unit, strict=True)]
-    values = [low * (high / low) ** part if low > 0 else low + (high - low) * part for low, high, part in spans]
-    return dict(zip(PLAIN, values, strict=True))
+def _all_around(rng, legs, trials):
+    """Forces of some sizes in all directions."""
+    size = rng.choice([0.0, 0.2, 0.5, 1.0], (legs, trials))
+    angle = rng.uniform(0, 2 * np.pi, (legs, trials))
+    return np.array([size * np.cos(angle), size * np.sin(angle)]).transpose(1, 0, 2)
 
 
-def _roughly(course, unit):
-    """The constants from one leg after the other, from a point of the unit cube or anywhere."""
-    starts = np.vstack([LAWS.start, course.readings[:-1]]).T[:, :, None]
-
-    def misfits(units):
-        states, held = starts + np.zeros(units.shape[1]), course.controls.T[:, :, None]
-        ends = LAWS.advanced("plain", _constants(units), 0.0, states, course.durations[:, None], held)
-        off = (ends.transpose(1, 0, 2) - course.readings[:, :, None]) / (2 * np.array(LAWS.sigma)[:, None])
-        return np.vstack([np.clip(np.nan_to_num(off, nan=1e4), -1e4, 1e4).reshape(-1, units.shape[1]), units - 0.5])
-
-    if unit is None:
-        units = np.random.default_rng(1).random((len(PLAIN), 400))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 12)
-    return refined(misfits, unit, 6)
+def _worth(plan, path):
+    """Goes far out, within the reach."""
+    r = np.hypot(path[:, 0], path[:, 1])
+    wide = 3 * np.maximum(np.minimum(r, plan.reach) - FAR_M, 0.0) + 0.2 * r
+    return (wide - 1e3 * np.maximum(r - plan.reach, 0.0)).sum(axis=0)
 
 
-def _planned(knobs, state, span, reach):
-    """Forces for the next legs: of many at random, those that carry the puck far, but not beyond the reach."""
-    rng = np.random.default_rng(2)
-    size = min(0.999 * FORCE, 0.9 * reach * knobs["m"] * knobs["k"]) * rng.choice([0.0, 0.2, 0.5, 1.0], (AHEAD, TRIALS))
-    angle = rng.uniform(0, 2 * np.pi, (AHEAD, TRIALS))
-    forces = np.array([size * np.cos(angle), size * np.sin(angle)]).transpose(1, 0, 2)
-    states, value = np.array(state)[:, None] + np.zeros(TRIALS), np.zeros(TRIALS)
-    for held in forces:
-        for _ in range(LOOKS):
-            states = LAWS.advanced("plain", knobs, 0.0, states, span / LOOKS, held)
-            r = np.nan_to_num(np.hypot(states[0], states[1]), nan=9.0)
-            value += 3 * np.maximum(np.minimum(r, reach) - FAR_M, 0.0) + 0.2 * r - 1e3 * np.maximum(r - reach, 0.0)
-    return forces[:LEGS, :, int(np.argmax(value))]
-
-
-def _push(strength, duration):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[*np.round(strength, 4).tolist(), 0.0]),
-        call("step", duration=max(round(duration / 0.005), 1) * 0.005),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
-
-
-def solve(task):
-    """Touches until the puck moves, then forces that the model so far chooses."""
-    seen = []
-    for strength in TOUCHES:
-        calls = _push([strength, 0.0], 0.2)
-        seen += zip(calls, (yield calls), strict=True)
-        if _course(seen).readings[-1, 2] > VISIBLE:
-            break
-    calls = [*_push([0.0, 0.0], 0.15), *_push([0.0, 0.0], 0.15), *_push([0.0, 0.0], 0.15)]
-    seen += zip(calls, (yield calls), strict=True)
-    unit, reaches, spent = None, list(REACHES), 1.05
-    for _ in range(ITERATIONS - 4):
-        course = _course(seen)
-        unit = _roughly(course, unit)
-        knobs = _constants(unit)
-        span = float(np.clip(1.1 / np.sqrt(knobs["k"]), 0.1, 0.5))
-        spent += LEGS * span
-        if len(seen) + 4 * LEGS > CALLS or spent > TIME_S:
-            break
-        far = float(np.hypot(course.readings[:, 0], course.readings[:, 1]).max())
-        reach, reaches = min(reaches[0], 0.05 + 2 * far), reaches[1:] or reaches
-        calls = [asked for f in _planned(knobs, course.readings[-1], span, reach) for asked in _push(f, span)]
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(*LAWS.best(_course(seen))))]
-
-
-def _predict(structure, knobs):
+def predict(structure, knobs):
     """Largest distance and the speed there."""
     k, begins, w = knobs["k"], knobs["begins"], knobs.get("w", 0.0) if "turning" in structure else 0.0
     beyond = -k if "reel" in structure else knobs["k2"]
@@ -164,28 +108,41 @@ def _predict(structure, knobs):
     return [r, float(abs(across(r)))]
 
 
-def fit(readings, structure):
-    """The answer by the pull of a structure."""
-    return _predict(structure, LAWS.fitted(_course(readings), structure)[1])
+SIZES = (0.1, 0.0, 0.2, 0.0, 0.5, 0.0, 1.0, 0.0, 2.0, 0.0, 5.0, 0.0, 10.0, 0.0, 20.0)
+SWING = Swing(
+    rig=RIG,
+    model=Predictor(LAWS, _course, predict),
+    rough=LegFit(LAWS),
+    touches=(0.05, 0.5, 5.0),
+    moved=lambda reading: reading[2] > 0.12,
+    settled=lambda _: ((0.0, 0.15), (0.0, 0.15), (0.0, 0.15)),
+    strongest=lambda plan: min(0.999 * FORCE, 0.9 * plan.reach * plan.knobs["m"] * plan.knobs["k"]),
+    pattern=_all_around,
+    worth=_worth,
+    span=lambda knobs: float(np.clip(1.1 / np.sqrt(knobs["k"]), 0.1, 0.5)),
+    reaches=(0.25, 0.4, 0.5, 0.58, 0.64, 0.68, 0.71, 0.74, 0.75),
+    wider=lambda course: 0.05 + 2 * float(_distance(course).max()),
+    rounds=15,
+    legs=2,
+    time_s=14.95,
+    fixed_pushes=[(f, 0.3 * f * (-1) ** number) for number, f in enumerate(SIZES)],
+    fixed_s=0.35,
+)
+solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
-def structure(knobs):
-    """What pulls further out, and whether a force acts across the motion."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """The largest distance from energy and angular momentum."""
-    return _predict(knobs["kind"], knobs)
+def rivals(readings):
+    """Each pull, with and without a force across the motion, fitted to the course."""
+    return members(LAWS, _course(readings), predict)
 
 
 def naive(knobs):
     """The cord near the hole carried on; the launch speed all spent on the cord, as if launched straight away."""
     k, kind = knobs["k"], knobs["kind"]
     alone = (
-        _predict("second", {**knobs, "k2": 0.0})
+        predict("second", {**knobs, "k2": 0.0})
         if "turning" not in kind
-        else _predict("turning second", {**knobs, "k2": 0.0})
+        else predict("turning second", {**knobs, "k2": 0.0})
     )
     straight = float(np.sqrt(LAUNCH_M**2 + SPEED**2 / k))
     return {"first cord": alone, "straight": [straight, LAUNCH_M * SPEED / straight]}
@@ -193,18 +150,10 @@ def naive(knobs):
 
 def stage(task):
     """Push as hard as possible, and read the largest distance."""
-    calls = [asked for _ in range(5) for asked in _push([FORCE, 0.0], 0.3)]
+    calls = RIG.leg(FORCE, 1.5, 5)
     readings = yield calls
     far = max(abs(reading["position"][0]) for reading in readings if "position" in reading)
     yield [answer([far, LAUNCH_M * SPEED / far])]
-
-
-def batch(task):
-    """Pushes to and fro, stronger and stronger, and the same fit."""
-    sizes = (0.1, 0.0, 0.2, 0.0, 0.5, 0.0, 1.0, 0.0, 2.0, 0.0, 5.0, 0.0, 10.0, 0.0, 20.0)
-    calls = [asked for number, f in enumerate(sizes) for asked in _push([f, 0.3 * f * (-1) ** number], 0.35)]
-    readings = yield calls
-    yield [answer(_predict(*LAWS.best(_course(list(zip(calls, readings, strict=True))))))]
 
 
 def measure(engine, knobs):
