@@ -23,9 +23,9 @@ BOX = {
     "length": (4.0, 11.0),
     "phase": (-0.3, 6.6),
 }
-GREATEST_N, LEG_S, STIFF, CALM = 2.9, 1.3, 2.5, 1.0
-TARGETS = ((5.2, 0.3), (3.0, -0.7), (5.2, -0.3), (-3.4, 0.5), (5.2, 0.5), (3.0, 0.8))
-NEAR_M, SAFE_M = 1.5, 5.1
+GREATEST_N, LEG_S, STIFF, CALM = 2.9, 1.2, 1.4, 0.6
+TARGETS = ((5.6, 0.0), (3.4, -0.6), (5.6, -0.4), (-3.4, 0.4), (5.6, 0.4), (3.4, 0.6))
+NEAR_M, SAFE_M = 1.3, 5.2
 FAR_FORCE_N, FAST_M_S, FAR_M, SLOW_M_S = 40.0, 4.0, 8.0, 1.0
 STEP_M = 0.2
 
