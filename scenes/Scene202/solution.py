@@ -26,7 +26,7 @@ SQUARES = ((6.0, 60.0, 8, 1), (9.0, 90.0, 5, -1))
 FAST_M_S = 12.0
 HEAVY_KG = 1e8
 PUSHES, LEARNT, WEIGHED, TURN_BACK, PUSH_S = 36, 5, 7, 22, 0.8
-ROUND_M, SPEEDS_M_S, SAFE_M, HASTE, DRAG = 1.6, (3.0, 3.0, 2.0), 3.4, 7.5, 1.3
+ROUND_M, SPEEDS_M_S, SAFE_M, HASTE, DRAG, GROWTH = 1.6, (3.0, 3.0, 2.0), 3.4, 7.5, 1.3, 5
 SEEN = [*(position("object_1", axis) for axis in (0, 1)), *(velocity("object_1", axis) for axis in (0, 1))]
 POINTS, STEPS = 6, 8
 SIGMA = np.array([0.0075, 0.0075, 0.0095, 0.0095])
@@ -287,7 +287,7 @@ def solve(task):
         calls = [*FLOOR.push(mass * first, PUSH_S), *FLOOR.push(mass * second, PUSH_S)]
         readings = yield calls
         seen += zip(calls, readings, strict=True)
-        known = min(_mass(seen), 4 * mass)
+        known = min(_mass(seen), GROWTH * mass) if turn else mass  # nothing is pushed in the first turn
         midway, fast = (np.array(readings[at][field][:2]) for at, field in ((2, "position"), (3, "velocity")))
         place, speed = (np.array(readings[at][field][:2]) for at, field in ((6, "position"), (7, "velocity")))
         if len(seen) == 8 * LEARNT:
