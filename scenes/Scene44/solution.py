@@ -10,14 +10,14 @@ from scenes.rigs import motion
 
 FLOAT = "object_1"
 FLOAT_KG, FAR_KG = 3.0, 75.0
-TOP, ASKED, BOTTOM, TRAP = 5.0, 3.75, 4.06, 4.59
+TOP, ASKED, BOTTOM, TRAP = 4.25, 3.75, 3.72, 3.85
 """Height of the start; depths: that is asked for, beyond which it may get into the trap, and of the trap, m."""
 READ_M, READ_M_S = 4e-4, 2e-4
 """Standard deviations of a difference of depths that are read, and of a speed."""
 PARTS = 96
 """Parts of a leg in the fit."""
 HEAVY_KG, MIDDLE_KG, SMALL_KG = 6.0, 2.25, 0.75
-SPACING = 0.212
+SPACING, NEAR, NEAR_SPACING = 0.212, 3.0, 0.11
 """Way between two readings of a descent, m."""
 DESCENT_S = 67.0
 LONGEST_S = 21.0
@@ -195,10 +195,11 @@ def solve(task):
     calls = [*_load("heavy", HEAVY_KG), *motion(0.1), *motion(0.035)]
     exchanges += zip(calls, (yield calls), strict=True)
     spent = 0.135
-    for _ in range(9):
+    for _ in range(11):
         depth, speed = state()
-        wait = min(SPACING / speed, (DESCENT_S - spent) / 3, LONGEST_S)
-        looks = min(3, int((BOTTOM - depth) / SPACING + 0.3))
+        spacing = SPACING if depth < NEAR else NEAR_SPACING
+        wait = min(spacing / speed, (DESCENT_S - spent) / 3, LONGEST_S)
+        looks = min(3, int((BOTTOM - depth) / spacing + 0.3))
         if looks < 1 or wait < 0.07:
             break
         calls = motion(wait) * looks
