@@ -16,6 +16,8 @@ READ_M, READ_M_S = 4e-4, 2e-4
 """Standard deviations of a difference of depths that are read, and of a speed."""
 PARTS = 96
 """Parts of a leg in the fit."""
+MOST_STEPS = 20000
+"""Most steps of the descent that is asked for."""
 HEAVY_KG, MIDDLE_KG, SMALL_KG = 6.0, 2.25, 0.75
 SPACING, NEAR, NEAR_SPACING = 0.212, 3.0, 0.11
 """Way between two readings of a descent, m."""
@@ -56,13 +58,14 @@ def _speed(power, lift, factor, *profile):
         return (force - gas * abs(speed) ** power) / mass
 
     depth = speed = 0.0
-    while True:
+    for _ in range(MOST_STEPS):
         a = pull(depth, speed)
         b = pull(depth + step / 2 * speed, speed + step / 2 * a)
         way = step * (speed + step / 2 * a)
         if depth + way >= ASKED:
             return speed + b * step * (ASKED - depth) / way
         depth, speed = depth + way, speed + step * b
+    return speed  # of a gas in which it hardly sinks
 
 
 def _start(legs, kind, power):
@@ -79,7 +82,7 @@ def _start(legs, kind, power):
     best = None
     for edge, last in pairs:
         columns = np.column_stack([np.ones(len(depth)), _beyond(depth, edge), _beyond(depth, last)])
-        levels, *_ = np.linalg.lstsq(columns, known, rcond=1e-6)
+        levels = np.clip(np.linalg.lstsq(columns, known, rcond=1e-6)[0], -20, 20)
         left = float(np.sum((known - columns @ levels) ** 2))
         if best is None or left < best[0]:
             best = (left, levels, edge, last)
