@@ -4,12 +4,11 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import least_squares
 
-from scenes.family import member
 from scenes.protocol import answer, call
 
-SLEDGE, TRACTOR, ASKED_M_S = "object_1", "object_2", 3.5
+SLEDGE, TRACTOR, ASKED_M_S = "object_1", "object_2", 4.5
 START_M, NEAREST_M, LINE_M, LIMIT_N = 1.6, 0.36, 0.5, 6.0
-READ_M, READ_M_S = 4e-4, 4.5e-5
+READ_M, READ_M_S = 4e-4, 9e-5
 """Standard deviations of differences of readings."""
 FIRST_S, CREEP_M_S, LOOK_M, MOST_LOOKS = 0.1, 0.22, 0.22, 8
 """Length of the first push; speed with which the end of the slack is sought, way between looks and their number."""
@@ -19,8 +18,6 @@ LEG_M, LEGS, RUNNING_M, RUNNING_S, PARTS, SLOW_M_S, CALLS = 0.04, 6, 0.01, 0.02,
 """The fast run: line between two looks, and looks in an iteration; line and time after which the drum runs
 steadily; parts of a leg in the fit; least speed; most calls."""
 KINDS = ("linear", "square", "fading")
-LOW, HIGH = np.array([np.log(0.05), np.log(1.0)]), np.array([np.log(20.0), np.log(2.5)])
-"""Bounds of the logarithms of the pull at which the drum begins to turn and of the unit of speed; the task's."""
 
 
 def _brake(kind, w):
@@ -83,66 +80,46 @@ def _passages(rows):
     before, after = first[:, 2] - first[:, 3], last[:, 2] - last[:, 3]
     held = np.maximum.accumulate(np.where(abs(rows[:, 2] - rows[:, 3]) < 0.004, rows[:, 1], 0.0))[:-1]
     legs = (first[:, 1] > held + RUNNING_M + RUNNING_S * before) & (before > SLOW_M_S) & (after > SLOW_M_S)
-    legs &= (last[:, 3] - first[:, 3] > 5e-4) & (reached[1:] < straight + LINE_M - 0.06)
+    legs &= (last[:, 3] - first[:, 3] > 5e-4) & (reached[1:] < straight + LINE_M - 0.02)
     jerks = (last[:, 4] == 0) & (first[:, 1] < reached[:-1] - 0.02) & (before > 0.1) & (abs(after) < 0.004)
     jerks &= (last[:, 1] > reached[:-1] + 0.003) & (np.arange(len(first)) > moved[0])
     return (first[legs], last[legs]), (first[jerks], last[jerks], reached[:-1][jerks])
 
 
-def _misfits(rows, kind):
-    """Misfits of speeds and ways, as a function of masses and logarithms of hold and unit of speed of a brake."""
+def _fitted(rows, kind):
+    """Misfit, masses, and hold and unit of speed of a brake."""
+    m1, m2 = _masses(rows)
+    reduced = m1 * m2 / (m1 + m2)
     (first, last), (slack, held, length) = _passages(rows)
     duration, push = last[:, 0] - first[:, 0], last[:, 4]
     nodes, weights = np.polynomial.legendre.leggauss(8)
     speeds = np.outer(slack[:, 2] - slack[:, 3], (nodes + 1) / 2)
-    momentum = READ_M_S * np.hypot(*_masses(rows))
 
     def misfit(p):
-        m1, m2 = p[:2]
-        hold, unit = np.exp(p[2:])
+        hold, unit = np.exp(p)
         fast, slow = first[:, 2], first[:, 3]
         for _ in range(PARTS):
             pull = hold * _brake(kind, np.maximum(fast - slow, 0.0) / unit)
             middle = fast - slow + duration / PARTS / 2 * ((push - pull) / m1 - pull / m2)
             pull = hold * _brake(kind, np.maximum(middle, 0.0) / unit)
             fast, slow = fast + duration / PARTS * (push - pull) / m1, slow + duration / PARTS * pull / m2
-        way = m1 * m2 / (m1 + m2) / hold * speeds / _brake(kind, speeds / unit)
+        way = reduced / hold * speeds / _brake(kind, speeds / unit)
         way = (way @ weights) / 2 * (slack[:, 2] - slack[:, 3])
-        ways = (way - (held[:, 1] - length)) / np.hypot(READ_M, 0.004 * np.abs(held[:, 1] - length))
-        pushed = (rows[1:, 2:4] @ p[:2] - rows[1:, 5]) / momentum
-        return np.concatenate([(fast - last[:, 2]) / READ_M_S, (slow - last[:, 3]) / READ_M_S, ways, pushed])
+        ways = (way - (held[:, 1] - length)) / (READ_M + 0.004 * way)
+        return np.concatenate([(fast - last[:, 2]) / READ_M_S, (slow - last[:, 3]) / READ_M_S, ways])
 
-    return misfit
-
-
-def _fitted(rows, kind):
-    """Chi-square, and masses, hold and unit of speed of a brake."""
-    masses, misfit = _masses(rows), _misfits(rows, kind)
-    bounds = ([0.05, 0.05, *LOW], [60.0, 60.0, *HIGH])
     fits = [
-        least_squares(misfit, [*masses, np.log(hold), np.log(unit)], bounds=bounds, x_scale="jac", max_nfev=60)
-        for hold in (0.5, 1.5)
-        for unit in (1.2, 2.0)
+        least_squares(
+            misfit,
+            np.log([hold, unit]),
+            bounds=(np.log([0.05, 0.2]), np.log([20.0, 40.0])),
+            loss="soft_l1",
+            max_nfev=40,
+        )
+        for hold, unit in ((1.0, 1.2), (1.0, 4.0))
     ]
     best = min(fits, key=lambda got: got.cost)
-    return float(2 * best.cost), *best.x[:2], *np.exp(best.x[2:])
-
-
-def rivals(readings):
-    """Each kind of brake, fitted."""
-    rows = _rows(readings)
-
-    def of(kind):
-        _, m1, m2, hold, unit = _fitted(rows, kind)
-        ranges = [(0.8 * m1, 1.2 * m1), (0.8 * m2, 1.2 * m2), (np.log(0.7 * hold), np.log(1.4 * hold))]
-        return member(
-            _misfits(rows, kind),
-            lambda p: _run_off(kind, *p[:2], *np.exp(p[2:])),
-            [m1, m2, np.log(hold), np.log(unit)],
-            [*ranges, (LOW[1], HIGH[1])],
-        )
-
-    return {kind: of(kind) for kind in KINDS}
+    return float(best.cost), m1, m2, *np.exp(best.x)
 
 
 def _run_off(kind, m1, m2, hold, unit):
