@@ -1,19 +1,22 @@
 """Scene 101: turn the wheel for long, fast and slowly; what its resistance has grown with tells the fast run."""
 
-from math import pi
-
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
+from scenes.loads import GRAVITY, dense_ball, hung, joined
 from scenes.protocol import answer, call
 
-GRAVITY, ARM, BRAKE = 9.81, 0.1, 10.0
+PAN = "object_2"
+ARM, BRAKE = 0.1, 10.0
 FRESH, AFTER_S = 25.0, 60.0
 """Spin at which the fresh bearing would take up the asked torque, rad/s; time until then."""
 DENSITY, HEIGHT = 1e5, 1.0
 UNITS = {"time": 100.0, "turns": 700.0, "work": 9800.0}
 """Time, angle, or work over the first resistance, after which the resistance has doubled, about."""
 KINDS = tuple(UNITS)
+LOW, HIGH = (0.9, 0.2, 5.0), (1.1, 8.0, 6.5)
+"""Ranges of the first resistance over its unit, of what doubles it over its unit, and of the edge, rad/s."""
 NOISE = 0.025
 FIRST_KG, GROWTH, SEEN, SETTLE_S = 0.001, 8.0, 0.45, 3.0
 PLAN = ((4.5, 3), (9.2, 4), (9.3, 4), (7.0, 5), (9.3, 4), (7.0, 5), (9.3, 4), (4.5, 3), (9.3, 4))
@@ -25,18 +28,10 @@ LAG_S = 0.35
 
 def _course(exchanges):
     """Torques and spins, until the brake stops the wheel."""
-    made, load, legs = {}, 0.0, []
-    for asked, reading in exchanges:
-        if "error" in reading:
-            continue
-        if asked.tool == "create_objects":
-            made[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            load += made[asked.arguments["object1_id"]]
-        elif asked.tool == "delete_objects":
-            load -= made[asked.arguments["object_id"]]
-        elif asked.tool == "step":
-            legs.append([asked.arguments["duration"], ARM * load * GRAVITY, np.nan])
+    legs = []
+    for asked, reading, load in hung(exchanges):
+        if asked.tool == "step":
+            legs.append([asked.arguments["duration"], ARM * load[PAN] * GRAVITY, np.nan])
         elif asked.tool == "get_velocity" and legs:
             spin = reading["angular_velocity"]
             if spin > BRAKE + 0.1 or (
@@ -66,27 +61,53 @@ def _spins(kind, times, drives, life, edge):
     return np.array(spins)
 
 
-def _fitted(exchanges, kind):
-    """Misfit, and the time, angle or work over the first resistance that doubles the resistance, and the edge."""
+def _misfits(exchanges, kind):
+    """Misfits of the spins, as a function of the first resistance, of what doubles it, both in units, and of the edge.
+
+    The first unit is the resistance before anything was worn.
+    """
     times, torques, spins = _course(exchanges)
     slow = (spins > 0.3) & np.logical_and.accumulate(spins < 4.9)
     weights = spins[slow] ** 2 if slow.any() else np.ones(1)
     fresh = float((torques[slow] / spins[slow]) @ weights / weights.sum()) if slow.any() else torques[-1] / spins[-1]
 
-    def off(p):
-        model = _spins(kind, times, torques / (fresh * p[0]), abs(p[1]) * UNITS[kind], p[2])
-        return (model - spins) / NOISE
+    def off(sizes, lives, edges):
+        """For numbers, or for arrays of trials."""
+        drives = torques.reshape(-1, *(1 for _ in np.shape(sizes))) / (fresh * sizes)
+        model = _spins(kind, times, drives, lives * UNITS[kind], edges)
+        return (model - spins.reshape(-1, *(1 for _ in np.shape(sizes)))) / NOISE
 
+    return off
+
+
+def _fitted(exchanges, kind):
+    """The constants of `_misfits` that fit best, and their chi-square."""
+    off = _misfits(exchanges, kind)
     trials = [(1.0, life, edge) for life in np.geomspace(0.3, 5.0, 30) for edge in np.linspace(5.0, 6.5, 16)]
-    sizes, lives, edges = np.array(trials).T
-    models = _spins(kind, times, torques[:, None] / (fresh * sizes), lives * UNITS[kind], edges)
-    costs = (((models - spins[:, None]) / NOISE) ** 2).sum(axis=0)
+    costs = (off(*np.array(trials).T) ** 2).sum(axis=0)
     best = None
     for start in np.argsort(costs)[:8]:
-        found = least_squares(off, trials[start], diff_step=1e-4, max_nfev=25)
+        found = least_squares(
+            lambda p: off(p[0], p[1], np.float64(p[2])), trials[start], bounds=(LOW, HIGH), diff_step=1e-4, max_nfev=25
+        )
         if best is None or found.cost < best.cost:
             best = found
-    return 2 * best.cost, abs(best.x[1]) * UNITS[kind], best.x[2]
+    return best.x, 2 * best.cost
+
+
+def rivals(readings):
+    """Each kind of wear, fitted."""
+
+    def of(kind):
+        off = _misfits(readings, kind)
+        return member(
+            lambda p: off(p[0], p[1], np.float64(p[2])),
+            lambda p: _spin(kind, p[1] * UNITS[kind], p[2]),
+            _fitted(readings, kind)[0],
+            list(zip(LOW, HIGH, strict=True)),
+        )
+
+    return {kind: of(kind) for kind in KINDS}
 
 
 def _spin(kind, life, edge):
@@ -94,27 +115,24 @@ def _spin(kind, life, edge):
     return float(_spins(kind, [AFTER_S], [FRESH], np.float64(life), np.float64(edge))[0])
 
 
-def _best(exchanges):
-    """The spin by the law that fits best."""
-    fits = {kind: _fitted(exchanges, kind) for kind in KINDS}
-    kind = min(fits, key=lambda name: fits[name][0])
-    return _spin(kind, *fits[kind][1:])
-
-
 def fit(readings, structure):
     """The spin with one kind of wear."""
-    return _spin(structure, *_fitted(readings, structure)[1:])
+    _, life, edge = _fitted(readings, structure)[0]
+    return _spin(structure, life * UNITS[structure], edge)
+
+
+def _best(exchanges):
+    """The spin by the law that fits best."""
+    return fit(exchanges, min(KINDS, key=lambda kind: _fitted(exchanges, kind)[1]))
 
 
 def _load(number, kg, spans):
     """Load the pan with a ball instead of the one before, and read the spin after each span."""
-    radius = (kg / DENSITY / (4 / 3 * pi)) ** (1 / 3)
     where = [1.0 + 0.15 * (number % 2), 0.0, HEIGHT]
-    made = call("create_objects", name=f"b{number}", pos=where, density=DENSITY, rgba=[1, 0, 0, 1], radius=radius)
     old = [call("delete_objects", object_id=f"b{number - 1}")] if number else []
     look = call("get_velocity", object_id="object_1")
     looks = [made for span in spans for made in (call("step", duration=span), look)]
-    return [made, call("attach_objects", object1_id=f"b{number}", object2_id="object_2"), *old, *looks]
+    return [*joined(dense_ball(f"b{number}", kg, where, DENSITY), PAN), *old, *looks]
 
 
 def solve(task):

@@ -1,14 +1,18 @@
 """Scene 91: one descent with loads put on and taken off; inertia and resistance from the energy of its stretches."""
 
-from math import pi, sqrt
+from math import sqrt
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
+from scenes.loads import GRAVITY, dense_ball, hung, joined, mass_of
 from scenes.protocol import answer, call
+from scenes.rigs import motion
 
-GRAVITY = 9.81
-PAN_KG, FAR_KG = 0.1, 8.0
+PAN = "object_2"
+PAN_KG, FAR_KG, MADE_KG = 0.1, 8.0, 4.9
+"""Masses of the pan, of the load that is asked for, and of all balls together, at most, kg."""
 FALL, WAY = 1.2, 1.38
 """Way that is asked for, and way after which the descent is over."""
 TOP = 3.0
@@ -18,44 +22,30 @@ LADDER = (0.05, 0.05, 0.1, 0.2, 0.4, 0.4)
 TRY_S, STRETCH = 0.15, 2.5
 """How long a load is tried; angle in which the spin is to change from slow to fast."""
 KINDS = ("dry", "oil", "air")
+READ_M = 6e-4
+"""Standard deviation of a way that is read."""
+FAST_NM, FAST_SPIN = (1.5, 8.0), 30.0
+"""Between which torques a part that grows with the spin is, and at which spin, by the task."""
 DENSITY = 1e4
 
 
 def _look(duration):
-    return [
-        call("step", duration=duration),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-        call("get_position", object_id="object_2"),
-    ]
+    return [*motion(duration), call("get_position", object_id=PAN)]
 
 
 def _load(name, kg, way=0.0):
     """Join a ball to the pan, close to it."""
     row, place = divmod(int(name[1:]), 5)
-    radius = (kg / DENSITY / (4 / 3 * pi)) ** (1 / 3)
-    made = call(
-        "create_objects",
-        name=name,
-        pos=[0.1 * place - 0.2, 0.1 * row - 0.2, TOP - way],
-        density=DENSITY,
-        rgba=[1, 0, 0, 1],
-        radius=radius,
-    )
-    return [made, call("attach_objects", object1_id=name, object2_id="object_2")]
+    return joined(dense_ball(name, kg, [0.1 * place - 0.2, 0.1 * row - 0.2, TOP - way], DENSITY), PAN)
 
 
 def _stretches(exchanges):
     """Rows of: load before and after a change [kg], duration, angle and spin before, angle, spin and way after."""
-    rows, masses, joined, before, state = [], {}, 0.0, 0.0, (0.0, 0.0, 0.0)
-    for asked, reading in exchanges:
-        if asked.tool == "create_objects":
-            masses[asked.arguments["name"]] = DENSITY * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            joined += masses[asked.arguments["object1_id"]]
-        elif asked.tool == "delete_objects":
-            joined -= masses[asked.arguments["object_id"]]
-            before = min(before, joined)
+    rows, before, state, on = [], 0.0, (0.0, 0.0, 0.0), 0.0
+    for asked, reading, load in hung(exchanges):
+        on = load[PAN]
+        if asked.tool == "delete_objects":
+            before = min(before, on)
         elif asked.tool == "get_velocity":
             spin = reading["angular_velocity"]
         elif asked.arguments.get("object_id") == "object_1" and "angle" in reading:
@@ -63,25 +53,23 @@ def _stretches(exchanges):
         elif asked.tool == "get_position":
             time, way = reading["sim_time"], TOP - reading["position"][2]
             if way < 1.47 and (not rows or rows[-1][7] < WAY):
-                rows.append((before, joined, time - state[0], *state[1:], angle, spin, way))
-            state, before = (time, angle, spin), joined
+                rows.append((before, on, time - state[0], *state[1:], angle, spin, way))
+            state, before = (time, angle, spin), on
     return np.array(rows)
 
 
-def _model(rows, kind, inertias=(0.05, 0.15)):
-    """Misfit, and radius at the start, its growth per angle, inertia, T0, c, k by one kind of resistance.
+def _misfits(rows, kind):
+    """Misfits of angles, spins and ways, as a function of radius, growth, logarithms of inertia and T0, and of c or k.
 
     Each stretch is integrated from the reading at its start; a ball that is joined is at rest before.
     """
     before, load, time, first, begun, last, ended, ways = rows.T
-    if last.max() > 1:
-        radius, growth = np.linalg.lstsq(np.column_stack([last, last**2 / 2]), ways, rcond=None)[0]
-    else:
-        radius, growth = (ways.sum() / last.sum() if last.max() > 0.012 else 0.1), 0.0
     pieces = 24
     step = time / pieces
 
-    def predicted(inertia, dry, oil, air):
+    def misfits(values):
+        radius, growth, inertia, dry, oil, air = _parts(kind, values)
+
         def change(angle, spin):
             r = radius + growth * angle
             torque = load * GRAVITY * r - (load + PAN_KG) * r * growth * spin**2 - dry - oil * spin - air * spin**2
@@ -93,32 +81,67 @@ def _model(rows, kind, inertias=(0.05, 0.15)):
             middle = np.maximum(spin + step / 2 * change(angle, spin), 0.0)
             spin = np.maximum(spin + step * change(angle + step / 2 * spin, middle), 0.0)
             angle = angle + step * middle
-        return angle, spin
+        of_angle = (angle - last) / (2e-3 + 4e-4 * time)
+        of_spin = (spin - ended) / (2.2e-3 + 5e-4 * np.abs(ended - begun))
+        return np.concatenate([of_angle, of_spin, (radius * last + growth * last**2 / 2 - ways) / READ_M])
 
-    def parts(values):
-        grow = values[2] if len(values) > 2 else 0.0
-        return np.exp(values[0]), np.exp(values[1]), grow if kind == "oil" else 0.0, grow if kind == "air" else 0.0
+    return misfits
 
-    def misfit(values):
-        angle, spin = predicted(*parts(values))
-        return np.concatenate(
-            [(angle - last) / (2e-3 + 4e-4 * time), (spin - ended) / (2.2e-3 + 5e-4 * np.abs(ended - begun))]
-        )
 
-    least = 0.75 * GRAVITY * radius * (load[last > 0.012][0] if last.max() > 0.012 else 0.5)
-    best = None
+def _parts(kind, values):
+    """Radius, its growth per angle, inertia, T0, c and k."""
+    radius, growth, inertia, dry, *grow = values
+    oil, air = (grow[0] if kind == name else 0.0 for name in KINDS[1:])
+    return radius, growth, np.exp(inertia), np.exp(dry), oil, air
+
+
+def _ranges(rows, kind):
+    """Smallest and largest values of the constants, and some of them to begin with."""
+    _, load, *_, last, _, ways = rows.T
+    moved = last > 0.012
+    if last.max() > 1:
+        radius, growth = np.linalg.lstsq(np.column_stack([last, last**2 / 2]), ways, rcond=None)[0]
+    else:
+        radius, growth = (ways.sum() / last.sum() if moved.any() else 0.1), 0.0
+    least = 0.75 * GRAVITY * radius * (load[moved][0] if moved.any() else 0.5)
+    most = FAST_NM[1] / FAST_SPIN ** KINDS.index(kind)
+    low = [0.04, -0.05, -4.5, np.log(least / 3), most * FAST_NM[0] / FAST_NM[1]]
+    high = [0.16, 0.05, -0.7, np.log(least * 1.6), most]
+    count = 4 if kind == "dry" else 5
+    begin = [radius, growth, 0.0, np.log(least), 1.2 * low[-1]]
+    return np.array(low[:count]), np.array(high[:count]), np.array(begin[:count])
+
+
+def _fitted(rows, kind, inertias=(0.05, 0.15)):
+    """The constants that fit best, and chi-square."""
+    low, high, begin = _ranges(rows, kind)
+    misfits, best = _misfits(rows, kind), None
     for inertia in inertias:
-        start, low, high = (
-            [np.log(inertia), np.log(least), 0.01],
-            [-4.5, np.log(least / 3), 0.0],
-            [-0.7, np.log(least * 1.6), 1.0],
-        )
-        count = 2 if kind == "dry" else 3
-        bounds = (low[:count], high[:count])
-        found = least_squares(misfit, start[:count], bounds=bounds, x_scale=[0.3, 0.3, 0.01][:count])
+        begin[2] = np.log(inertia)
+        start = np.clip(begin, 0.999 * low + 0.001 * high, 0.001 * low + 0.999 * high)
+        found = least_squares(misfits, start, bounds=(low, high), x_scale=high - low, max_nfev=60)
         if best is None or found.cost < best.cost:
             best = found
-    return 2 * best.cost, (radius, growth, *parts(best.x))
+    return best.x, 2 * best.cost
+
+
+def _model(rows, kind, inertias=(0.05, 0.15)):
+    """Misfit, and radius at the start, its growth per angle, inertia, T0, c, k by one kind of resistance."""
+    values, cost = _fitted(rows, kind, inertias)
+    return cost, _parts(kind, values)
+
+
+def rivals(readings):
+    """Each kind of resistance, fitted."""
+    rows = _stretches(readings)
+
+    def of(kind):
+        low, high, _ = _ranges(rows, kind)
+        best, _ = _fitted(rows, kind)
+        ranges = list(zip(low, high, strict=True))
+        return member(_misfits(rows, kind), lambda values: float(_speed(*_parts(kind, values))), best, ranges)
+
+    return {kind: of(kind) for kind in KINDS}
 
 
 def _best(rows):
@@ -196,7 +219,8 @@ def solve(task):
         goal = min(goal, 2.5 * max(rows[:, 1]) + 0.1)
         calls = []
         if driving and on < 0.95 * goal:
-            loads.append((f"a{spent}", float(goal - on)))
+            made = sum(mass_of(asked) for asked, _ in exchanges if asked.tool == "create_objects")
+            loads.append((f"a{spent}", float(min(goal - on, max(MADE_KG - made, 0.01)))))
             calls += _load(*loads[-1], way)
         while not driving and loads and on > 1.05 * goal:
             name, kg = loads.pop()
@@ -236,8 +260,7 @@ def batch(task):
     for time in (0.2, 0.4, 0.8, 1.0):
         calls += _look(time)
     readings = yield calls
-    exchanges = [pair for pair in zip(calls, readings, strict=True) if "error" not in pair[1]]
-    rows = _stretches(exchanges)
+    rows = _stretches(list(zip(calls, readings, strict=True)))
     rows = rows[: next((place for place, row in enumerate(rows) if row[6] > 4), len(rows))]
     try:
         value = _speed(*np.maximum(_best(rows), [0.05, -0.02, 0.01, 0, 0, 0]))

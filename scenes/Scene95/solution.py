@@ -3,14 +3,17 @@
 from math import pi
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.courses import refined
+from scenes.family import member
+from scenes.fitting import chi_square
 from scenes.protocol import answer, call
 
 SPIN, GUARD_M = 9.0, 0.2
 FAR_SPIN, FAR_M, FAR_S, OFF_M = 3.0, 0.6, 4.0, 1.0
 STRUCTURES = {"stiffer": ("m", "w", "c", "b"), "gap": ("m", "w", "c", "g", "a"), "softer": ("m", "w", "c", "s")}
-BOX = {"m": (0.05, 300), "w": (6, 90), "c": (0.03, 3), "b": (0.5, 40), "g": (0.1, 8), "a": (0.04, 0.19), "s": (0.1, 4)}
+BOX = {"m": (0.05, 300), "w": (6, 90), "c": (0.03, 3), "b": (2.7, 40), "g": (0.5, 8), "a": (0.04, 0.14), "s": (0.1, 1)}
 """Mass; over it, force of the springs per distance near x = 0, and resistance; the numbers of each kind."""
 SIGMA_M, SIGMA_M_S = 3e-4, 1e-3
 HEIGHT_M, DENSITY, PLACE_M = 1.3, 1e4, 0.5
@@ -19,6 +22,8 @@ TURNS, LOOKS, CALLS = 12, 3, 150
 SHARES = np.geomspace(0.002, 1.0, 20)
 """Masses of a ball over that of carriage and wheel that are considered."""
 NEAR_M = 0.183
+STARTS = 4
+"""Number of points from which a fit is begun."""
 
 
 def _back(structure, knobs, x):
@@ -112,14 +117,15 @@ def _by_legs(rows, structure, unit=None):
 
     if unit is None:
         units = np.random.default_rng(1).random((len(STRUCTURES[structure]), 300))
-        unit = units[:, np.argmin(np.log1p(misfits(units) ** 2).sum(axis=0))]
-        unit = refined(misfits, unit, 15)
+        order = np.argsort(np.log1p(misfits(units) ** 2).sum(axis=0))[:STARTS]
+        found = [refined(misfits, units[:, start], 15) for start in order]
+        unit = min(found, key=lambda point: chi_square(misfits, point))
     unit = refined(misfits, unit, 8)
     return float((misfits(unit[:, None]) ** 2).sum()), unit
 
 
-def _whole(rows, structure, unit):
-    """Chi-square and constants of the best fit to the course as a whole."""
+def _whole(rows, structure):
+    """Misfits of the course as a whole, and a weak pull to the middle, at points of the unit cube."""
 
     def misfits(units):
         knobs, off_by = _knobs(structure, units), []
@@ -130,11 +136,17 @@ def _whole(rows, structure, unit):
             off_by += [(x - place.real) / SIGMA_M, (v - speed.real) / SIGMA_M_S]
         return np.vstack([*off_by, 0.3 * (units - 0.5)])
 
-    unit = refined(misfits, unit, 5)
-    return float((misfits(unit[:, None]) ** 2).sum()), _knobs(structure, unit)
+    return misfits
 
 
-def _least(structure, knobs, *, carried=True):
+def _best_unit(rows, structure):
+    """Chi-square and constants of the best fit to the course as a whole, in the unit cube."""
+    misfits = _whole(rows, structure)
+    unit = refined(misfits, _by_legs(rows, structure)[1], 5)
+    return float((misfits(unit[:, None]) ** 2).sum()), unit
+
+
+def predict(structure, knobs, *, carried=True):
     """Least mass of the ball with which the carriage comes far enough."""
     low, high = 0.005, 8.0
     for _ in range(2):
@@ -152,32 +164,39 @@ def _least(structure, knobs, *, carried=True):
 
 def _best(rows):
     """The answer by the kind of springs that fits best, each constant paid for."""
-    found = {structure: _whole(rows, structure, _by_legs(rows, structure)[1]) for structure in STRUCTURES}
+    found = {structure: _best_unit(rows, structure) for structure in STRUCTURES}
     name = min(found, key=lambda name: found[name][0] + 4 * len(STRUCTURES[name]))
-    return _least(name, found[name][1])
+    return predict(name, _knobs(name, found[name][1]))
 
 
 def fit(readings, structure):
     """The asked mass with one kind of springs."""
+    return predict(structure, _knobs(structure, _best_unit(_rows(readings), structure)[1]))
+
+
+def rivals(readings):
+    """Each kind of springs, fitted."""
     rows = _rows(readings)
-    return _least(structure, _whole(rows, structure, _by_legs(rows, structure)[1])[1])
+    return {structure: _weighed(rows, structure) for structure in STRUCTURES}
 
 
-def structure(knobs):
-    """How the force of the springs grows."""
-    return knobs["kind"]
+def _weighed(rows, structure):
+    """The springs of one kind, fitted within the ranges of their constants."""
+    whole, size = _whole(rows, structure), len(STRUCTURES[structure])
 
+    def misfits(unit):
+        return whole(np.asarray(unit)[:, None])[:-size, 0]
 
-def theory(knobs):
-    """The way of the carriage with the drawn values."""
-    return _least(knobs["kind"], knobs)
+    start = np.clip(_best_unit(rows, structure)[1], 1e-4, 1 - 1e-4)
+    best = least_squares(misfits, start, bounds=(0.0, 1.0), diff_step=1e-4, max_nfev=8).x
+    return member(misfits, lambda unit: predict(structure, _knobs(structure, unit)), best, [(0.0, 1.0)] * size)
 
 
 def naive(knobs):
     """Springs as near x = 0; the ball shakes the carriage, but is not carried along."""
     return {
-        "springs as near x = 0": _least("stiffer", {**knobs, "b": 0.0}),
-        "ball not carried along": _least(knobs["kind"], knobs, carried=False),
+        "springs as near x = 0": predict("stiffer", {**knobs, "b": 0.0}),
+        "ball not carried along": predict(knobs["kind"], knobs, carried=False),
     }
 
 
@@ -280,7 +299,7 @@ def measure(engine, knobs):
             "body[object_2]/inertial.mass": mass,
             "body[object_2]/inertial.pos": (load * OFF_M / mass, 0.0, 0.0),
             "body[trigger]/inertial.mass": 1e9,
-            "key[start].qvel": (0.0, FAR_SPIN, 0.0),
+            "key[start].qvel": (0.0, FAR_SPIN, 0.0, 0.0),
         }
         world, far = engine.changed(changes), 0.0
         for _ in range(world.whole_steps(FAR_S)):
@@ -288,7 +307,7 @@ def measure(engine, knobs):
             far = max(far, abs(float(world.pose("object_1").position[0])))
         return far
 
-    low, high = 0.95 * theory(knobs), 1.05 * theory(knobs)
+    low, high = 0.95 * predict(knobs["kind"], knobs), 1.05 * predict(knobs["kind"], knobs)
     for _ in range(9):
         middle = (low + high) / 2
         low, high = (low, middle) if farthest(middle) >= FAR_M else (middle, high)
