@@ -46,17 +46,7 @@ def _rates(structure, knobs, time, state, force):
     return np.array([vx, vy, force[0] / knobs["m"] + gain * vx, force[1] / knobs["m"] + gain * vy])
 
 
-def structure(knobs):
-    """Label of the drawn structure."""
-    return knobs["kind"]
-
-
-def theory(knobs):
-    """Predictions from the drawn law."""
-    return _predictions(knobs["kind"], knobs)
-
-
-def _predictions(structure, knobs):
+def predict(structure, knobs):
     """Speed under the far force, own speed at the far place, time of growth at the origin."""
     here, there = (float(knobs["a"] * _shape(structure, knobs, x)) for x in (0.0, FAR_M))
     b, p = float(knobs["b"]), float(knobs["p"])
@@ -92,7 +82,7 @@ def measure(engine, knobs):
 
 def naive(knobs):
     """As at the origin everywhere; or a common drag, from the own speed."""
-    push, own, growth = _predictions(knobs["kind"], knobs)
+    push, own, growth = predict(knobs["kind"], knobs)
     here = float(knobs["a"] * _shape(knobs["kind"], knobs, 0.0))
     speed = (here / knobs["b"]) ** (1 / (knobs["p"] - 1))
     return {
@@ -124,7 +114,7 @@ LAWS = Laws(
 )
 FLOOR = PuckFloor(
     laws=LAWS,
-    predict=_predictions,
+    predict=predict,
     targets=((3.9, 0.3), (1.8, -0.5), (3.9, -0.4), (-1.5, 0.6), (3.9, 0.6), (0.5, -0.8)),
     near_m=0.8,
     safe_m=3.9,
