@@ -139,7 +139,7 @@ LEADING = {
     "heaviest_kg": 40.0,
     "haste": 4.8,
     "leg_s": 1.0,
-    "slowed": 0.4,
+    "slowed": 0.7,
     "coasts_s": 0.4,
 }
 FLOOR = Floor(laws=_laws(BOX), **LEADING)
