@@ -69,14 +69,17 @@ class PuckFloor:
     """Whether pushes make up for a uniform force, as far as it is known."""
     idle_legs: int = 0
     """Legs without a push at first, which show a uniform force and tell it from a light puck."""
+    patience: int | None = None
+    """Legs after which a target that was not reached is left for the next one: what acts may keep the puck off it."""
 
     def solve(self, _: str) -> Protocol:
         """Begin gently, then lead the puck to and fro with forces that suit its mass; fit every law to the course."""
         seen, place, speed = list[tuple[Call, Any]](), np.zeros(2), np.zeros(2)
-        targets, mass = list(self.targets), self.lightest_kg
+        targets, mass, tried = list(self.targets), self.lightest_kg, 0
         for leg in range(self.legs):
-            if np.hypot(*(np.array(targets[0]) - place)) < self.near_m:
-                targets = targets[1:] + targets[:1]
+            if np.hypot(*(np.array(targets[0]) - place)) < self.near_m or tried == self.patience:
+                targets, tried = targets[1:] + targets[:1], 0
+            tried += 1
             target = np.array(targets[0])
             if self.steer:
                 pushed = self.steer(place, speed, target)

@@ -100,5 +100,6 @@ FLOOR = PuckFloor(
     leg_s=0.8,
     slowed=0.65,
     coasts_s=0.6,
+    patience=3,
 )
 solve, batch, fit = FLOOR.solve, FLOOR.batch, FLOOR.fit
