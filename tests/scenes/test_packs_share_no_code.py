@@ -17,17 +17,11 @@ INTERFACE = re.compile(r"def (solve|theory|measure|structure|fit|predict|naive|b
 LINES_STILL_SHARED: set[tuple[int, int]] = {
     (27, 32),
     (28, 34),
-    (44, 91),
     (76, 98),
-    (79, 80),
-    (79, 82),
-    (80, 82),
-    (92, 101),
 }
 """Pairs that are still to be changed. Take out a pair that has become good; add none."""
 FUNCTIONS_STILL_SHARED: set[tuple[int, int]] = {
     (76, 98),
-    (80, 82),
 }
 
 

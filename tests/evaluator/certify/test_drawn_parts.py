@@ -11,8 +11,6 @@ from scenes import PackFiles, list_packs, read_pack
 
 OWN = [files for files in list_packs() if read_pack(files).predicts]
 UNEQUAL = {
-    31: "a second rotor at some seeds",
-    41: "a tendon at some seeds",
     76: "dry friction at some seeds",
     98: "dry friction at some seeds",
 }
