@@ -16,7 +16,7 @@ def entry() -> NoReturn:
 
 
 def _end_at_once() -> None:
-    """Let Ctrl-C end this process without a word. Commands that can clean up undo this, when they begin: `heed_ctrl_c`.
+    """Let Ctrl-C end this process without a word. Commands that can clean up undo it at their start: `restore_sigint`.
 
     An exception that it raises while modules are loaded may end anywhere: the engine, as it starts, puts an error of
     its own in its place. An episode on stdio has nothing to clean up, and waits for the next line in a thread, which no

@@ -16,13 +16,13 @@ from typing import Any, cast
 
 from pydantic import JsonValue
 
-from evaluator.episode.contender import AgentContender
+from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, EvaluatorError, UsageError
 from evaluator.records import EpisodeKey
 
 
-def load_agent(text: str) -> AgentContender:
+def load_agent(text: str) -> AgentParticipant:
     """The agent that `MODULE:CLASS` names, with the working folder on the import path.
 
     Args:
@@ -55,7 +55,7 @@ def load_agent(text: str) -> AgentContender:
     stated = cast("dict[str, JsonValue]", agent.facts() if callable(getattr(agent, "facts", None)) else {})
     facts: dict[str, JsonValue] = {"class": text, **_source_of(cast("Agent", agent)), **stated}
     owned = agent if hasattr(agent, "__aenter__") else nullcontext()
-    return AgentContender(GuardedAgent(agent), facts, owned)
+    return AgentParticipant(GuardedAgent(agent), facts, owned)
 
 
 def _source_of(agent: Agent) -> dict[str, str]:

@@ -11,16 +11,16 @@ from evaluator.commands.base import Commands
 from evaluator.commands.external import USUAL_CONCURRENCY
 from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
-from evaluator.episode.contender import AgentContender
+from evaluator.episode.participant import AgentParticipant
 from evaluator.errors import UsageError
 from evaluator.records import Episode
 from evaluator.run_record import ForkedRun, Plan
 from evaluator.seed_key import SeedKey
 from evaluator.store import RunFolder
-from evaluator.study.contenders import contenders_of
-from evaluator.study.forking import CONDITIONS, ForkContender, fork_keys, line_hashes, select_episodes
+from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line_hashes, select_episodes
 from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
 from evaluator.study.limits import Meter
+from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack
@@ -85,21 +85,21 @@ def _fork(args: argparse.Namespace) -> int:
     seed_of = seeds_of(source, args.seed_key)
     key = read_seed_key(args.seed_key) if args.seed_key else read_revealed(source)
     config = _config(args, episodes, record.plan, key if record.plan.held_back else None)
-    built, agents = contenders_of(config), dict[str, AgentContender]()
-    for name, contender in built.items():
-        if not isinstance(contender, AgentContender):
+    built, agents = participants_of(config), dict[str, AgentParticipant]()
+    for name, participant in built.items():
+        if not isinstance(participant, AgentParticipant):
             raise UsageError(f"--agent {name}: a program plays by itself from the start, and cannot go on from a fork")
-        agents[name] = contender
+        agents[name] = participant
     keys = fork_keys(episodes, list(agents))
     hashes = line_hashes(source)
-    contenders = {name: ForkContender(inner, keys, hashes, args.turn) for name, inner in agents.items()}
+    participants = {name: ForkParticipant(inner, keys, hashes, args.turn) for name, inner in agents.items()}
     seal = source.read_seal()
     run = PreparedRun(
         config=config,
-        contenders=contenders,
-        plan=_plan(config, record.plan, list(contenders)),
+        participants=participants,
+        plan=_plan(config, record.plan, list(participants)),
         keys=list(keys),
-        folder=create_folder(config, contenders),
+        folder=create_folder(config, participants),
         answers=KeyRing(args.scenes_dir, seed_of),
         meter=Meter(config.limits),
         console=Console(stderr=args.json),

@@ -17,7 +17,7 @@ from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import HostLaboratory, Laboratory, connect
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import EpisodeKey
 from evaluator.redaction import Redaction
@@ -41,7 +41,7 @@ class PreparedRun:
     """A run that is ready to be played."""
 
     config: RunConfig
-    contenders: Mapping[str, Contender]
+    participants: Mapping[str, Participant]
     plan: Plan
     keys: list[EpisodeKey]
     """The episodes of this shard."""
@@ -67,7 +67,7 @@ def play_run(run: PreparedRun) -> int:
     return finish(folder, run.answers, run.console, as_json=config.as_json, wanted=len(run.keys))
 
 
-def create_folder(config: RunConfig, contenders: Mapping[str, Contender]) -> RunFolder:
+def create_folder(config: RunConfig, participants: Mapping[str, Participant]) -> RunFolder:
     """The folder of a run that starts or goes on.
 
     Raises:
@@ -80,7 +80,7 @@ def create_folder(config: RunConfig, contenders: Mapping[str, Contender]) -> Run
     if shard != WHOLE and config.out is None:
         raise UsageError(f"shard {shard.index}/{shard.count} needs the folder of the whole run: --out DIR")
     time = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    label = "study" if len(contenders) > 1 else next(iter(contenders)).split(":")[0]
+    label = "study" if len(participants) > 1 else next(iter(participants)).split(":")[0]
     whole = config.out or Path("runs") / f"{time}-{label}"
     folder = RunFolder(whole if shard == WHOLE else whole / shard.name)
     folder.create(resume=config.resume)
@@ -119,8 +119,8 @@ async def _play_missing(run: PreparedRun) -> str:
             connect(config.server, config.scenes_dir, config.observations, config.seed_of)
         )
         folder = replace(folder, redaction=_redaction(laboratory), on_line=sealing.add)
-        for contender in run.contenders.values():
-            await stack.enter_async_context(contender.running())
+        for participant in run.participants.values():
+            await stack.enter_async_context(participant.running())
         record = await _record(run, laboratory)
         play = await stack.enter_async_context(_executor(run, laboratory, record))
         folder.write_run(_continued(folder, record, config.packs))
@@ -162,7 +162,7 @@ async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
             server = await server_record(client, run.config.server)
     except InfrastructureError as error:
         raise UsageError(str(error)) from error
-    agents = {name: contender.facts() for name, contender in run.contenders.items()}
+    agents = {name: participant.facts() for name, participant in run.participants.items()}
     part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
     record = run_record(plan, run.config.packs, server, agents, part)
     return record.model_copy(update={"forked_from": run.forked_from})
@@ -174,10 +174,10 @@ async def _executor(run: PreparedRun, laboratory: Laboratory, record: RunRecord)
     config = run.config
     count = config.workers or usual_workers(config, len(run.keys))
     if config.executor == "local" and count == 1:
-        yield LocalPlay(laboratory, run.contenders, record.versions_of, config.episode_timeout_s)
+        yield LocalPlay(laboratory, run.participants, record.versions_of, config.episode_timeout_s)
         return
     start = ray_workers if config.executor == "ray" else functools.partial(process_workers, count=count)
-    async with start(config, run.contenders, record) as play:
+    async with start(config, run.participants, record) as play:
         yield play
 
 

@@ -15,9 +15,9 @@ from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
-from evaluator.study.contenders import contenders_of
 from evaluator.study.estimate import estimate_lines
 from evaluator.study.limits import Meter
+from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
@@ -35,8 +35,8 @@ def add(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     config = read_options(args)
-    contenders = contenders_of(config)
-    plan = config.plan(contenders)
+    participants = participants_of(config)
+    plan = config.plan(participants)
     keys = [key for key in plan.matrix() if config.shard.takes(key)]
     if config.dry_run:
         print(*estimate_lines(plan, keys, config.shard, config.concurrency), sep="\n")
@@ -50,9 +50,9 @@ def _run(args: argparse.Namespace) -> int:
     for note in (*_timestep_notes(config.packs), engine_note(config.scenes_dir or default_folder())):
         if note:
             print(f"physment-eval: {note}", file=sys.stderr)
-    folder = create_folder(config, contenders)
+    folder = create_folder(config, participants)
     answers, console = KeyRing(config.scenes_dir, config.seed_of), Console(stderr=config.as_json)
-    return play_run(PreparedRun(config, contenders, plan, keys, folder, answers, Meter(config.limits), console))
+    return play_run(PreparedRun(config, participants, plan, keys, folder, answers, Meter(config.limits), console))
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:

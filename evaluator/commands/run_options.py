@@ -20,9 +20,9 @@ from evaluator.commands.argument_types import (
 from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.errors import UsageError
 from evaluator.study import process_executor
-from evaluator.study.contenders import AGENTS, EXTERNAL
 from evaluator.study.held_back import read_seed_key
 from evaluator.study.limits import Limits
+from evaluator.study.participants import AGENTS, EXTERNAL
 from evaluator.study.run_config import RunConfig
 from evaluator.study.selection import (
     SUITE,

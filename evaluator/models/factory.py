@@ -1,21 +1,21 @@
-"""From `--agent model:…` to a contender; the provider's client is loaded here and not before."""
+"""From `--agent model:…` to a participant; the provider's client is loaded here and not before."""
 
 from collections.abc import Mapping
 
-from evaluator.episode.contender import AgentContender
+from evaluator.episode.participant import AgentParticipant
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options, parse_model
 from evaluator.models.lanes import Lanes, Patience
 
 
-def model_contender(
+def model_participant(
     text: str,
     options: Options | None = None,
     base_url: str | None = None,
     lanes: Lanes | None = None,
     patience: Patience | None = None,
     environ: Mapping[str, str] | None = None,
-) -> AgentContender:
+) -> AgentParticipant:
     """The model that `text` names, ready to play.
 
     Args:
@@ -35,4 +35,4 @@ def model_contender(
     from evaluator.models.agent import ModelAgent  # noqa: PLC0415 - loading the client takes half a second
 
     agent = ModelAgent(choice, (lanes or Lanes()).of(choice.provider.name), patience or Patience())
-    return AgentContender(agent, agent.facts(), agent)
+    return AgentParticipant(agent, agent.facts(), agent)

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import anyio
 
 from evaluator.episode.connect import Laboratory
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 from evaluator.spans import end_episode, episode_span
@@ -26,7 +26,7 @@ class LocalPlay:
     """Plays episodes in this process."""
 
     laboratory: Laboratory
-    contenders: Mapping[str, Contender]
+    participants: Mapping[str, Participant]
     """By name, as in the keys."""
     versions: Callable[[int], Versions]
     """Scene → versions to record."""
@@ -35,34 +35,38 @@ class LocalPlay:
 
     async def __call__(self, key: EpisodeKey) -> Episode:
         """Play an episode; raises as `play_key` does."""
-        contender, versions = self.contenders[key.agent], self.versions(key.scene)
-        return await play_key(contender, self.laboratory, key, versions, self.timeout_s)
+        participant, versions = self.participants[key.agent], self.versions(key.scene)
+        return await play_key(participant, self.laboratory, key, versions, self.timeout_s)
 
 
 async def play_key(
-    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None = None
+    participant: Participant,
+    laboratory: Laboratory,
+    key: EpisodeKey,
+    versions: Versions,
+    timeout_s: float | None = None,
 ) -> Episode:
     """Play an episode until it has an outcome, or until all attempts have failed.
 
     Args:
-        contender: Who plays.
+        participant: Who plays.
         laboratory: Where.
         key: Which episode.
         versions: Recorded with it.
         timeout_s: Wall time of one attempt [s]; None for no limit. An attempt that takes longer has failed.
 
     Raises:
-        UsageError: The contender cannot play in this laboratory.
-        PermanentFailure: No episode of this contender can be played.
+        UsageError: The participant cannot play in this laboratory.
+        PermanentFailure: No episode of this participant can be played.
     """
     with episode_span(key) as span:
-        episode = await _attempted(contender, laboratory, key, versions, timeout_s)
+        episode = await _attempted(participant, laboratory, key, versions, timeout_s)
         end_episode(span, episode)
         return episode
 
 
 async def _attempted(
-    contender: Contender, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    participant: Participant, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None
 ) -> Episode:
     failure, used = "", list[Usage]()
     for attempt in range(1, MAX_ATTEMPTS + 1):
@@ -70,7 +74,7 @@ async def _attempted(
             await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
         try:
             with anyio.move_on_after(timeout_s):
-                episode = await contender.play(laboratory, key, versions, used)
+                episode = await participant.play(laboratory, key, versions, used)
                 return episode.model_copy(update={"attempts": attempt})
             failure = f"the episode took longer than {timeout_s} s"
         except PermanentFailure:

@@ -15,8 +15,8 @@ from pydantic import JsonValue
 
 from evaluator.agents.recorded import RepeatingPlayer, exact_difference, replies_of
 from evaluator.episode.connect import Laboratory
-from evaluator.episode.contender import AgentContender
 from evaluator.episode.loop import play_episode
+from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import UsageError
 from evaluator.protocols.text import feedback_text
@@ -94,10 +94,10 @@ def account(stored: Episode, turn: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class ForkContender:
-    """A contender that plays every episode from a fork."""
+class ForkParticipant:
+    """A participant that plays every episode from a fork."""
 
-    inner: AgentContender
+    inner: AgentParticipant
     stored: Mapping[EpisodeKey, Episode]
     hashes: Mapping[EpisodeKey, str]
     """Key of the stored episode → SHA-256 of its line."""

@@ -21,15 +21,15 @@ import anyio
 import anyio.to_thread
 from anyio.abc import TaskGroup
 
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import Play
 from evaluator.study.channel import Crash, ProcessChannel
-from evaluator.study.contenders import EXTERNAL
+from evaluator.study.participants import EXTERNAL
 from evaluator.study.run_config import RunConfig
-from evaluator.study.workers import EpisodeWorker, Seat, Terms, WorkerLost, Workers, lanes_of, shares
+from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 AVAILABLE = hasattr(socket, "AF_UNIX")
 """Whether this system has the sockets that workers need; Windows has not."""
@@ -202,7 +202,7 @@ class _Reply:
 @contextlib.asynccontextmanager
 async def process_workers(
     config: RunConfig,
-    contenders: Mapping[str, Contender],
+    participants: Mapping[str, Participant],
     record: RunRecord,
     *,
     count: int,
@@ -212,7 +212,7 @@ async def process_workers(
 
     Args:
         config: The configuration of the run.
-        contenders: The same, built here; their facts hold the limits of the providers, which the workers share.
+        participants: The same, built here; their facts hold the limits of the providers, which the workers share.
         record: The record of the run.
         count: How many workers; fewer are started if fewer episodes are played at a time, or a provider allows fewer
             requests.
@@ -221,18 +221,19 @@ async def process_workers(
     Raises:
         UsageError: A worker cannot start.
     """
-    lanes = lanes_of(config, contenders)
+    lanes = lanes_of(config, participants)
     count = max(1, min(count, config.concurrency, *lanes.values()))
     shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
     packs = record.packs if config.server in {"stdio", "host"} else {}
     plan = EpisodeWorker(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND)
     async with anyio.create_task_group() as tasks:
         workers = [_ProcessWorker(plan, tasks) for _ in range(count)]
-        seats = [
-            Seat(worker, places) for worker, places in zip(workers, shares(config.concurrency, count), strict=True)
+        slots = [
+            WorkerSlot(worker, places)
+            for worker, places in zip(workers, shares(config.concurrency, count), strict=True)
         ]
         try:
-            async with Workers(seats, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
+            async with Workers(slots, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
                 yield play
         finally:
             tasks.cancel_scope.cancel()

@@ -15,13 +15,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import Play
 from evaluator.study.run_config import RunConfig
-from evaluator.study.workers import EpisodeWorker, Seat, Terms, WorkerLost, Workers, lanes_of, shares
+from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 EXTRA = "physment-mcp[ray]"
 ADDRESS_VARIABLE = "RAY_ADDRESS"
@@ -81,7 +81,7 @@ class _RayWorker:
 @contextlib.asynccontextmanager
 async def ray_workers(
     config: RunConfig,
-    contenders: Mapping[str, Contender],
+    participants: Mapping[str, Participant],
     record: RunRecord,
     *,
     patience_s: float = PATIENCE_S,
@@ -90,7 +90,7 @@ async def ray_workers(
 
     Args:
         config: The configuration of the run; every node must be able to build its agents.
-        contenders: The same, built here; their facts hold the limits of the providers, which the workers share.
+        participants: The same, built here; their facts hold the limits of the providers, which the workers share.
         record: The record of the run.
         patience_s: How long a lost worker is waited for [s].
 
@@ -98,10 +98,10 @@ async def ray_workers(
         UsageError: Ray is not installed, no cluster is at that address, or a worker lacks something.
     """
     ray = _connected()
-    seats: list[Seat] = []
+    slots: list[WorkerSlot] = []
     actors: list[Any] = []
     try:
-        lanes = lanes_of(config, contenders)
+        lanes = lanes_of(config, participants)
         count = max(1, min(int(ray.cluster_resources().get("CPU", 1)), config.concurrency, *lanes.values()))
         shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
         packs = record.packs if config.server in {"stdio", "host"} else {}
@@ -115,8 +115,8 @@ async def ray_workers(
                 scheduling_strategy="SPREAD",
             )
             actors.append(actor.remote(shared, Path.cwd(), metadata.version("physment-mcp"), packs, _KIND))
-            seats.append(Seat(_RayWorker(ray, actors[-1]), places))
-        async with Workers(seats, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
+            slots.append(WorkerSlot(_RayWorker(ray, actors[-1]), places))
+        async with Workers(slots, Terms(record, config.episode_timeout_s, patience_s, _KIND)).at_work() as play:
             yield play
     finally:
         for actor in actors:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from evaluator.agents.external.agent import ExternalAgent
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.models.choice import Options
 from evaluator.models.lanes import Patience
 from evaluator.run_record import Plan
@@ -93,12 +93,12 @@ class RunConfig:
         """What turns the seeds of episodes into those that variants are drawn from."""
         return seed_as_recorded if self.seed_key is None else self.seed_key.seed
 
-    def plan(self, contenders: Mapping[str, Contender]) -> Plan:
+    def plan(self, participants: Mapping[str, Participant]) -> Plan:
         """The matrix with these agents, by name."""
-        programs = tuple(name for name, contender in contenders.items() if isinstance(contender, ExternalAgent))
+        programs = tuple(name for name, participant in participants.items() if isinstance(participant, ExternalAgent))
         return Plan(
             scenes=tuple(files.scene_id for files in self.packs),
-            agents=tuple(contenders),
+            agents=tuple(participants),
             budgets=self.budgets,
             seeds=self.seeds,
             epochs=self.epochs,

@@ -17,12 +17,12 @@ from typing import Protocol
 import anyio
 
 from evaluator.episode.connect import Laboratory, connect
-from evaluator.episode.contender import Contender
+from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
 from evaluator.run_record import RunRecord
 from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
-from evaluator.study.contenders import contenders_of
+from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from scenes import find_pack, same_pack
 
@@ -79,7 +79,7 @@ class EpisodeWorker:
     """Scene → hash of the pack that the run is recorded with; empty if a host of others has the packs."""
     kind: str
     """What problems call it, such as `Ray worker`."""
-    _contenders: Mapping[str, Contender] = field(default_factory=dict[str, Contender])
+    _participants: Mapping[str, Participant] = field(default_factory=dict[str, Participant])
     _laboratory: Laboratory | None = None
     _open: contextlib.AsyncExitStack = field(default_factory=contextlib.AsyncExitStack)
 
@@ -96,9 +96,9 @@ class EpisodeWorker:
             for scene, known in self.packs.items():
                 if not same_pack(known, find_pack(int(scene), self.config.scenes_dir)):
                     return UsageError(f"{where} has another pack of scene {scene}")
-            self._contenders = contenders_of(self.config)
-            for contender in self._contenders.values():
-                await self._open.enter_async_context(contender.running())
+            self._participants = participants_of(self.config)
+            for participant in self._participants.values():
+                await self._open.enter_async_context(participant.running())
             place = connect(self.config.server, self.config.scenes_dir, self.config.observations, self.config.seed_of)
             self._laboratory = await self._open.enter_async_context(place)
         except Exception as error:  # noqa: BLE001 - whatever a node lacks, the operator must learn which node it is
@@ -111,7 +111,7 @@ class EpisodeWorker:
         """Play one episode. Errors that end more than this episode are returned."""
         assert self._laboratory is not None
         try:
-            return await play_key(self._contenders[key.agent], self._laboratory, key, versions, timeout_s)
+            return await play_key(self._participants[key.agent], self._laboratory, key, versions, timeout_s)
         except (PermanentFailure, UsageError) as error:
             return error
 
@@ -121,7 +121,7 @@ class EpisodeWorker:
 
 
 @dataclass(slots=True, eq=False)
-class Seat:
+class WorkerSlot:
     """A worker, and what it has to do."""
 
     worker: Worker
@@ -148,13 +148,13 @@ class Terms:
 class Workers:
     """Hands episodes out to workers. An episode whose worker was lost is played again."""
 
-    def __init__(self, seats: Sequence[Seat], terms: Terms) -> None:
-        self._seats = list(seats)
+    def __init__(self, slots: Sequence[WorkerSlot], terms: Terms) -> None:
+        self._slots = list(slots)
         self._terms = terms
         self._tasks = anyio.create_task_group()
         self._decided = anyio.Event()
         """Set when a worker is ready, or when all have been given up."""
-        self._give, self._take = anyio.create_memory_object_stream[tuple[Seat, int]](math.inf)
+        self._give, self._take = anyio.create_memory_object_stream[tuple[WorkerSlot, int]](math.inf)
 
     @contextlib.asynccontextmanager
     async def at_work(self) -> AsyncGenerator[Play]:
@@ -165,8 +165,8 @@ class Workers:
         """
         with self._give, self._take:
             async with self._tasks:
-                for seat in self._seats:
-                    self._tasks.start_soon(self._wait_for, seat)
+                for slot in self._slots:
+                    self._tasks.start_soon(self._wait_for, slot)
                 await self._decided.wait()
                 try:
                     yield self._play
@@ -174,66 +174,66 @@ class Workers:
                     self._tasks.cancel_scope.cancel()
                     with anyio.move_on_after(_CLOSE_S, shield=True):
                         async with anyio.create_task_group() as closing:
-                            for seat in self._seats:
-                                if seat.ready:
-                                    closing.start_soon(self._close, seat)
+                            for slot in self._slots:
+                                if slot.ready:
+                                    closing.start_soon(self._close, slot)
 
     async def _play(self, key: EpisodeKey) -> Episode:
         versions, kind = self._terms.record.versions_of(key.scene), self._terms.kind
         for lost in range(MAX_ATTEMPTS):
             try:
-                seat, life = await self._take.receive()
-                while life != seat.life:
-                    seat, life = await self._take.receive()
+                slot, life = await self._take.receive()
+                while life != slot.life:
+                    slot, life = await self._take.receive()
             except anyio.EndOfStream:
                 raise PermanentFailure(f"no {kind} was there for {self._terms.patience_s:g} s") from None
             try:
-                played = await seat.worker.play(key, versions, self._terms.timeout_s)
+                played = await slot.worker.play(key, versions, self._terms.timeout_s)
             except WorkerLost:
-                self._lose(seat, life)
+                self._lose(slot, life)
                 continue
-            if life == seat.life:
-                self._give.send_nowait((seat, life))
+            if life == slot.life:
+                self._give.send_nowait((slot, life))
             if isinstance(played, Exception):
                 raise played
             return played.model_copy(update={"attempts": played.attempts + lost})
         return unplayed(key, f"{MAX_ATTEMPTS} {kind}s were lost while they played it", versions)
 
-    def _lose(self, seat: Seat, life: int) -> None:
+    def _lose(self, slot: WorkerSlot, life: int) -> None:
         """Count a worker as lost. Each of its episodes reports the loss; the first report counts."""
-        if life == seat.life:
-            seat.life += 1
-            seat.ready = False
-            self._tasks.start_soon(self._wait_for, seat)
+        if life == slot.life:
+            slot.life += 1
+            slot.ready = False
+            self._tasks.start_soon(self._wait_for, slot)
 
-    async def _wait_for(self, seat: Seat) -> None:
+    async def _wait_for(self, slot: WorkerSlot) -> None:
         """Ask a worker until it is ready, then give out its places.
 
         Raises:
             UsageError: The worker has a problem that only the operator can solve.
         """
         with anyio.move_on_after(self._terms.patience_s):
-            while not seat.ready:
+            while not slot.ready:
                 try:
-                    problem = await seat.worker.prepare()
+                    problem = await slot.worker.prepare()
                 except WorkerLost:
                     await anyio.sleep(_AGAIN_S)
                     continue
                 if problem is not None:
                     raise problem
-                seat.ready = True
-            for _ in range(seat.places):
-                self._give.send_nowait((seat, seat.life))
+                slot.ready = True
+            for _ in range(slot.places):
+                self._give.send_nowait((slot, slot.life))
             self._decided.set()
             return
-        self._seats.remove(seat)
-        if not self._seats:
+        self._slots.remove(slot)
+        if not self._slots:
             self._give.close()
             self._decided.set()
 
-    async def _close(self, seat: Seat) -> None:
+    async def _close(self, slot: WorkerSlot) -> None:
         with contextlib.suppress(WorkerLost):
-            await seat.worker.close()
+            await slot.worker.close()
 
 
 def shares(concurrency: int, count: int) -> list[int]:
@@ -241,11 +241,11 @@ def shares(concurrency: int, count: int) -> list[int]:
     return [concurrency // count + (number < concurrency % count) for number in range(count)]
 
 
-def lanes_of(config: RunConfig, contenders: Mapping[str, Contender]) -> dict[str, int]:
+def lanes_of(config: RunConfig, participants: Mapping[str, Participant]) -> dict[str, int]:
     """Provider → most requests at a time, for every provider that is asked."""
     lanes = dict(config.lanes)
-    for contender in contenders.values():
-        match contender.facts():
+    for participant in participants.values():
+        match participant.facts():
             case {"provider": str(provider), "concurrency": int(limit)}:
                 lanes[provider] = limit
             case _:

@@ -16,7 +16,7 @@ _MOST = 10_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
 
 
-def heed_ctrl_c() -> None:
+def restore_sigint() -> None:
     """Let Ctrl-C raise KeyboardInterrupt again: the modules of a command are loaded, and it begins its work."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)

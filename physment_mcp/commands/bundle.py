@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, heed_ctrl_c, writing
+from physment_mcp.commands.base import Commands, common_options, restore_sigint, writing
 from physment_mcp.errors import UsageError
 
 _SEEDS = range(21)
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.target.suffix != ".mcpb":
         raise UsageError(f"{args.target}: Claude Desktop opens files that end in .mcpb")
-    heed_ctrl_c()
+    restore_sigint()
     with writing(args.target):
         write_bundle(args.target, _SEEDS, args.scenes_dir)
     print(f"{args.target}: open it with Claude Desktop, or drag it into Settings > Extensions")

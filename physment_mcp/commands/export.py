@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, heed_ctrl_c, numbers, writing
+from physment_mcp.commands.base import Commands, common_options, numbers, restore_sigint, writing
 from scenes import export_packs
 
 
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
         SceneError: A pack is missing or malformed, or the folder is in use.
         UsageError: The folder cannot be written.
     """
-    heed_ctrl_c()
+    restore_sigint()
     with writing(args.target):
         written = export_packs(args.target, args.seeds, args.scenes, args.scenes_dir)
     print(f"{written} scenes, {len(args.seeds)} seeds each: physment-mcp serve --scenes-dir {args.target}")

@@ -11,7 +11,7 @@ from threading import Thread
 
 import anyio
 
-from physment_mcp.commands.base import Commands, common_options, heed_ctrl_c, observations, port, positive, timestep
+from physment_mcp.commands.base import Commands, common_options, observations, port, positive, restore_sigint, timestep
 from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     from physment_mcp.serving.host import Host  # noqa: PLC0415
     from physment_mcp.serving.listening import serve  # noqa: PLC0415
 
-    heed_ctrl_c()
+    restore_sigint()
     exposed = not is_loopback(args.host)
     if exposed and args.token_env is None and not args.token_stdin:
         raise UsageError(

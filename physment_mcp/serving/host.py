@@ -37,10 +37,10 @@ from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
 from physment_mcp.serving.frames import Frames
 from physment_mcp.serving.gate import AddressGate, has_token, refuse
 from physment_mcp.serving.messages import fault_of
+from physment_mcp.serving.scheduling import Scheduler
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.socket_episodes import SocketEpisodes
-from physment_mcp.serving.turns import Traffic
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility, cached_visibility
 
@@ -106,7 +106,7 @@ class Host:
     _nowhere: StreamableHTTPSessionManager | None = None
     """Answers in place of an episode that is gone, and says how to open another."""
     _nowhere_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
-    _traffic: Traffic = field(default_factory=Traffic)
+    _scheduler: Scheduler = field(default_factory=Scheduler)
     _find_visibility: Callable[[Scene], Visibility] = field(init=False)
     """Finds out what may be seen in a scene."""
 
@@ -116,7 +116,7 @@ class Host:
         quota = EpisodeQuota(self.max_episodes)
         self._admission = Admission(self.scenes_dir, quota, self.timestep, bool(self.token))
         self._find_visibility = cached_visibility(self.scenes_dir)
-        self._sockets = SocketEpisodes(self._admission, self.watch, self._find_visibility, self._traffic)
+        self._sockets = SocketEpisodes(self._admission, self.watch, self._find_visibility, self._scheduler)
 
     def app(self) -> Starlette:
         """The ASGI application."""
@@ -178,7 +178,9 @@ class Host:
         """
         wanted, session = await self._admission.open(body)
         try:
-            slot = EpisodeSlot(session, watch=self.watch, find_visibility=self._find_visibility, traffic=self._traffic)
+            slot = EpisodeSlot(
+                session, watch=self.watch, find_visibility=self._find_visibility, scheduler=self._scheduler
+            )
             server = build_server(slot)
             manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
             manager, close = await self._run(manager)

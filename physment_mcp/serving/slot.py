@@ -12,7 +12,7 @@ from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
 from physment_mcp.serving.call_log import CallLog
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.turns import Traffic, Turns
+from physment_mcp.serving.scheduling import Scheduler, Turns
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility
 from scenes import PublicPack
@@ -33,7 +33,7 @@ class EpisodeSlot:
         list_scenes: Callable[[], Sequence[PublicPack]] | None = None,
         gone: str | None = None,
         watch: Callable[[Session], Frames] | None = None,
-        traffic: Traffic | None = None,
+        scheduler: Scheduler | None = None,
         find_visibility: Callable[[Scene], Visibility] | None = None,
     ) -> None:
         """Set up.
@@ -46,14 +46,14 @@ class EpisodeSlot:
             watch: Makes the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None if one is or can be open.
             find_visibility: Finds what may be seen in a scene, for clients that show the app; None for none.
-            traffic: The other episodes of its host; None for an episode alone.
+            scheduler: The other episodes of its host; None for an episode alone.
         """
         self.session = session
         self.reopen = reopen
         self.scene_ids = scene_ids or ([] if session is None else [session.scene.public.scene_id])
         self.gone = gone
         self.lock = anyio.Lock(fast_acquire=True)
-        self.turns = Turns(traffic)
+        self.turns = Turns(scheduler)
         self.log = CallLog()
         self.frames: Frames | None = None
         self._watch = watch

@@ -27,9 +27,9 @@ from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.scheduling import Scheduler, Turns
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
-from physment_mcp.serving.turns import Traffic, Turns
 from physment_mcp.session import Session
 from physment_mcp.visibility import Visibility
 
@@ -75,7 +75,7 @@ class SocketEpisodes:
         admission: Admission,
         watch: Callable[[Session], Frames] | None,
         find_visibility: Callable[[Scene], Visibility],
-        traffic: Traffic,
+        scheduler: Scheduler,
     ) -> None:
         """Set up.
 
@@ -83,12 +83,12 @@ class SocketEpisodes:
             admission: Opens their sessions.
             watch: Makes the frames for results; None for results without frames.
             find_visibility: Finds out what may be seen in a scene, for clients that show the app.
-            traffic: Shared by all episodes of the host.
+            scheduler: Shared by all episodes of the host.
         """
         self._admission = admission
         self._watch = watch
         self._find_visibility = find_visibility
-        self._traffic = traffic
+        self._scheduler = scheduler
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
     async def serve(self, control: socket.socket) -> None:
@@ -147,7 +147,7 @@ class SocketEpisodes:
 
     async def _play(self, lines: _Lines, session: Session) -> None:
         """Serve a session until its socket is closed or it expires."""
-        slot = EpisodeSlot(session, watch=self._watch, find_visibility=self._find_visibility, traffic=self._traffic)
+        slot = EpisodeSlot(session, watch=self._watch, find_visibility=self._find_visibility, scheduler=self._scheduler)
         server = build_server(slot)
         lines.write({"opened": True})
         try:

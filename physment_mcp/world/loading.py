@@ -91,7 +91,7 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
     return CompiledScene(spec, model, laws, state)
 
 
-kept = functools.lru_cache(KEPT)(load)
+cached_model = functools.lru_cache(KEPT)(load)
 """As `load`, but a scene that was compiled lately is not compiled again."""
 
 

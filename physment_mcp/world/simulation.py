@@ -17,7 +17,7 @@ import numpy as np
 
 from physment_mcp.errors import Unstable
 from physment_mcp.world import passive, readings
-from physment_mcp.world.loading import STATE, carry_state, compiled_edit, is_finite, kept, model_of, state_of
+from physment_mcp.world.loading import STATE, cached_model, carry_state, compiled_edit, is_finite, model_of, state_of
 from physment_mcp.world.readings import Array
 
 _UNSTABLE = "the simulation became unstable and was rolled back; use smaller forces or speeds"
@@ -61,7 +61,7 @@ class Simulation:
     """One MuJoCo model and its state in time."""
 
     def __init__(self, mjcf: str, timestep: float | None = None) -> None:
-        start = kept(mjcf, timestep)
+        start = cached_model(mjcf, timestep)
         self._spec, self._model, self._state = start.spec, model_of(start), start.state
         self._timestep = float(self._model.opt.timestep)  # no edit changes it
         self._data = passive.data_of(self._model)

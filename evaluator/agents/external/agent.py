@@ -40,7 +40,7 @@ _PLACEHOLDER = re.compile(r"\{(mcp_config|mcp_url|prompt)\}")
 
 @dataclass(frozen=True, slots=True)
 class ExternalAgent:
-    """A command that plays an episode by itself; a `Contender`."""
+    """A command that plays an episode by itself; a `Participant`."""
 
     command: tuple[str, ...]
     """Program and arguments; may hold `{mcp_config}`, `{mcp_url}` and `{prompt}`."""

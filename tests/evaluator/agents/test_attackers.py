@@ -15,7 +15,7 @@ from evaluator.certify.subject import Subject
 from evaluator.episode.loop import play_episode
 from evaluator.errors import UsageError
 from evaluator.records import Outcome
-from evaluator.study.contenders import AGENTS, contenders_of
+from evaluator.study.participants import AGENTS, participants_of
 from evaluator.study.run_config import RunConfig
 from scenes import Category, PackFiles, find_pack
 from scenes.protocol import AnswerValue
@@ -117,13 +117,13 @@ async def test_of_objects_to_choose_from_the_fastest_is_named(author: Author) ->
 
 
 def test_attackers_are_agents_of_a_run_and_unknown_ones_are_refused() -> None:
-    assert list(contenders_of(RunConfig(agents=("attacker:sweep", "attacker:glance")))) == [
+    assert list(participants_of(RunConfig(agents=("attacker:sweep", "attacker:glance")))) == [
         "attacker:sweep",
         "attacker:glance",
     ]
     assert f"attacker:{'|'.join(ATTACKERS)}" in AGENTS
     with pytest.raises(UsageError, match="no such attacker; they are sweep, glance, proportional"):
-        contenders_of(RunConfig(agents=("attacker:guess",)))
+        participants_of(RunConfig(agents=("attacker:guess",)))
 
 
 async def test_the_sweep_follows_a_power_law_beyond_its_settings(author: Author) -> None:

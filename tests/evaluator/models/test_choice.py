@@ -9,7 +9,7 @@ import pytest
 
 from evaluator.errors import UsageError
 from evaluator.models.choice import Options, missing, parse_model
-from evaluator.models.factory import model_contender
+from evaluator.models.factory import model_participant
 from evaluator.models.presets import PRESETS, PROVIDERS, Dialect, find_provider
 from evaluator.models.wire import settings_sent
 
@@ -23,7 +23,7 @@ def choose(text: str, **more: Any) -> Any:
 
 @pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)
 def test_every_preset_can_be_asked_for(preset: Any) -> None:
-    agent = model_contender(f"model:{preset.name},max_tokens=9000", environ=ENVIRON)
+    agent = model_participant(f"model:{preset.name},max_tokens=9000", environ=ENVIRON)
     assert agent.name == f"model:{preset.name},max_tokens=9000"
     facts = agent.facts()
     assert (facts["provider"], facts["model"]) == (preset.provider, preset.model)
@@ -88,15 +88,15 @@ def test_the_base_url_comes_from_the_option_then_the_environment_then_the_provid
 
 def test_a_missing_key_or_url_is_reported_before_anything_is_asked() -> None:
     with pytest.raises(UsageError, match="OPENAI_API_KEY is not set; see `physment-eval models`"):
-        model_contender("model:gpt-5.5", environ={})
+        model_participant("model:gpt-5.5", environ={})
     with pytest.raises(UsageError, match="no base URL"):
-        model_contender("model:openai-compatible:m", environ={})
+        model_participant("model:openai-compatible:m", environ={})
 
 
 @pytest.mark.parametrize("text", ["model:gpt-5.5,temperature=0", "model:claude-opus-4.7,temperature=1"])
 def test_an_option_that_would_be_left_out_is_refused_instead_of_recorded(text: str) -> None:
     with pytest.raises(UsageError, match=r"temperature .* would not be sent"):
-        model_contender(text, environ=ENVIRON)
+        model_participant(text, environ=ENVIRON)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ async def test_the_settings_sent_can_be_found_inside_a_running_event_loop() -> N
 @pytest.mark.parametrize("dialect", Dialect)
 def test_neither_facts_nor_repr_hold_the_key(dialect: Dialect) -> None:
     provider = next(candidate for candidate in PROVIDERS if candidate.dialect is dialect)
-    agent = model_contender(
+    agent = model_participant(
         f"model:{provider.name}:vendor/m", base_url="http://user:word@host/v1?token=word", environ=ENVIRON
     )
     shown = f"{agent!r} {json.dumps(dict(agent.facts()))}"

@@ -15,7 +15,7 @@ from evaluator.records import Outcome
 from evaluator.run_record import Plan, ServerRecord
 from evaluator.store import RunFolder
 from evaluator.study import process_executor
-from evaluator.study.contenders import contenders_of
+from evaluator.study.participants import participants_of
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import run_record
 from evaluator.study.run_config import RunConfig
@@ -87,7 +87,7 @@ async def start(agent: str = "") -> None:
     """Start two workers, and let them play an episode of an agent that they do not have."""
     config, plan = RunConfig(agents=("random",), concurrency=2), Plan(scenes=(7,), agents=("random",))
     record = run_record(plan, [find_pack(7)], ServerRecord(option="stdio"))
-    async with process_workers(config, contenders_of(config), record, count=2) as play:
+    async with process_workers(config, participants_of(config), record, count=2) as play:
         assert agent, "no worker can start"
         await play(episode_key(agent=agent))
 

@@ -12,7 +12,7 @@ from mcp import Client
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
 from evaluator.episode.connect import HostLaboratory, Laboratory
-from evaluator.episode.contender import AgentContender
+from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Verdict
@@ -70,8 +70,8 @@ def keys(seeds: int) -> list[EpisodeKey]:
 
 def playing(laboratory: Laboratory, *agents: Agent) -> LocalPlay:
     """Plays episodes of these agents."""
-    contenders = {agent.name: AgentContender(agent) for agent in agents}
-    return LocalPlay(laboratory, contenders, lambda _scene: VERSIONS)
+    participants = {agent.name: AgentParticipant(agent) for agent in agents}
+    return LocalPlay(laboratory, participants, lambda _scene: VERSIONS)
 
 
 async def run(laboratory: InMemory, folder: RunFolder, seeds: int, agent: Agent = SCRIPT, concurrency: int = 4) -> None:

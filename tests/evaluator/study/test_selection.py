@@ -7,7 +7,7 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.study.contenders import contenders_of
+from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from evaluator.study.selection import parse_numbers, parse_scenes
 from scenes import find_pack, list_packs
@@ -100,18 +100,18 @@ def test_a_folder_without_packs_is_refused(tmp_path: Path) -> None:
     "name", ["reference", "random", "blind", "oracle-once:reference", "oracle-once:oracle-once:blind"]
 )
 def test_agents_are_found_by_name(name: str) -> None:
-    assert list(contenders_of(RunConfig(agents=(name,)))) == [name]
+    assert list(participants_of(RunConfig(agents=(name,)))) == [name]
 
 
 @pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "scripted", "model"])
 def test_an_unknown_agent_is_refused_with_a_list_of_the_known_ones(name: str) -> None:
     with pytest.raises(UsageError, match="there is no such agent; the agents are reference, random, blind"):
-        contenders_of(RunConfig(agents=(name,)))
+        participants_of(RunConfig(agents=(name,)))
 
 
 def test_an_argument_of_an_agent_that_takes_none_is_refused() -> None:
     with pytest.raises(UsageError, match="reference:x: there is no such agent"):
-        contenders_of(RunConfig(agents=("reference:x",)))
+        participants_of(RunConfig(agents=("reference:x",)))
 
 
 def test_lists_and_ranges_of_numbers_are_read_without_repetition() -> None:

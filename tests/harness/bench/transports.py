@@ -16,7 +16,7 @@ import anyio
 
 from evaluator.commands.process import make_room
 from evaluator.episode.connect import LocalHost
-from evaluator.episode.contender import AgentContender
+from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.records import Versions
 from evaluator.run_record import Plan
@@ -42,7 +42,7 @@ async def turn(episodes: int, turns: int, *, sockets: bool) -> tuple[float, floa
             async with laboratory.open(7, 0) as client:
                 await laboratory.toolboxes.of(client)
             busy = time.process_time()
-            play = LocalPlay(laboratory, {agent.name: AgentContender(agent)}, lambda _scene: versions)
+            play = LocalPlay(laboratory, {agent.name: AgentParticipant(agent)}, lambda _scene: versions)
             folder = RunFolder(Path(scratch))
             await Runner(play=play, folder=folder, concurrency=episodes).run(plan.matrix())
             busy = time.process_time() - busy

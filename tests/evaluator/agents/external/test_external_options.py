@@ -10,7 +10,7 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.commands.program import Parser
 from evaluator.commands.run_options import add_options, read_options
 from evaluator.errors import UsageError
-from evaluator.study.contenders import contenders_of
+from evaluator.study.participants import participants_of
 
 
 def parsed(*words: str) -> argparse.Namespace:
@@ -21,7 +21,7 @@ def parsed(*words: str) -> argparse.Namespace:
 
 
 def external_agent(args: argparse.Namespace) -> ExternalAgent:
-    (agent,) = contenders_of(read_options(args, {})).values()
+    (agent,) = participants_of(read_options(args, {})).values()
     assert isinstance(agent, ExternalAgent)
     return agent
 
@@ -48,10 +48,10 @@ def test_a_wall_time_that_is_not_a_time_is_refused(value: str) -> None:
 
 def test_only_an_external_agent_has_a_command_and_it_has_no_stopping_policy() -> None:
     with pytest.raises(UsageError, match="belongs to --agent external"):
-        contenders_of(read_options(parsed("--agent", "random", "--", sys.executable), {}))
+        participants_of(read_options(parsed("--agent", "random", "--", sys.executable), {}))
     words = ("--agent", "external", "--stopping", "budget-aware", "--", sys.executable, "{mcp_url}")
     with pytest.raises(UsageError, match="cannot be told when to answer"):
-        contenders_of(read_options(parsed(*words), {}))
+        participants_of(read_options(parsed(*words), {}))
 
 
 def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_otherwise() -> None:
@@ -60,11 +60,11 @@ def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_
 
     def seeds(*more: str) -> dict[str, list[int]]:
         options = read_options(parsed(*words, *more, "--", sys.executable, "{mcp_url}"), {})
-        keys = options.plan(contenders_of(options)).matrix()
+        keys = options.plan(participants_of(options)).matrix()
         assert len(keys) == len(set(keys)) == 32
         return {agent: [key.seed for key in keys if key.agent == agent and key.scene == 7] for agent in agents}
 
-    agents = list(contenders_of(read_options(parsed(*words, "--", sys.executable, "{mcp_url}"), {})))
+    agents = list(participants_of(read_options(parsed(*words, "--", sys.executable, "{mcp_url}"), {})))
     own = seeds()
     program = next(name for name in own if name.startswith("external"))
     assert own["random"] == [0, 3] * 4

@@ -120,7 +120,7 @@ def test_what_a_node_lacks_is_reported_in_one_sentence(cluster: Any, tmp_path: P
 
 NOBODY = """
 import anyio
-from evaluator.study.contenders import contenders_of
+from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from evaluator.study.provenance import run_record
 from evaluator.study.ray_executor import ray_workers
@@ -130,7 +130,7 @@ from scenes import find_pack
 async def run():
     config, plan = RunConfig(agents=("random",), concurrency=2), Plan(scenes=(7,), agents=("random",))
     record = run_record(plan, [find_pack(7)], ServerRecord(option="stdio"))
-    async with ray_workers(config, contenders_of(config), record, patience_s=3) as play:
+    async with ray_workers(config, participants_of(config), record, patience_s=3) as play:
         await play(plan.matrix()[0])
 
 anyio.run(run)

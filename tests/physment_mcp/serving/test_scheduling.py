@@ -7,8 +7,8 @@ import anyio
 import pytest
 from anyio.abc import TaskStatus
 
-from physment_mcp.serving import turns as turns_module
-from physment_mcp.serving.turns import Traffic, Turns
+from physment_mcp.serving import scheduling
+from physment_mcp.serving.scheduling import Scheduler, Turns
 
 
 async def hold(turns: Turns, *, task_status: TaskStatus[None] = anyio.TASK_STATUS_IGNORED) -> None:
@@ -118,8 +118,8 @@ async def serving(turns: Turns, *, task_status: TaskStatus[anyio.Event]) -> None
 
 
 async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_brief_pieces() -> None:
-    traffic = Traffic()
-    long, other = Turns(traffic, allowed_s=0, quiet_s=1e9), Turns(traffic)
+    scheduler = Scheduler()
+    long, other = Turns(scheduler, allowed_s=0, quiet_s=1e9), Turns(scheduler)
     resumed: list[float | None] = []
 
     async def give_way() -> None:
@@ -142,15 +142,15 @@ async def test_a_long_call_waits_for_the_requests_of_others_and_then_works_in_br
 
 
 async def test_pieces_are_as_long_as_usual_again_when_others_have_made_no_requests_for_a_while() -> None:
-    traffic = Traffic()
-    long, other = Turns(traffic, allowed_s=0, quiet_s=0), Turns(traffic)
+    scheduler = Scheduler()
+    long, other = Turns(scheduler, allowed_s=0, quiet_s=0), Turns(scheduler)
     async with long.turn():
         async with other.turn():
             pass
         assert await long.giving_way(at_most=1e9)() is None
 
 
-class WatchedTraffic(Traffic):
+class WatchedTraffic(Scheduler):
     """Counts how often somebody waits for others."""
 
     waits = 0
@@ -164,22 +164,22 @@ async def test_whoever_breaks_off_long_calls_gives_way_in_the_next_until_it_has_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = 0.0
-    monkeypatch.setattr(turns_module, "time", SimpleNamespace(monotonic=lambda: now))
-    traffic = WatchedTraffic()
-    episode, waits = Turns(traffic, allowed_s=0.02), list[int]()
+    monkeypatch.setattr(scheduling, "time", SimpleNamespace(monotonic=lambda: now))
+    scheduler = WatchedTraffic()
+    episode, waits = Turns(scheduler, allowed_s=0.02), list[int]()
     for pause_s in (0.0, 0.0, 0.0, 1.0):
         now += pause_s
         async with episode.turn():
             give_way = episode.giving_way()
             now += 0.012
             await give_way()
-            waits.append(traffic.waits)
+            waits.append(scheduler.waits)
     assert waits == [0, 1, 2, 2]
 
 
 async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_not_stop_them() -> None:
-    traffic = Traffic()
-    first, second, busy = Turns(traffic, allowed_s=0), Turns(traffic, allowed_s=0), Turns(traffic)
+    scheduler = Scheduler()
+    first, second, busy = Turns(scheduler, allowed_s=0), Turns(scheduler, allowed_s=0), Turns(scheduler)
     with anyio.fail_after(60):
         async with first.turn(), second.turn(), anyio.create_task_group() as tasks:
             one, two = first.giving_way(at_most=1e9), second.giving_way(at_most=1e9)
@@ -192,8 +192,8 @@ async def test_two_long_calls_do_not_wait_for_each_other_and_busy_episodes_do_no
 
 
 async def test_a_call_that_is_not_long_waits_for_nobody_but_works_in_brief_pieces_beside_others() -> None:
-    traffic = Traffic()
-    brief, other = Turns(traffic, allowed_s=math.inf), Turns(traffic)
+    scheduler = Scheduler()
+    brief, other = Turns(scheduler, allowed_s=math.inf), Turns(scheduler)
     with anyio.fail_after(60):
         async with brief.turn(), anyio.create_task_group() as tasks:
             done = await tasks.start(serving, other)

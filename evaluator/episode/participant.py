@@ -1,6 +1,6 @@
-"""Contenders: who plays the episodes of a run, and how.
+"""Participants: who plays the episodes of a run, and how.
 
-Two kinds exist. An agent takes turns in the loop (`AgentContender`). A program drives itself and is watched from
+Two kinds exist. An agent takes turns in the loop (`AgentParticipant`). A program drives itself and is watched from
 outside (`evaluator.agents.external`).
 """
 
@@ -17,12 +17,12 @@ from evaluator.episode.player import Agent
 from evaluator.records import Episode, EpisodeKey, Usage, Versions
 
 
-class Contender(Protocol):
+class Participant(Protocol):
     """Plays the episodes of a run under one name."""
 
     @property
     def name(self) -> str:
-        """Name in records and tables, different from that of every other contender of the run."""
+        """Name in records and tables, different from that of every other participant of the run."""
         ...
 
     def facts(self) -> Mapping[str, JsonValue]:
@@ -44,14 +44,14 @@ class Contender(Protocol):
 
         Raises:
             InfrastructureError: Something that the episode needs failed; it has no outcome and may be played again.
-            PermanentFailure: No episode of this contender can be played.
-            UsageError: The contender cannot play in this laboratory.
+            PermanentFailure: No episode of this participant can be played.
+            UsageError: The participant cannot play in this laboratory.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class AgentContender:
+class AgentParticipant:
     """An agent whose turns the loop plays."""
 
     agent: Agent
@@ -78,6 +78,6 @@ class AgentContender:
         async with laboratory.open(key.scene, key.seed) as client:
             return await play_episode(self.agent, client, key, versions, laboratory.toolboxes, used)
 
-    def wrapped(self, wrap: Callable[[Agent], Agent]) -> "AgentContender":
-        """The same contender with its agent wrapped: facts and what is owned stay those of the inner agent."""
+    def wrapped(self, wrap: Callable[[Agent], Agent]) -> "AgentParticipant":
+        """The same participant with its agent wrapped: facts and what is owned stay those of the inner agent."""
         return replace(self, agent=wrap(self.agent))

@@ -33,7 +33,7 @@ _QUIET_S = 0.1
 """Wall time without requests of other episodes after which pieces are as long as usual [s]."""
 
 
-class Traffic:
+class Scheduler:
     """The episodes of a host that are served now, apart from those whose request has taken long."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class Turns:
 
     def __init__(
         self,
-        traffic: Traffic | None = None,
+        scheduler: Scheduler | None = None,
         patience_s: float = PATIENCE_S,
         allowed_s: float = _ALLOWED_S,
         quiet_s: float = _QUIET_S,
@@ -82,12 +82,12 @@ class Turns:
         """Set up.
 
         Args:
-            traffic: Shared by the episodes of a host; None for an episode alone.
+            scheduler: Shared by the episodes of a host; None for an episode alone.
             patience_s: As `PATIENCE_S`.
             allowed_s: As `_ALLOWED_S`.
             quiet_s: As `_QUIET_S`.
         """
-        self._traffic = Traffic() if traffic is None else traffic
+        self._scheduler = Scheduler() if scheduler is None else scheduler
         self._patience_s = patience_s
         self._allowed_s = allowed_s
         self._quiet_s = quiet_s
@@ -110,12 +110,12 @@ class Turns:
                 self._holder = request
             alone = self._holder is request
             if alone:
-                self._traffic.begin(self)
+                self._scheduler.begin(self)
             try:
                 yield
             finally:
                 if alone:
-                    self._traffic.end(self)
+                    self._scheduler.end(self)
                 self._pass_on(request)
 
     def _pass_on(self, request: object) -> None:
@@ -143,12 +143,12 @@ class Turns:
                 self._pass_on(request)
             in_vain = False
             if self._spend(piece_s, now) >= self._allowed_s:
-                self._traffic.end(self)
+                self._scheduler.end(self)
                 with anyio.move_on_after(at_most * piece_s) as waiting:
-                    await self._traffic.quiet()
+                    await self._scheduler.quiet()
                 in_vain = waiting.cancelled_caught
             resumed_at = time.monotonic()
-            alone = resumed_at - self._traffic.last_besides(self) > self._quiet_s and not in_vain
+            alone = resumed_at - self._scheduler.last_besides(self) > self._quiet_s and not in_vain
             return None if alone else _BRIEF_S
 
         return give_way

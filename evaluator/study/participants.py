@@ -1,4 +1,4 @@
-"""Who plays a run: from what `--agent` and its companions say to contenders, in this process or on another machine."""
+"""Who plays a run: makes the participants that a `RunConfig` names, in this process or on another machine."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import load_script
 from evaluator.agents.stopping import with_stopping
-from evaluator.episode.contender import AgentContender, Contender
+from evaluator.episode.participant import AgentParticipant, Participant
 from evaluator.errors import UsageError
-from evaluator.models.factory import model_contender
+from evaluator.models.factory import model_participant
 from evaluator.models.lanes import Lanes
 from evaluator.study.run_config import RunConfig
 
@@ -34,8 +34,8 @@ AGENTS = (
 EXTERNAL = "external"
 
 
-def contenders_of(config: RunConfig) -> dict[str, Contender]:
-    """The contenders by name.
+def participants_of(config: RunConfig) -> dict[str, Participant]:
+    """The participants by name.
 
     Raises:
         UsageError: One of them cannot be made, or two have the same name.
@@ -43,13 +43,13 @@ def contenders_of(config: RunConfig) -> dict[str, Contender]:
     if config.command and EXTERNAL not in config.agents:
         raise UsageError(f"{config.command[0]}: not an option; a command after -- belongs to --agent external")
     lanes = Lanes(config.lanes)
-    contenders: dict[str, Contender] = {}
+    participants: dict[str, Participant] = {}
     for text in config.agents:
-        contender = _external(config) if text == EXTERNAL else _with_stopping(config, _by_turns(config, text, lanes))
-        if contender.name in contenders:
+        participant = _external(config) if text == EXTERNAL else _with_stopping(config, _by_turns(config, text, lanes))
+        if participant.name in participants:
             raise UsageError(f"--agent {text}: is given twice")
-        contenders[contender.name] = contender
-    return contenders
+        participants[participant.name] = participant
+    return participants
 
 
 def _external(config: RunConfig) -> ExternalAgent:
@@ -67,12 +67,12 @@ def _external(config: RunConfig) -> ExternalAgent:
     )
 
 
-def _with_stopping(config: RunConfig, contender: AgentContender) -> AgentContender:
-    return contender.wrapped(lambda agent: with_stopping(agent, config.stopping))
+def _with_stopping(config: RunConfig, participant: AgentParticipant) -> AgentParticipant:
+    return participant.wrapped(lambda agent: with_stopping(agent, config.stopping))
 
 
-def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentContender:
-    """The contender that one `--agent` names, unless it is a program.
+def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:
+    """The participant that one `--agent` names, unless it is a program.
 
     Raises:
         UsageError: There is no such agent, or it cannot be made.
@@ -80,23 +80,23 @@ def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentContender:
     kind, _, rest = text.partition(":")
     match kind, bool(rest):
         case "model", True:
-            contender = model_contender(text, config.model_options, config.base_url, lanes, config.patience)
+            participant = model_participant(text, config.model_options, config.base_url, lanes, config.patience)
         case "oracle-once", True:
-            contender = _by_turns(config, rest, lanes).wrapped(OracleOnceAgent)
+            participant = _by_turns(config, rest, lanes).wrapped(OracleOnceAgent)
         case "reference", False:
-            contender = AgentContender(ReferenceAgent(config.scenes_dir))
+            participant = AgentParticipant(ReferenceAgent(config.scenes_dir))
         case "random", False:
-            contender = AgentContender(RandomAgent())
+            participant = AgentParticipant(RandomAgent())
         case "blind", False:
-            contender = AgentContender(BlindAgent())
+            participant = AgentParticipant(BlindAgent())
         case "attacker", True:
-            contender = AgentContender(AttackerAgent(rest))
+            participant = AgentParticipant(AttackerAgent(rest))
         case "scripted", True:
-            contender = AgentContender(load_script(Path(rest)))
+            participant = AgentParticipant(load_script(Path(rest)))
         case "replay", True:
-            contender = AgentContender(load_recorded(Path(rest)))
+            participant = AgentParticipant(load_recorded(Path(rest)))
         case _, True:
-            contender = load_agent(text)
+            participant = load_agent(text)
         case _:
             raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
-    return contender
+    return participant
