@@ -22,8 +22,8 @@ BOX = {
 }
 PUCKS, AXES = ("object_1", "object_2"), (0, 1)
 START = (-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-LIGHTEST_KG, HEAVIEST_KG, HASTE, SAFE_M = 0.3, 6.0, 3.9, 4.0
-LEGS, LEG_S = 19, 0.7
+LIGHTEST_KG, HEAVIEST_KG, HASTE = 0.3, 6.0, 3.9
+LEGS, LEG_S = 19, 0.85
 TARGETS = (
     ((-0.6, 0.2), (0.4, 0.0)),
     ((0.8, 0.0), (0.2, 0.4)),
