@@ -7,4 +7,4 @@ from physment_mcp.world import loading
 def forget_scenes() -> None:
     """Forget all scenes and compiled models that are kept; open episodes go on."""
     scene._SCENES.clear()  # pyright: ignore[reportPrivateUsage] - nothing but a test has a use for this
-    loading.kept.cache_clear()
+    loading.cached_model.cache_clear()

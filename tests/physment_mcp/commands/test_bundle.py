@@ -91,6 +91,7 @@ def test_the_bundle_brings_the_dependencies_of_its_own_code(unpacked: Path) -> N
         requirement.split("=")[0].split("<")[0].split(">")[0] for requirement in project["project"]["dependencies"]
     }
     brought |= {"httpx2", "mcp_types", "pydantic_core", "starlette", "uvicorn"}  # by mcp and pydantic
+    brought |= {"PIL"} & {"PIL" if name == "pillow" else name for name in brought}
     own = {"physment_mcp", "scenes"}
     imported: set[str] = set()
     for path in unpacked.rglob("*.py"):
