@@ -17,7 +17,7 @@ __all__ = ["DrawnScene", "check_renderer", "draw_picture", "draw_scene"]
 _SMALLER = 3
 """A thumbnail is this many times smaller than its picture."""
 _COLOURS = 128
-"""Colours of a file: a fifth of the size of one with all, and the mean error is a quarter of one step of 256."""
+"""Colours of a file: a third of the size of one with all; pixels are off by a quarter of a step of 256 in the mean."""
 _MARKED = "grey spheres: only the position may be read"
 
 
