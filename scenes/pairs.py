@@ -29,7 +29,7 @@ DRAGS: Mapping[str, Callable[[Any], Any]] = {
 }
 """How a resistance depends on the speed."""
 _BOX = {
-    "m": (0.2, 60.0),
+    "m": (0.1, 300.0),
     "n": (0.15, 2.6),
     "b": (0.2, 5.0),
     "c": (0.1, 5.0),
@@ -142,7 +142,9 @@ class Pair:
             levels: Forces of the legs on both bodies, as shares of the one that gives this acceleration.
             times: Durations of a leg, of which the longest is taken that keeps both off the nets [s].
         """
-        seen, push = yield from self.rig.touched(first, 4.0, 0.25, lambda reading: abs(reading[2]) > max(4 * self.sigma[1], 0.1))
+        seen, push = yield from self.rig.touched(
+            first, 5.0, 0.25, lambda reading: abs(reading[2]) > max(4 * self.sigma[1], 0.1)
+        )
         gain = abs(self.rig.course(seen).readings[-1, 2]) / 0.25 / push
         top, sense = min(greatest, brisk / gain), -1.0
         for level in levels:

@@ -27,21 +27,21 @@ def rivals(readings):
 
 def solve(task):
     """Find out how hard to push, then drive to and fro; compare all structures."""
-    seen = yield from PAIR.driven(0.25, 240.0, 9.0, LEVELS, TIMES_S)
+    seen = yield from PAIR.driven(0.15, 400.0, 9.0, LEVELS, TIMES_S)
     yield [answer(MODEL.best(seen))]
 
 
 PULSES = (
     (1, 0.3),
-    (-3, 0.4),
-    (8, 0.4),
-    (-12, 0.5),
+    (-2, 0.4),
+    (5, 0.4),
+    (-10, 0.5),
     (20, 0.4),
-    (-25, 0.5),
-    (50, 0.4),
-    (-60, 0.5),
-    (140, 0.4),
-    (-200, 0.4),
+    (-40, 0.5),
+    (80, 0.4),
+    (-120, 0.5),
+    (250, 0.4),
+    (-400, 0.4),
 )
 
 
@@ -54,8 +54,8 @@ def batch(task):
 
 def stage(task):
     """Push as hard as one can until a net is near; read the speed of object_2."""
-    readings = yield PAIR.rig.leg(240.0, 0.6)
-    yield [answer([abs(readings[-1]["velocity"][0]), 240.0])]
+    readings = yield PAIR.rig.leg(400.0, 0.6)
+    yield [answer([abs(readings[-1]["velocity"][0]), 400.0])]
 
 
 def structure(knobs):

@@ -5,9 +5,9 @@ from scenes.family import members
 from scenes.pairs import JOINTS, Pair, kept_speed, left_over
 from scenes.protocol import answer, call
 
-FAST, STRONGEST_N = 10.0, 240.0
+FAST, STRONGEST_N = 10.0, 400.0
 PAIR = Pair(joints=("oil", "turbo", "grease"), open_body=0, held=1, pushed=2, sigma=(0.015, 0.04), net=3.0)
-FIRST_N, BRISK = 0.25, 8.0
+FIRST_N, BRISK = 0.15, 8.0
 LEVELS = [(1, 0), (0.2, -0.4), (1, 1), (0, 1), (1, -1), (1, 0.4), (0.3, -1), (0.2, 1), (1, -0.6)]
 SPANS_S = (1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)
 
@@ -31,7 +31,7 @@ def solve(task):
 def batch(task):
     """Ever stronger pushes on one, the other or both, and the same fit up to where a net caught."""
     plan = [call("find_objects")]
-    for first, second in ((2, 0), (-2, 4), (0, -9), (20, -12), (-30, 0), (0, 60), (80, -60), (-160, -90)):
+    for first, second in ((1, 0), (-2, 3), (5, -10), (20, -6), (-30, 40), (90, -60), (-150, 200), (400, -300)):
         plan += PAIR.rig.leg((first, second), 0.45)
     found = yield plan
     yield [answer(MODEL.best(list(zip(plan, found, strict=True))[1:]))]
