@@ -1,228 +1,164 @@
-"""Two bodies on rails that something joins behind a gear, between nets. For reference protocols.
+"""Two bodies that something joins: what is passed on between them, from impulses. For reference protocols.
 
-The joint passes on a force that depends on the slip s = n v1 - v2 alone. Forces are counted over the mass of the first
-body, so that one constant, this mass, holds the scale of all of them.
+Over an interval the momentum of each body changes by the impulse of all that acts. With speeds and places at both ends,
+the integrals of v, sign(v) and v|v| follow, so that the balance of each body is linear in masses, resistances and gear
+ratio n. What the second body takes beyond its own balance, the joint passes on. Its law, against the slip n v1 - v2, is
+`rigid` (no slip), `clutch` (a greatest force) or `fluid` (in proportion to the slip).
 """
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import cast
 
 import numpy as np
-from scipy.optimize import brentq
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from scenes.courses import Array, Course, Knobs, Laws, force, position, velocity
-from scenes.protocol import Call, Exchanges, Reading
-from scenes.rigs import Rig
+from scenes.courses import Array
+from scenes.protocol import Call, Exchanges, call
 
 BODIES = ("object_1", "object_2")
-JOINTS: Mapping[str, Callable[[Knobs, Any], Any]] = {
-    "oil": lambda knobs, slip: knobs["p"] * slip,
-    "turbo": lambda knobs, slip: knobs["p"] * slip * np.abs(slip),
-    "grease": lambda knobs, slip: knobs["p"] * slip / (knobs["w"] + np.abs(slip)),
-    "paste": lambda knobs, slip: knobs["p"] * slip / np.sqrt(knobs["w"] + np.abs(slip)),
-}
-"""Force that a joint passes on, by its slip."""
-DRAGS: Mapping[str, Callable[[Any], Any]] = {
-    "linear": lambda speed: speed,
-    "square": lambda speed: speed * np.abs(speed),
-}
-"""How a resistance depends on the speed."""
-_BOX = {
-    "m": (0.1, 300.0),
-    "n": (0.15, 2.6),
-    "b": (0.2, 5.0),
-    "c": (0.1, 5.0),
-    "r": (0.05, 3.0),
-    "p": (0.1, 5.0),
-    "w": (0.3, 0.8),
-}
-"""Ranges of the constants: mass of the first body, gear ratio, other mass over it, both resistances, joint."""
-_STRIDE_S, _STOP_S, _MARGIN, _FIRMNESS = 0.05, 0.8, 1.3, 0.3
-"""Step of a plan; time in which bodies are stopped; by how much they may answer more than seen; weight of a guess."""
-_FIRST_GAINS = 7.0, 14.0
-"""Guessed accelerations of both by the greatest force on each: careful ones [m/s²]."""
+Windows = Mapping[str, Array]
+"""Columns of the intervals: duration `dt`; impulses `F`, `G` of the forces on both; changes of speed `d1`, `d2`; ways
+`x1`, `x2`; `s1`, `s2` integrals of sign(v); `q2` integral of v2|v2|; `v1`, `v2` first and `w1`, `w2` last speeds;
+`rests` where the second body rests; `turns`, the share in which a body may have turned round or stopped."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """A family of laws of two joined bodies, of which one has a resistance of a kind that is not known."""
-
-    joints: Sequence[str]
-    """Which of `JOINTS` there may be."""
-    open_body: int
-    """Index of the body whose resistance may be any of `DRAGS`; that of the other is linear."""
-    held: int
-    """Index of the body that the question keeps at a speed."""
-    pushed: int
-    """Number of bodies that can be pushed, from the first on."""
-    sigma: tuple[float, float]
-    """Standard deviations of a place and a speed [m, m/s]."""
-    net: float
-    """Distance of the nets [m]."""
-
-    @property
-    def rig(self) -> Rig:
-        """What is pushed and read."""
-        reads = [of(body, 0) for of in (position, velocity) for body in BODIES]
-        return Rig([force(body, 0) for body in BODIES[: self.pushed]], reads, significant=3)
-
-    @property
-    def laws(self) -> Laws:
-        """Every structure, such as `oil, linear`.
-
-        If all is linear, motions and steady speeds tell r, n, c and p not apart: one resistance stands for all.
-        """
-        names = {
-            f"{joint}, {drag}": [
-                *("m", "n", "b", "c"),
-                *(() if (joint, drag) == ("oil", "linear") else ("r",)),
-                *(("p", "w") if joint in {"grease", "paste"} else ("p",)),
-            ]
-            for joint in self.joints
-            for drag in DRAGS
-        }
-        return Laws(
-            rates=self.rates,
-            structures=names,
-            box=_BOX,
-            start=(0.0, 0.0, 0.0, 0.0),
-            sigma=(self.sigma[0], self.sigma[0], self.sigma[1], self.sigma[1]),
-            starts=150,
-            tried=2,
-            rounds=10,
-        )
-
-    def _resisted(self, structure: str, knobs: Knobs, body: int, speed: Any) -> Any:
-        """Resistance of a body."""
-        drag = structure.split(", ")[1] if body == self.open_body else "linear"
-        # What may be left out is the resistance of the second body.
-        return (knobs["c"] if body == 0 else knobs.get("r", 0.0)) * DRAGS[drag](speed)
-
-    def rates(self, structure: str, knobs: Knobs, _: Any, state: Array, pushes: Array) -> Array:
-        """Time derivative of places and speeds."""
-        _, _, first, second = state
-        passed = JOINTS[structure.split(", ", maxsplit=1)[0]](knobs, knobs["n"] * first - second)
-        other = pushes[1] / knobs["m"] if self.pushed > 1 else 0.0
-        gain = pushes[0] / knobs["m"] - self._resisted(structure, knobs, 0, first) - knobs["n"] * passed
-        return np.array(
-            [first, second, gain, (other - self._resisted(structure, knobs, 1, second) + passed) / knobs["b"]]
-        )
-
-    def steady(self, structure: str, knobs: Knobs, speed: float) -> list[float]:
-        """Speed of the other body while one is kept at this speed, and the force that keeps it."""
-        n, m, joint = float(knobs["n"]), float(knobs["m"]), JOINTS[structure.split(", ", maxsplit=1)[0]]
-
-        def slip(other: float) -> float:
-            return n * speed - other if self.held == 0 else n * other - speed
-
-        def excess(other: float) -> float:
-            """What drives the other body, over its resistance."""
-            passed = joint(knobs, slip(other)) if self.held == 0 else -n * joint(knobs, slip(other))
-            return float(passed - self._resisted(structure, knobs, 1 - self.held, other))
-
-        other = cast(float, brentq(excess, 0.0, n * speed if self.held == 0 else speed / n))
-        passed = joint(knobs, slip(other)) * (n if self.held == 0 else -1.0)
-        return [other, float(m * (self._resisted(structure, knobs, self.held, speed) + passed))]
-
-    def course(self, exchanges: Exchanges) -> Course:
-        """The course up to where a net caught a body."""
-        course = self.rig.course(exchanges)
-        return course.until((np.abs(course.readings[:, :2]) > self.net - 2 * self.sigma[0]).any(axis=1))
-
-    def driven(
-        self, first: float, greatest: float, brisk: float, levels: Sequence[tuple[float, float]], times: Sequence[float]
-    ) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Push ever harder until the first body moves, then to and fro between the nets.
-
-        Args:
-            first: Force to begin with [N].
-            greatest: Greatest force [N].
-            brisk: Acceleration that is wanted of the first body [m/s²].
-            levels: Forces of the legs on both bodies, as shares of the one that gives this acceleration.
-            times: Durations of a leg, of which the longest is taken that keeps both off the nets [s].
-        """
-        seen, push = yield from self.rig.touched(
-            first, 5.0, 0.25, lambda reading: abs(reading[2]) > max(4 * self.sigma[1], 0.1)
-        )
-        gain = abs(self.rig.course(seen).readings[-1, 2]) / 0.25 / push
-        top, sense = min(greatest, brisk / gain), -1.0
-        for level in levels:
-            pushes, duration = self._chosen(top * np.array(level), sense, times, self.rig.course(seen), top)
-            sense = float(np.sign(pushes[0]) * np.sign(level[0])) or sense
-            calls = self.rig.leg(pushes[: self.pushed], duration, looks=2)
-            seen += zip(calls, (yield calls), strict=True)
-        return seen
-
-    def _chosen(
-        self, level: Array, sense: float, times: Sequence[float], course: Course, top: float
-    ) -> tuple[Array, float]:
-        """Pushes and duration of a leg: in this sense as long as the nets are far, else in the other, else a stop."""
-        response = _response(course, top)
-        stop = -top * np.sign(course.readings[-1, 2:])
-        for pushes, duration in [
-            *((sense * level, time) for time in times[: len(times) // 2]),
-            *((-sense * level, time) for time in times),
-        ]:
-            if self._clear(course.readings[-1], pushes / top, duration, response):
-                return pushes, duration
-        return stop, times[-1]
-
-    def _clear(self, reading: Array, pushes: Array, duration: float, response: Array) -> bool:
-        """Whether both stay off the nets under pushes, and if these then turn against the motion."""
-        places, speeds = reading[:2].copy(), reading[2:].copy()
-        room = np.maximum(0.85 * self.net, np.abs(places))
-        pushed = np.array([1.0, self.pushed - 1.0])
-        for number in range(round((duration + _STOP_S) / _STRIDE_S)):
-            acting = pushes if number * _STRIDE_S < duration else -np.sign(speeds) * pushed / _MARGIN
-            speeds = speeds + _STRIDE_S * (response @ [*(_MARGIN * acting * pushed), *speeds])
-            places = places + _STRIDE_S * speeds
-            if np.any(np.abs(places) > room):
-                return False
-        return True
+def state() -> list[Call]:
+    """Read places, then speeds of both."""
+    return [call(tool, object_id=body) for tool in ("get_position", "get_velocity") for body in BODIES]
 
 
-def _response(course: Course, top: float) -> Array:
-    """Change of both speeds per second, per share of the force on both and per both speeds: a rough linear law."""
-    states = np.vstack([np.zeros(4), course.readings])
-    pushes = np.zeros((len(course.durations), 2))
-    pushes[:, : course.controls.shape[1]] = course.controls / top
-    spans = course.durations[:, None]
-    table = np.hstack([pushes * spans, (states[1:, 2:] + states[:-1, 2:]) / 2 * spans])
-    guess = np.array([[_FIRST_GAINS[0], 0.0], [0.0, _FIRST_GAINS[1]], [-1.0, 0.5], [0.5, -1.0]])
-    sizes = np.diag(_FIRMNESS / np.array([5.0, 5.0, 1.0, 1.0]))
-    found = np.linalg.lstsq(
-        np.vstack([table, sizes]), np.vstack([np.diff(states[:, 2:], axis=0), sizes @ guess]), rcond=None
-    )[0]
-    return found.T
+def states(exchanges: Exchanges) -> Array:
+    """Rows of time, places and speeds of both, and the forces since the row before, from the start on."""
+    rows, forces, found = [(0.0,) * 7], dict.fromkeys(BODIES, 0.0), list[float]()
+    for asked, reading in exchanges:
+        if asked.tool == "apply_force":
+            forces[asked.arguments["object_id"]] = asked.arguments["force_vector"][0]
+        elif asked.tool in ("get_position", "get_velocity"):
+            found.append(reading[asked.tool.removeprefix("get_")][0])
+            if len(found) == 4:
+                rows.append((reading["sim_time"], *found, *forces.values()))
+                found = []
+    return np.array(rows)
 
 
-def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) -> list[float]:
-    """The engine's speed of the other body, and the force that a body needs which is kept at its speed by a huge mass.
+def signs(first: Array, last: Array, duration: Array) -> Array:
+    """Integral of the sign of a speed that changes evenly."""
+    return duration * (abs(last) - abs(first)) / np.where(abs(last - first) > 1e-9, last - first, 1.0) * (
+        first * last < 0
+    ) + duration * np.sign(first + last) * (first * last >= 0)
+
+
+def windows(rows: Array, slow: float, still: float, near: float) -> dict[str, Array]:
+    """The intervals between rows in which things move.
 
     Args:
-        engine: The engine at the drawn values.
-        held: Index of the body that is kept at its speed.
-        speeds: Speeds of both to begin with [m/s].
-        seconds: Time until the force is found from the loss of speed in one second more.
+        rows: As `states` returns them.
+        slow: Sum of the first and the last speed of the first body from which on it moves [m/s].
+        still: Way, or speed at an end, below which a body may rest [m, m/s].
+        near: Way from which on a body moves [m].
     """
-    mass = 1e8
-    free = engine.changed({f"geom[{BODIES[held]}_geom].mass": mass, "body[nets].pos": (1e6, 0.0, 0.0)})
-    for body, speed in zip(BODIES, speeds, strict=True):
-        free.set_velocity(body, np.array([speed, 0.0, 0.0]))
-    free.step(free.whole_steps(seconds))
-    before = float(free.twist(BODIES[held]).linear[0])
-    free.step(free.whole_steps(1.0))
-    after = float(free.twist(BODIES[held]).linear[0])
-    return [float(free.twist(BODIES[1 - held]).linear[0]), (before - after) * mass]
+    (t, x1, x2, v1, v2, *_), (u, y1, y2, w1, w2, force, other) = rows[:-1].T, rows[1:].T
+    dt, way2 = u - t, y2 - x2
+    middle = (6 * way2 / dt - v2 - w2) / 4
+    square = dt * (v2 * abs(v2) + 4 * middle * abs(middle) + w2 * abs(w2)) / 6
+    win = {"F": force * dt, "G": other * dt, "dt": dt, "d1": w1 - v1, "d2": w2 - v2, "x1": y1 - x1, "x2": way2}
+    win |= {"s1": signs(v1, w1, dt), "s2": signs(v2, w2, dt), "q2": square, "v1": v1, "w1": w1, "v2": v2, "w2": w2}
+    win["rests"] = abs(way2) < still
+    stops = np.minimum(abs(w1), abs(w2)) < still
+    win["turns"] = 0.15 * ((v1 * w1 < 0) | (v2 * w2 < 0)) + 0.5 * stops
+    moving = (abs(v1) + abs(w1) > slow) | (abs(y1 - x1) > near) | (abs(way2) > near)
+    return {name: column[moving] for name, column in win.items()}
 
 
-def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off: float, seconds: float) -> float:
-    """By which share speeds are off a while after they were set off by another share, under a steady force."""
-    free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
-    for body, speed in zip(BODIES, speeds, strict=True):
-        free.set_velocity(body, np.array([(1 + off) * speed, 0.0, 0.0]))
-    free.push(BODIES[held], force=np.array([push, 0.0, 0.0]))
-    free.step(free.whole_steps(seconds))
-    now = np.array([float(free.twist(body).linear[0]) for body in BODIES])
-    return float(np.max(np.abs(now - speeds)) / np.max(speeds))
+def joint_misfits(
+    kind: str, ratio: float, power: float, taken: Array, error: Array, win: Windows, sigma: float
+) -> list[Array]:
+    """Misfits of what a joint passes on, in its uncertainties.
+
+    Args:
+        kind: `rigid`, `clutch` or `fluid`.
+        ratio: Gear ratio n.
+        power: Greatest force of a clutch [N], or force per slip of a fluid [N·s/m].
+        taken: Impulse that the second body took in each interval [N·s].
+        error: Uncertainty of it [N·s].
+        win: The intervals.
+        sigma: Standard deviation of a difference of two readings [m, m/s].
+    """
+    slip = ratio * win["v1"] - win["v2"], ratio * win["w1"] - win["w2"]
+    way, unsure = ratio * win["x1"] - win["x2"], win["rests"] * 1e3
+    tolerance = 0.012 + 0.003 * (abs(win["v1"]) + abs(win["w1"]))
+    stuck = (abs(slip[0]) < tolerance) & (abs(slip[1]) < tolerance) & (abs(way) < 0.01)
+    if kind == "fluid":
+        error = np.hypot(error, 0.0004 * power * abs(slip[1] - slip[0]))
+        return [(taken - power * way) / np.hypot(error, sigma * power) / (1 + unsure)]
+    if kind == "rigid":
+        return [way / sigma / 4]
+    passed = power * signs(slip[0], slip[1], win["dt"])
+    mixed = (slip[0] * slip[1] < 0) | (abs(slip[0]) < tolerance) | (abs(slip[1]) < tolerance)
+    error = np.hypot(error, mixed * 0.5 * power * win["dt"])
+    return [np.where(stuck, way / sigma / 4, (taken - passed) / error / (1 + unsure))]
+
+
+def slides(ratio: float, win: Windows, sigma: float) -> NDArray[np.bool_]:
+    """Intervals in which a clutch slips all the time, in one sense."""
+    first, last = ratio * win["v1"] - win["v2"], ratio * win["w1"] - win["w2"]
+    return (first * last > 0) & (np.minimum(abs(first), abs(last)) > 12 * sigma + 0.004 * abs(win["v1"] + win["w1"]))
+
+
+def ratios(kind: str, win: Windows, sigma: float) -> list[float]:
+    """Gear ratios to begin a fit with: the usual ratio of speeds, or many for a clutch that slips."""
+    seen = np.clip(win["w2"] / np.where(abs(win["w1"]) > 0.03, win["w1"], np.inf), 0.0, 4.0)
+    if kind == "clutch":
+        return [n for n in [*np.geomspace(0.35, 3.0, 24), *seen[seen > 0.25]] if slides(n, win, sigma).any()]
+    return [float(np.median(seen))]
+
+
+def robust(table: Array, right: Array, size: Array) -> Array:
+    """Least squares, with less weight on what fits badly."""
+    weights, found = 1 / size, np.zeros(table.shape[1])
+    for _ in range(6):
+        found = cast(Array, np.linalg.lstsq(table * weights[:, None], right * weights, rcond=1e-10)[0])
+        weights = 1 / size / np.sqrt(1 + ((table @ found - right) / size / 3) ** 2)
+    return found
+
+
+def refined_constants(
+    misfits: Callable[[Array], Array], starts: Sequence[Array], low: Array, high: Array, *, keeps_ratio: bool
+) -> tuple[float, Array]:
+    """Cost and constants of the best fit from one of the starts.
+
+    Args:
+        misfits: Misfits of the constants, the gear ratio first.
+        starts: Where the fit begins.
+        low: Lower bounds.
+        high: Upper bounds.
+        keeps_ratio: Whether the gear ratio stays within 10 % of its start.
+    """
+    best = (1e6, np.clip(np.ones(len(low)), low, high))
+    for start in starts:
+        lower, upper = low.copy(), high.copy()
+        if keeps_ratio:
+            lower[0], upper[0] = 0.9 * start[0], 1.1 * start[0]
+        scale = np.maximum(start, 0.1)
+        found = least_squares(misfits, start, bounds=(lower, upper), x_scale=scale, loss="soft_l1", max_nfev=60)
+        if found.cost < best[0]:
+            best = (float(found.cost), found.x)
+    return best
+
+
+def clear(place: float, speed: float, rate: float, gain: float, duration: float, room: float, brake: float) -> bool:
+    """Whether a body under an acceleration stays within ±room, also while it is stopped after the duration.
+
+    Args:
+        place: Where it is [m].
+        speed: Its speed [m/s].
+        rate: Its acceleration [m/s²].
+        gain: Its acceleration per force [1/kg].
+        duration: How long it is accelerated [s].
+        room: Distance from the origin that it may not exceed [m].
+        brake: Force that surely stops it [N].
+    """
+    end, then = place + speed * duration + rate * duration**2 / 2, speed + rate * duration
+    stop = then * abs(then) / (2 * brake * gain)
+    return not (abs(end) > room or abs(end + stop) > room)
