@@ -97,7 +97,7 @@ def _fork(args: argparse.Namespace) -> int:
     run = PreparedRun(
         config=config,
         participants=participants,
-        plan=_plan(config, record.plan, list(participants)),
+        plan=config.plan(participants).model_copy(update={"held_back": record.plan.held_back}),
         keys=list(keys),
         folder=create_folder(config, participants),
         answers=KeyRing(args.scenes_dir, seed_of),
@@ -136,19 +136,4 @@ def _config(args: argparse.Namespace, episodes: list[Episode], stored: Plan, see
         resume=args.resume,
         as_json=args.json,
         **model_options(args),
-    )
-
-
-def _plan(config: RunConfig, stored: Plan, agents: list[str]) -> Plan:
-    """The smallest matrix that holds the forked episodes."""
-    return Plan(
-        scenes=tuple(files.scene_id for files in config.packs),
-        agents=tuple(agents),
-        budgets=config.budgets,
-        seeds=config.seeds,
-        epochs=config.epochs,
-        promptings=config.promptings,
-        protocols=config.protocols,
-        observations=stored.observations,
-        held_back=stored.held_back,
     )

@@ -7,12 +7,13 @@ from typing import Any
 
 import mcp_types as types
 from mcp import Client
+from mcp.shared.exceptions import MCPError
 from pydantic import ValidationError
 
 from evaluator.agents.recorded import exact_difference, play_again
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.episode.views import view_in, view_now
-from evaluator.errors import UsageError
+from evaluator.errors import InfrastructureError, UsageError
 from evaluator.films.reel import Instant, reel
 from evaluator.records import Episode, EpisodeKey
 from evaluator.report.film_record import Film
@@ -35,9 +36,16 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
         UsageError: The laboratory returns something else than what is stored, or the film would be too large.
     """
     camera = _Camera()
+    now, problem = None, ""
     async with opens(episode.key) as client:
-        camera.see(await view_now(client))
-        now = await play_again(episode, client, Toolboxes(look=camera.look))
+        try:
+            camera.see(await view_now(client))
+            now = await play_again(episode, client, Toolboxes(look=camera.look))
+        except (InfrastructureError, MCPError) as error:
+            # Raised below: the client's task group would wrap it.
+            problem = str(error)
+    if now is None:
+        raise UsageError(f"{described(episode.key)} cannot be played again: {problem}")
     _refuse_other_returns(episode, now)
     looks = iter(camera.looks)
     instant = 0

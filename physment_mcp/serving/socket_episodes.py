@@ -59,7 +59,7 @@ class _Lines(LineStream):
 
     async def receive(self) -> SessionMessage | Exception:
         """As that of `LineStream`; notes when the episode was last used."""
-        message = await LineStream.receive(self)
+        message = await LineStream.receive(self)  # a dataclass with slots cannot call super() without arguments
         self.last_used = time.monotonic()
         return message
 

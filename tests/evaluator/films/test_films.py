@@ -88,6 +88,19 @@ def test_a_film_of_an_edited_record_is_refused_with_its_place_and_the_others_are
     assert list(attached_run(run).attachments.films) == [FIND_KEY]
 
 
+def test_an_episode_that_the_laboratory_cannot_begin_is_refused_and_the_others_are_filmed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a record of a version that had a way of prompting which this one lacks."""
+    run = stored_run(tmp_path / "run", (FALL_KEY, FALL), (FIND_KEY, FIND))
+    found = run.episodes()
+    text = found[FALL_KEY].model_dump_json().replace('"prompting":"zero-shot"', '"prompting":"of-old"')
+    run.episodes_file.write_text(f"{text}\n{found[FIND_KEY].model_dump_json()}\n", encoding="utf-8")
+    assert main(["film", str(run.path)]) == 1
+    assert "scene 7, seed 0, x, budget 4, epoch 1 cannot be played again: " in capsys.readouterr().err
+    assert list(attached_run(run).attachments.films) == [FIND_KEY]
+
+
 def test_only_films_that_are_missing_or_of_another_record_are_made(run: RunFolder) -> None:
     file = file_of(run, FALL_KEY)
     before, content = file.stat().st_mtime_ns, file.read_text(encoding="utf-8")
