@@ -17,7 +17,7 @@ MCPB := npx --yes @anthropic-ai/mcpb@2.1.2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify pages pages-check pictures ray-test \
+.PHONY: help setup demo check format test fuzz leaks bench hostile soak faults verify baselines pages pages-check pictures ray-test \
   docs clients conformance inspect-test engines integrations harbor mcpb viewer lock \
   test-lowest dist clean
 
@@ -32,7 +32,7 @@ help: ## list the commands
 setup: $(STAMP) ## create .venv and install every dependency of requirements.lock, checked by hash (1 to 2 minutes)
 
 # Python 3.14 is refused because the pinned MuJoCo has no wheels for it.
-$(STAMP): requirements.lock pyproject.toml
+$(STAMP): requirements.lock pyproject.toml integrations/harbor/pyproject.toml
 	@python=$$(for name in $(PYTHONS); do \
 	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
 	done); \
@@ -40,7 +40,7 @@ $(STAMP): requirements.lock pyproject.toml
 	echo "Creating $(VENV) with $$($$python --version)"; rm -rf $(VENV); $$python -m venv $(VENV)
 	@echo "Installing the locked dependencies (a minute or two)"
 	@$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
-	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e . -e integrations/harbor
 	@touch $(STAMP)
 
 demo: $(STAMP) ## let the reference agent solve every scene over stdio: shows that the laboratory works here
@@ -88,6 +88,13 @@ clean: ## remove the environments, built files and caches
 verify: $(STAMP) ## prove every new or changed scene sound on 20 seeds and write scenes/certificates.json (decision 11)
 	@$(BIN)/physment-eval verify
 
+baselines: $(STAMP) ## play the baselines that reports show again, all or SCENES=7,81 (decision 47)
+	@rm -rf build/baselines
+	@$(BIN)/physment-eval run --server host --seeds 0 --scenes $(or $(SCENES),7-111) --out build/baselines \
+	  --agent blind --agent random --agent batch --agent attacker:sweep --agent attacker:glance \
+	  --agent attacker:proportional --agent constant
+	@$(BIN)/physment-eval keep-baselines build/baselines
+
 pages: $(STAMP) ## write the pages about the scenes, with pictures, into docs/ (libosmesa6 draws the pictures)
 	@$(BIN)/physment-eval scenes pages --out docs
 
@@ -122,10 +129,10 @@ conformance: $(STAMP) ## run the official MCP conformance suite (by npx) against
 	@$(BIN)/python -m tests.harness.conformance.run --out docs/explanation/conformance.md
 
 # An environment of its own, so that the many packages of Inspect AI do not mix with the locked ones.
-inspect-test: ## install Inspect AI (330 MB, into .inspect) and test that it plays, grades and reads our logs
+inspect-test: ## install Inspect AI and its plugin (330 MB, into .inspect); test that it plays, grades and reads our logs
 	@test -d .inspect || python3 -m venv .inspect
-	@.inspect/bin/python -m pip install --quiet -e '.[inspect]' openai==3.52.0 pytest hypothesis
-	@.inspect/bin/python -m pytest tests/harness/clients/test_inspect_task.py tests/harness/clients/test_inspect_log.py
+	@.inspect/bin/python -m pip install --quiet -e . -e integrations/inspect openai==3.52.0 pytest hypothesis
+	@.inspect/bin/python -m pytest tests/integrations/test_inspect_task.py tests/integrations/test_inspect_log.py
 
 engines: $(STAMP) ## try all scenes on the newest MuJoCo 3 and 4 (800 MB each, into .engines; ENGINES="4.1.0 --certify" for options)
 	@$(BIN)/python -m tests.harness.engines.run $(ENGINES)
@@ -151,7 +158,7 @@ harbor: $(STAMP) ## write the suite as tasks of Harbor into build/harbor, check 
 	  .integrations/harbor/bin/python -m pip install --quiet 'harbor>=0.24,<0.25'; }
 	@rm -rf build/harbor
 	@$(BIN)/physment-eval harbor write build/harbor $(HARBOR)
-	@$(BIN)/python -m pytest tests/evaluator/harbor tests/integrations/test_harbor.py
+	@$(BIN)/python -m pytest tests/integrations/test_harbor_tasks.py tests/integrations/test_harbor.py
 
 ray-test: $(STAMP) ## install Ray (70 MB) and test `--executor ray` on a cluster of several nodes on this machine
 	@$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[ray]'
@@ -185,10 +192,11 @@ lock: ## resolve the dependencies of pyproject.toml into requirements.lock and r
 	  cat requirements-docs.lock; } > requirements.lock.new
 	@mv requirements.lock.new requirements-docs.lock
 
-# Only wheels: an old sdist may need a compiler, or a build tool that is gone.
+# Only wheels but for our own packages: an old sdist may need a compiler, or a build tool that is gone.
 test-lowest: ## test with the oldest versions that pyproject.toml allows (into .lowest; TESTS=tests/scenes for a part)
 	@uv venv --quiet --clear $(if $(PYTHON),--python $(PYTHON)) .lowest
-	@uv pip install --quiet --python .lowest --resolution lowest-direct --only-binary :all: --group dev -e '.[models,report]'
+	@uv pip install --quiet --python .lowest --resolution lowest-direct --only-binary :all: \
+	  --no-binary physment-mcp --no-binary physment-harbor --group dev -e '.[models,report]' -e integrations/harbor
 	@.lowest/bin/python -m pytest -n auto --dist worksteal $(TESTS)
 
 ##@ Release (CONTRIBUTING.md says how)

@@ -8,13 +8,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from evaluator.agents.reference import ReferenceAgent
+    from evaluator.episode.connect import EpisodeConnector
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
-    from evaluator.library import StoredRun, grade, load_run, play, score, split, summary
-    from evaluator.records import Episode, EpisodeKey, Exchange, Grade, GradeRecord, Outcome, ToolCall, Turn, Verdict
+    from evaluator.library import StoredRun, connect, episode_of_log, grade, load_run, play, score, split, summary
+    from evaluator.protocols.text import feedback_text
+    from evaluator.records import (
+        Episode,
+        EpisodeKey,
+        Exchange,
+        Grade,
+        GradeRecord,
+        Outcome,
+        ToolCall,
+        Turn,
+        Usage,
+        Verdict,
+    )
     from evaluator.run_record import RunRecord
     from evaluator.scores.metrics import RunSummary
     from evaluator.scores.scored_episode import ScoredEpisode
+    from evaluator.study.selection import Selected, select
     from scenes.splits import Split
 
 __all__ = [
@@ -22,6 +37,7 @@ __all__ = [
     "AgentError",
     "Briefing",
     "Episode",
+    "EpisodeConnector",
     "EpisodeKey",
     "EvaluatorError",
     "Exchange",
@@ -31,30 +47,50 @@ __all__ = [
     "InfrastructureError",
     "Outcome",
     "Player",
+    "ReferenceAgent",
     "Reply",
     "RunRecord",
     "RunSummary",
     "ScoredEpisode",
+    "Selected",
     "Split",
     "StoreError",
     "StoredRun",
     "ToolCall",
     "ToolDescription",
     "Turn",
+    "Usage",
     "UsageError",
     "Verdict",
+    "connect",
+    "episode_of_log",
+    "feedback_text",
     "grade",
     "load_run",
     "play",
     "score",
+    "select",
     "split",
     "summary",
 ]
 
 _HOMES = {
+    "evaluator.agents.reference": ("ReferenceAgent",),
+    "evaluator.episode.connect": ("EpisodeConnector",),
     "evaluator.episode.player": ("Agent", "Briefing", "Feedback", "Player", "Reply", "ToolDescription"),
     "evaluator.errors": ("AgentError", "EvaluatorError", "InfrastructureError", "StoreError", "UsageError"),
-    "evaluator.library": ("StoredRun", "grade", "load_run", "play", "score", "split", "summary"),
+    "evaluator.library": (
+        "StoredRun",
+        "connect",
+        "episode_of_log",
+        "grade",
+        "load_run",
+        "play",
+        "score",
+        "split",
+        "summary",
+    ),
+    "evaluator.protocols.text": ("feedback_text",),
     "evaluator.records": (
         "Episode",
         "EpisodeKey",
@@ -64,11 +100,13 @@ _HOMES = {
         "Outcome",
         "ToolCall",
         "Turn",
+        "Usage",
         "Verdict",
     ),
     "evaluator.run_record": ("RunRecord",),
     "evaluator.scores.metrics": ("RunSummary",),
     "evaluator.scores.scored_episode": ("ScoredEpisode",),
+    "evaluator.study.selection": ("Selected", "select"),
     "scenes.splits": ("Split",),
 }
 """Module → the public names that it defines."""

@@ -4,16 +4,21 @@ These functions do what the commands do, without files, printing or retries.
 """
 
 from collections.abc import Iterable
+from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from pydantic import ValidationError
+
+from evaluator.agents.external.watched import outcome_of, turns_of_log
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import connect
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.episode.connect import connect as laboratory_at
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Versions
+from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Versions
 from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -35,13 +40,27 @@ class StoredRun:
     """Stored grades; empty for a run that has not been graded."""
 
 
+def connect(server: str = "host", scenes_dir: Path | None = None) -> AbstractAsyncContextManager[EpisodeConnector]:
+    """Open a laboratory on which many episodes are played; an asynchronous context manager.
+
+    Args:
+        server: `host` for a local host, `stdio` for a server process for each episode, the URL of a host, or a command.
+        scenes_dir: Folder of scene packs for servers that this starts; the suite by default.
+
+    Raises:
+        UsageError: When it is entered: `server` cannot be understood, or a host does not start.
+    """
+    return laboratory_at(server, scenes_dir)
+
+
 async def play(
     agent: Agent,
     scene: int,
     *,
     seed: int = 0,
     budget: int = 20,
-    server: str = "stdio",
+    prompting: str = "zero-shot",
+    server: str | EpisodeConnector = "stdio",
     scenes_dir: Path | None = None,
 ) -> Episode:
     """Play one episode.
@@ -51,7 +70,8 @@ async def play(
         scene: Id of the scene.
         seed: 0 for the scene as written, any other number for a variant.
         budget: Iterations that the agent may use.
-        server: `stdio` for a server process of its own, `host` for a local host, the URL of a host, or a command.
+        prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`: how many worked examples the prompt shows.
+        server: What `connect` takes or returns.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Returns:
@@ -61,14 +81,60 @@ async def play(
         UsageError: There is no such scene, or `server` cannot be understood.
         InfrastructureError: The server failed.
     """
+    versions = _versions(scene, scenes_dir)
+    key = EpisodeKey(scene=scene, seed=seed, agent=agent.name, budget=budget, prompting=prompting)
+    connected = connect(server, scenes_dir) if isinstance(server, str) else nullcontext(server)
+    async with connected as laboratory, laboratory.open(scene, seed) as client:
+        versions = versions.model_copy(update={"protocol": client.protocol_version})
+        return await play_episode(agent, client, key, versions, laboratory.toolboxes)
+
+
+def episode_of_log(log: bytes, scene: int, *, seed: int = 0, max_calls: int, scenes_dir: Path | None = None) -> Episode:
+    """The episode of a program that drove itself, from the log of calls that its host kept.
+
+    Args:
+        log: What `GET /episodes/ID/calls` returned, with the calls of all pages.
+        scene: Id of the scene.
+        seed: Variant of the scene.
+        max_calls: Tool calls that the program might make.
+        scenes_dir: Folder of scene packs; the suite by default.
+
+    Returns:
+        The episode, a turn for each call. Without an answer its outcome is `budget_exhausted`. Its prompt, the version
+        of MCP and the time of its start are empty, since a log does not tell them.
+
+    Raises:
+        UsageError: It is no such log, or there is no such scene.
+    """
+    try:
+        turns = turns_of_log(log)
+    except ValidationError as error:
+        raise UsageError(f"this is no log of calls: {error.errors()[0]['msg']}") from error
+    outcome, answer = outcome_of(turns, max_calls)
+    return Episode(
+        key=EpisodeKey(scene=scene, seed=seed, agent="external", budget=max_calls),
+        outcome=outcome or Outcome.BUDGET_EXHAUSTED,
+        answer=answer,
+        prompt="",
+        turns=turns,
+        max_calls=max_calls,
+        started_at="",
+        duration_s=sum(turn.agent_s + turn.server_s for turn in turns),
+        versions=_versions(scene, scenes_dir),
+    )
+
+
+def _versions(scene: int, scenes_dir: Path | None) -> Versions:
+    """The versions that decide the result of an episode, without that of MCP.
+
+    Raises:
+        UsageError: There is no such scene.
+    """
     try:
         pack = pack_hash(find_pack(scene, scenes_dir))
     except PackError as error:
         raise UsageError(str(error)) from error
-    key = EpisodeKey(scene=scene, seed=seed, agent=agent.name, budget=budget)
-    async with connect(server, scenes_dir) as laboratory, laboratory.open(scene, seed) as client:
-        versions = Versions(physment=version("physment-mcp"), protocol=client.protocol_version, pack=pack)
-        return await play_episode(agent, client, key, versions, laboratory.toolboxes)
+    return Versions(physment=version("physment-mcp"), protocol="", pack=pack)
 
 
 def grade(episode: Episode, scenes_dir: Path | None = None) -> GradeRecord:

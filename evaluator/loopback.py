@@ -1,27 +1,18 @@
 """Pages for people on this machine alone: which names mean it, and a guard for the applications that serve them."""
 
-import re
 from collections.abc import Mapping
 
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
-"""Names of this machine that only its own programs reach."""
-
-_PLACE = re.compile(r"(?:\[(?P<ip6>[0-9a-f:.]+)\]|(?P<name>[a-z0-9._-]+))(?::[0-9]{1,5})?", re.ASCII | re.IGNORECASE)
-"""A name or an address, with or without a port: all that a Host header may contain (RFC 9110, 7.2)."""
+from physment_mcp.contract.addresses import LOOPBACK, named_host
 
 
 def is_for_this_machine(headers: Headers) -> bool:
-    """Whether a request names this machine: one Host header with a name of `LOOPBACK`, and nothing more in it.
-
-    Parsers of URLs are lenient, and each in its own way: they find 127.0.0.1 in `evil.example@127.0.0.1`.
-    """
+    """Whether a request names this machine: one Host header with a name of `LOOPBACK`, and nothing more in it."""
     hosts = headers.getlist("host")
-    found = _PLACE.fullmatch(hosts[0]) if len(hosts) == 1 else None
-    return found is not None and (found["ip6"] or found["name"]).lower() in LOOPBACK
+    return len(hosts) == 1 and named_host(hosts[0]) in LOOPBACK
 
 
 class OnlyHere:

@@ -1,4 +1,4 @@
-"""Episodes and grades, as frozen records with a format number. Knows no files and no rules of grading."""
+"""Episodes, grades and evidence, as frozen records with a format number. Knows no files and no rules of grading."""
 
 import hashlib
 from collections.abc import Iterable
@@ -9,6 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 FORMAT = 1
 """Version of the format on disk. Readers refuse a higher version."""
+SUFFICIENT = 0.5
+"""Largest bound of an answer, in tolerances, up to which its evidence suffices."""
+CERTAIN = 0.95
+"""Least probability of the right choice from which on the evidence for a choice suffices."""
 
 
 def is_absent(value: object) -> bool:
@@ -220,3 +224,88 @@ class GradeRecord(Record):
     answer_key: JsonValue
     grader_version: str
     pack_version: str
+
+
+class CallEvidence(Record):
+    """What is known after a call."""
+
+    turn: int
+    """Number of the turn, from 1."""
+    call: int
+    """Number of the call in the episode, from 1."""
+    bounds: tuple[float, ...]
+    """For each asked number, its smallest standard error over its tolerance. Source: Cramér and Rao."""
+    choice: float | None = None
+    """Probability of the right choice, by constants that the readings leave plausible; null if no choice is asked."""
+    rivals: int = 0
+    """How many other discrete values, with another answer, the readings leave possible."""
+    bits: float
+    """Information on the hidden constants, over what their ranges tell [bit]."""
+
+    @property
+    def suffices(self) -> bool:
+        """Whether the constants are known well enough, and other discrete values are excluded."""
+        known = max(self.bounds, default=0.0) <= SUFFICIENT and (self.choice is None or self.choice >= CERTAIN)
+        return known and not self.rivals
+
+
+class Rival(Record):
+    """Another structure, or another value of a discrete constant, that gives another answer."""
+
+    name: str
+    chi_square: float
+    """By how much it fits all readings worse than the drawn one."""
+    excluded: bool
+    """Whether the readings exclude it at four standard deviations."""
+
+
+class EvidenceRecord(Record):
+    """A line of `evidence.jsonl`: what the experiments of one episode could tell."""
+
+    format: Literal[1] = 1
+    key: EpisodeKey
+    episode: str
+    """SHA-256 of the line of the episode in `episodes.jsonl`."""
+    calls: tuple[CallEvidence, ...] = ()
+    """After each call that read something new."""
+    rivals: tuple[Rival, ...] = ()
+    """The rivals after the last call."""
+    not_measurable: str = ""
+    """Why the evidence cannot be computed; empty if it can."""
+    seconds: float = Field(default=0.0, ge=0)
+    """Processor time that it took [s]."""
+
+    @property
+    def suffices(self) -> bool:
+        """Whether the readings decide the answer in the end."""
+        return bool(self.calls) and self.calls[-1].suffices and all(rival.excluded for rival in self.rivals)
+
+    @property
+    def sufficed_at(self) -> int | None:
+        """The call from which on the evidence sufficed; None if it never did.
+
+        Structures that the pack fits count in the end alone, because they are fitted to all readings.
+        """
+        return next((step.call for step in self.calls if step.suffices), None) if self.suffices else None
+
+
+class EvidenceVerdict(StrEnum):
+    """What an episode shows: were its experiments at fault, or its reasoning?"""
+
+    EARNED = "earned"
+    """Right, and the readings decide the answer."""
+    GUESSED = "guessed right without evidence"
+    """Right, although the readings leave the answer open."""
+    INFERENCE_FAILED = "inference failed on sufficient evidence"
+    """Wrong or without an answer, although the readings decide it."""
+    EXPERIMENT_INSUFFICIENT = "experiment insufficient"
+    """Wrong or without an answer, and the readings leave it open."""
+
+
+def evidence_verdict(evidence: EvidenceRecord, verdict: Verdict) -> EvidenceVerdict | None:
+    """The verdict on the evidence of an episode; None if it cannot be measured, or if the episode has no verdict."""
+    if evidence.not_measurable or verdict is Verdict.UNSCORED:
+        return None
+    if verdict is Verdict.CORRECT:
+        return EvidenceVerdict.EARNED if evidence.suffices else EvidenceVerdict.GUESSED
+    return EvidenceVerdict.INFERENCE_FAILED if evidence.suffices else EvidenceVerdict.EXPERIMENT_INSUFFICIENT

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, JsonValue
 from evaluator.records import FORMAT, EpisodeKey, Record, Versions, is_absent
 from scenes import content_hash_of
 
-DECIDING = ("plan", "packs", "agents", "forked_from")
+DECIDING = ("plan", "worlds", "packs", "agents", "forked_from")
 """Fields of `run.json` that two runs must share for their episodes to belong together."""
 
 SEED_SHIFT = 1_000_000
@@ -65,6 +65,21 @@ class Plan(OpenRecord):
             for number, (epoch, budget, prompting, protocol) in enumerate(repetitions)
             for agent, seed, scene in product(self.agents, self.seeds, self.scenes)
         ]
+
+
+class PlayedWorld(OpenRecord):
+    """How a world of a run was made."""
+
+    grammar: int
+    """Version of the grammar."""
+    record: str
+    """Hash of its record."""
+    split: str
+    """Split of its structure."""
+    settings: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
+    """Attributes that were not those of its level, such as `terms=4`; absent if there were none."""
+    commitment: str = Field(default="", exclude_if=is_absent)
+    """Commitment to the key that it was drawn with; absent for worlds that everybody can draw."""
 
 
 class ServerRecord(OpenRecord):
@@ -126,6 +141,8 @@ class RunRecord(OpenRecord):
     server: ServerRecord
     packs: dict[str, str] = Field(default_factory=dict)
     """Scene → hash of its pack."""
+    worlds: dict[str, PlayedWorld] = Field(default_factory=dict[str, PlayedWorld], exclude_if=is_absent)
+    """Reference → how the world was made; absent if there are none."""
     versions: dict[str, str | None] = Field(default_factory=dict)
     """Python, platform and packages → version, at the first start."""
     git_revision: str | None = None

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from evaluator import durable
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, Frame, GradeRecord, Record
+from evaluator.records import Episode, EpisodeKey, EvidenceRecord, Frame, GradeRecord, Record
 from evaluator.redaction import Redaction
 from evaluator.run_record import RunRecord
 from evaluator.seal import Seal
@@ -47,6 +47,11 @@ class RunFolder:
     def grades_file(self) -> Path:
         """One line for each grade."""
         return self.path / "grades.jsonl"
+
+    @property
+    def evidence_file(self) -> Path:
+        """One line for each episode whose evidence was measured."""
+        return self.path / "evidence.jsonl"
 
     @property
     def seal_file(self) -> Path:
@@ -205,6 +210,18 @@ class RunFolder:
             StoreError: A line in the middle is damaged.
         """
         return {grade.key: grade for grade in self._read(self.grades_file, GradeRecord)}
+
+    def append_evidence(self, evidence: EvidenceRecord) -> None:
+        """Add the evidence of an episode. When this returns, it is on disk."""
+        durable.append_line(self.evidence_file, evidence.model_dump_json().encode())
+
+    def evidence(self) -> dict[EpisodeKey, EvidenceRecord]:
+        """The evidence by the key of its episode. If several records have the same key, the last one counts.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {found.key: found for found in self._read(self.evidence_file, EvidenceRecord)}
 
     def keep_grades(self) -> Path:
         """Copy the grades to a new file, which nothing overwrites, and return its path."""

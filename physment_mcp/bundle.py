@@ -21,7 +21,7 @@ from physment_mcp.tools import TOOLS
 from physment_mcp.version import __version__
 from scenes import export_packs
 
-_NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pillow", "pydantic", "simpleeval")
+_NEEDED = ("anyio", "mcp", "mujoco", "numpy", "pillow", "pydantic")
 """The dependencies that an episode on stdio needs; the others are for hosts and evaluators."""
 _STARTER = '''\
 """Starts the laboratory on stdio."""

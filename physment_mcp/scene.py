@@ -12,7 +12,6 @@ from threading import Lock
 from typing import NamedTuple
 
 from physment_mcp.errors import SceneError
-from physment_mcp.parsing import PARSING
 from scenes import PackError, PackFiles, PublicPack, find_pack, hosted_files, list_packs, read_hosted, read_public
 
 logger = logging.getLogger(__name__)
@@ -97,8 +96,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
     scene = _SCENES.get(source)
     if scene is None:
         try:
-            with PARSING:
-                scene = _SCENES.keep(source, Scene(*read_hosted(source.files, seed), timestep))
+            scene = _SCENES.keep(source, Scene(*read_hosted(source.files, seed), timestep))
         except PackError as error:
             raise SceneError(str(error)) from error
     return scene
@@ -144,8 +142,7 @@ def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
     """
     try:
         files = find_pack(scene_id, folder)
-        with PARSING:
-            return [read_hosted(files, seed)[1] for seed in range(20)]
+        return [read_hosted(files, seed)[1] for seed in range(20)]
     except PackError as error:
         raise SceneError(f"frames need the seeds 0 to 19 of a scene: {error}") from error
 

@@ -8,7 +8,8 @@ from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
 from scenes.draw import KnobValue, draw_knobs
 from scenes.errors import PackError
 from scenes.export import export_packs
-from scenes.folder import PackFiles, default_folder, find_pack, list_packs, read_pack
+from scenes.finding import find_pack
+from scenes.folder import PackFiles, default_folder, list_packs, read_pack
 from scenes.laboratory import Instruments, LabLimits, Noise
 from scenes.model import USUAL_TIMESTEP_S, changed_mjcf, drawn_mjcf, timestep_of
 from scenes.new import write_new_scene

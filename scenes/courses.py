@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.fitting import Array, chi_square, polished, refined
+from scenes.integration import advanced
 from scenes.protocol import AnswerValue, Call, Exchanges, Reading
 
 Knobs = Mapping[str, Any]
@@ -291,16 +292,12 @@ class Laws:
         return np.array(states)
 
     def advanced(self, structure: str, knobs: Knobs, time: Any, state: Array, duration: Any, controls: Array) -> Array:
-        """The state after controls were held for a duration, by the Runge-Kutta method of fourth order."""
-        count = max(1, int(np.ceil(np.max(duration) / self.longest_s)))
-        h = duration / count
-        for _ in range(count):
-            a = self.rates(structure, knobs, time, state, controls)
-            b = self.rates(structure, knobs, time + h / 2, state + h / 2 * a, controls)
-            c = self.rates(structure, knobs, time + h / 2, state + h / 2 * b, controls)
-            d = self.rates(structure, knobs, time + h, state + h * c, controls)
-            state, time = state + h / 6 * (a + 2 * b + 2 * c + d), time + h
-        return state
+        """The state after controls were held for a duration."""
+
+        def rates(at: Any, now: Array) -> Array:
+            return self.rates(structure, knobs, at, now, controls)
+
+        return advanced(rates, time, state, duration, self.longest_s)
 
 
 class Fitter(Protocol):

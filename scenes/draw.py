@@ -5,14 +5,12 @@ by SHA-512 of scene, seed and knob name, as `random.Random` documents for text s
 significant digits, because the last bits of `exp` and `log` differ between machines. Seed 0 is the scene as written.
 """
 
-import ast
 import math
+import operator
 import random
 from collections.abc import Callable, Mapping
-from typing import Any, cast
 
-import simpleeval
-
+from physment_mcp.contract.expressions import FUNCTIONS, SIGNS, Language, names_in
 from scenes.answer_spec import Scalar
 from scenes.errors import PackError
 from scenes.folder import PackFiles
@@ -22,38 +20,10 @@ KnobValue = Scalar | tuple[Scalar, ...]
 """A value of a knob; a permutation has several."""
 
 _ATTEMPTS = 1000
-_FUNCTIONS = {
-    name: getattr(math, name)
-    for name in (
-        "sqrt",
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "atan2",
-        "exp",
-        "log",
-        "radians",
-        "degrees",
-        "floor",
-    )
-} | {"abs": abs, "min": min, "max": max}
-_LENGTH_LIMIT = 1000
-"""Most characters of an expression; the longest one of the suite has 181."""
 _LARGEST = 1e300
 """Largest magnitude of a number on the way to a result."""
 _SHOWN = 80
 """Most characters of an expression that an error repeats."""
-_NODES = (
-    *(ast.Expr, ast.Constant, ast.Name, ast.List, ast.Tuple, ast.Subscript, ast.Call),
-    *(ast.UnaryOp, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp),
-)
-"""What an expression may consist of: nothing that formats a text, loops or reads an attribute."""
-_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn, ast.Not)
-_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.Pow, ast.UAdd, ast.USub)
-"""Operators for numbers alone."""
 
 
 def draw_knobs(
@@ -110,29 +80,14 @@ def evaluate(files: PackFiles, field: str, expression: Expression, values: Mappi
     """
     if not isinstance(expression, str):
         return expression
-    names = {"pi": math.pi, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
-    if len(expression) > _LENGTH_LIMIT:
-        problem = f"an expression has at most {_LENGTH_LIMIT} characters, and this one has {len(expression)}"
-        raise PackError(files.json, f"field {field}: {problem}")
-    library = cast(Any, simpleeval)  # it is not typed
-    known = library.DEFAULT_OPERATORS | {ast.Pow: _power}
-    operators = {kind: _on_numbers(known[kind]) for kind in _ARITHMETIC} | {kind: known[kind] for kind in _COMPARISONS}
-    evaluator = library.EvalWithCompoundTypes(operators, _FUNCTIONS, names)
-    evaluator.nodes = {kind: node for kind, node in evaluator.nodes.items() if kind in _NODES}
     shown = repr(expression if len(expression) <= _SHOWN else f"{expression[:_SHOWN]}…")
     try:
-        value = evaluator.eval(expression)
+        tree = _DRAWS.read(expression, values)
+        named = {name: values[name] for name in sorted(names_in(tree) & set(values))}
+        known = {name: list(value) if isinstance(value, tuple) else value for name, value in named.items()}
+        (value,) = _DRAWS.compiled([*known], [tree])(*known.values())
         finite = isinstance(value, str) or (isinstance(value, int | float) and math.isfinite(value))
-    except (
-        simpleeval.InvalidExpression,
-        SyntaxError,
-        ArithmeticError,
-        LookupError,
-        MemoryError,
-        RecursionError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except (ArithmeticError, LookupError, SyntaxError, TypeError, ValueError) as error:
         raise PackError(files.json, f"field {field}: {shown} cannot be computed: {error}") from error
     if finite:
         return value
@@ -162,6 +117,17 @@ def _on_numbers(compute: Callable[..., float]) -> Callable[..., float]:
 def _refuse_large(size: float, most: float) -> None:
     if size > most:
         raise OverflowError("a number becomes too large")
+
+
+_OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "//": "floordiv", "%": "mod", "negative": "neg"}
+_DRAWS = Language(
+    signs=SIGNS | {"//", "in", "not in", "[", "]", "'"},
+    # These keep a whole number whole, which an item of a list needs.
+    functions={**FUNCTIONS, "abs": (abs, 1, 1), "floor": (math.floor, 1, 1), "min": (min, 1, 20), "max": (max, 1, 20)},
+    operators={sign: _on_numbers(getattr(operator, name)) for sign, name in _OPERATORS.items()}
+    | {"**": _on_numbers(_power)},
+    number=lambda text: int(text) if text.isdecimal() else float(text),
+)
 
 
 def _draw(knob: Knob, stream: str) -> KnobValue:

@@ -1,4 +1,4 @@
-"""The only error of this package: a pack that cannot be used, with file, field and reason."""
+"""The errors of this package: a pack that cannot be used, and a world that cannot be made."""
 
 from pathlib import Path
 
@@ -10,3 +10,7 @@ class PackError(Exception):
         super().__init__(f"{where}: {problem}")
         self.where = where
         self.problem = problem
+
+
+class WorldError(Exception):
+    """A world cannot be made or read; the message is a sentence for whoever asked for it."""

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from scenes.draw import draw_knobs
 from scenes.errors import PackError
-from scenes.folder import PackFiles, find_pack, list_packs, read_pack
-from scenes.model import drawn_mjcf
+from scenes.finding import find_pack
+from scenes.folder import PackFiles, list_packs, read_pack
+from scenes.model import drawn_mjcf, noise_of_seed
 from scenes.public import PublicPack, exported_json, exported_mjcf
 
 
@@ -51,7 +52,7 @@ def _export(files: PackFiles, seeds: Collection[int], folder: Path) -> None:
     public = PublicPack.of(files.scene_id, pack).model_dump_json(indent=1)
     exported_json(copy).write_text(public + "\n", encoding="utf-8")
     for seed in seeds:
-        drawn = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+        drawn = noise_of_seed(drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0), seed)
         exported_mjcf(copy, seed).write_text(_without_comments(files, drawn), encoding="utf-8")
 
 

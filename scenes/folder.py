@@ -56,10 +56,10 @@ def default_folder() -> Path:
 
 
 def list_packs(folder: Path | None = None) -> list[PackFiles]:
-    """All packs in `folder` (default: the suite), by ascending id.
+    """All packs in `folder` (default: the suite), by ascending id; none in a folder that holds records of worlds alone.
 
     Raises:
-        PackError: The folder does not exist or holds no pack.
+        PackError: The folder does not exist or holds neither.
     """
     folder = folder or default_folder()
     if not folder.is_dir():
@@ -69,13 +69,13 @@ def list_packs(folder: Path | None = None) -> list[PackFiles]:
         for path in folder.iterdir()
         if path.is_dir() and (match := _PACK_FOLDER.fullmatch(path.name))
     ]
-    if not found:
+    if not found and not any(folder.glob("level-*.jsonl")) and not (folder / "worlds").is_dir():
         raise PackError(folder, "holds no scene packs (folders named Scene7, Scene8, …)")
     return sorted(found, key=lambda files: files.scene_id)
 
 
-def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
-    """The pack with this id.
+def listed_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
+    """The pack with this id among those in a folder.
 
     Raises:
         PackError: There is no such pack; the message lists the ids of all packs.

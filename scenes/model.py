@@ -3,7 +3,7 @@
 Knows XML text. What the elements mean is known to MuJoCo alone.
 """
 
-import ast
+import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -21,6 +21,9 @@ _PRESENT = "present"
 _LAWS = "laws"
 """Name of the custom text of the model that holds the laws, as JSON with the drawn constants."""
 _STEP = re.compile(r"(?P<tag>\w+)(?:\[(?P<name>[^\]]+)\])?")
+_NAME = re.compile(r"\b[^\W\d]\w*")
+_SALT = re.compile(r'(?<=<text name="noise_salt" data=")[^"]*')
+"""The text of a model on which the noise of its instruments depends."""
 _NAMING = ("name", "joint", "site", "geom", "tendon", "body")
 """Attributes that may name an element: its own name, or what an entry of a tendon refers to."""
 
@@ -57,6 +60,16 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
     _leave_out_absent(files, values, root)
     _add_laws(files, pack, values, root)
     return ET.tostring(root, encoding="unicode")
+
+
+def noise_of_seed(mjcf: str, seed: int) -> str:
+    """The model with the noise of a seed: of a world, seeds differ in the noise of its instruments alone.
+
+    Models without a salt of their own are as they were.
+    """
+    if seed == 0:
+        return mjcf
+    return _SALT.sub(lambda salt: hashlib.sha256(f"{salt[0]}:{seed}".encode()).hexdigest()[:16], mjcf)
 
 
 USUAL_TIMESTEP_S = 0.005
@@ -137,19 +150,11 @@ def _drawn_law(law: Law, values: Mapping[str, KnobValue]) -> dict[str, Any]:
     drawn: dict[str, Any] = law.model_dump(by_alias=True, exclude={"present"}, exclude_none=True)
     for field in ("force", "torque"):
         drawn[field] = [str(part) for part in drawn[field]]
-    named = set[str]().union(*(_names(text) for text in (*law.let.values(), *drawn["force"], *drawn["torque"])))
+    named = set(_NAME.findall(" ".join((*law.let.values(), *drawn["force"], *drawn["torque"]))))
     drawn["constants"] = {
         name: value for name, value in values.items() if name in named and isinstance(value, int | float)
     }
     return drawn
-
-
-def _names(expression: str) -> set[str]:
-    # The engine reports an expression that is not one, with its place.
-    try:
-        return {node.id for node in ast.walk(ast.parse(expression, mode="eval")) if isinstance(node, ast.Name)}
-    except (SyntaxError, ValueError):
-        return set()
 
 
 def _as_text(value: Expression) -> str:

@@ -15,7 +15,7 @@ from scenes.draw import draw_knobs
 from scenes.errors import PackError
 from scenes.folder import PackFiles, ranges, read_pack
 from scenes.laboratory import Instruments, LabLimits
-from scenes.model import drawn_mjcf
+from scenes.model import drawn_mjcf, noise_of_seed
 from scenes.pack import Pack, Permissions, SchematicPart
 
 _FILE = re.compile(r"""[\s"']file\s*=""")
@@ -152,7 +152,7 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
     else:
         pack = read_pack(files)
         public = PublicPack.of(files.scene_id, pack)
-        mjcf = drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0)
+        mjcf = noise_of_seed(drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0), seed)
     if _FILE.search(mjcf):
         raise PackError(files.mjcf, "the model names another file, and a pack is whole in itself")
     return public, mjcf

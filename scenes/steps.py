@@ -1,10 +1,11 @@
-"""Pushes a body down step by step, reads it at rest, and fits what holds it. For reference protocols."""
+"""Pushes a body step by step, reads it at rest, and fits what holds it. For reference protocols."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.courses import Array
 from scenes.protocol import Call, Exchanges, Reading, call
@@ -14,6 +15,10 @@ _REST_S = 1.0
 _STEP_M = 1e-5
 _WRONG = 1e4
 """What a negative strength costs: springs and floats only push back."""
+_FEW, _MANY = 25, 60
+"""Most steps of a fit from each start, and of the one that goes on from the best of them."""
+_ALWAYS, _EACH = 3, 3
+"""Constants of what always holds a body, and of each part that bears later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,3 +135,76 @@ def held_down(engine: Any, body: str, stiffness: float, asked_m: float, top_m: f
         free.step(free.whole_steps(2.0))
         down = top_m - float(free.pose(body).position[2])
     return hand * (goal - down)
+
+
+def fitted_from(
+    misfits: Callable[[Array], Array],
+    starts: Iterable[Sequence[float]],
+    bounds: tuple[Any, Any],
+    sizes: Sequence[float],
+) -> tuple[float, Array]:
+    """Chi-square and constants of least squares from several starts, of which the best is followed to its end.
+
+    Args:
+        misfits: Misfits in standard deviations, from the constants.
+        starts: Constants to begin with.
+        bounds: Smallest and largest values of the constants.
+        sizes: Usual sizes of the constants.
+    """
+    tries = [least_squares(misfits, start, bounds=bounds, x_scale=sizes, max_nfev=_FEW) for start in starts]
+    first = min(tries, key=lambda found: found.cost)
+    best = least_squares(misfits, first.x, bounds=bounds, x_scale=sizes, max_nfev=_MANY)
+    return 2 * float(best.cost), best.x
+
+
+@dataclass(frozen=True, slots=True)
+class LateParts:
+    """Parts that hold a body only from a gap on: props that stand apart, cords with slack.
+
+    The constants of a body at rest are three of what always holds it, the matrix of a linear law of two loads, and then
+    place, strength and gap of each late part.
+    """
+
+    pressed: Callable[[Array, Array], Array]
+    """How far a late part was pressed or stretched at each point, from its three constants and the points."""
+    least: float
+    """A late part is known once it was pressed so far [m, rad]."""
+    times: int
+    """At so many points."""
+
+    def known(self, constants: Array, points: Array) -> Array:
+        """The constants without the strengths of late parts that are not known yet."""
+        known = np.array(constants, dtype=float)
+        for part in known[_ALWAYS:].reshape(-1, _EACH):
+            if np.sum(self.pressed(part, points) > self.least) < self.times:
+                part[1] = 0.0
+        return known
+
+    def approached(
+        self,
+        seen: list[tuple[Call, Reading]],
+        rounds: Iterable[tuple[float, Iterable[Any]]],
+        first: Array,
+        calls: Callable[[str, Array, float, Any], list[Call]],
+        fit: Callable[[Exchanges], tuple[str, Array, Array]],
+    ) -> Generator[list[Call], list[Reading], tuple[str, Array]]:
+        """Load the body by the law fitted so far, whose late parts are trusted more from round to round.
+
+        Args:
+            seen: Exchanges so far, to which those of the rounds are added.
+            rounds: How far late parts are trusted, from 0 to 1, and what is aimed at.
+            first: Constants of what always holds the body.
+            calls: Calls for an aim, from the structure, the known constants, the trust and the aim; the structure is
+                empty in the first round.
+            fit: The structure that fits best, its constants, and the points, from all exchanges.
+
+        Returns:
+            The structure that fits best in the end, and its constants.
+        """
+        structure, constants, known = "", first, first
+        for trust, aims in rounds:
+            asked = [one for aim in aims for one in calls(structure, known, trust, aim)]
+            seen += zip(asked, (yield asked), strict=True)
+            structure, constants, points = fit(seen)
+            known = self.known(constants, points)
+        return structure, constants

@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from pydantic import BaseModel
 
 from evaluator.markdown import markdown_table
-from evaluator.records import Episode, GradeRecord, Record
+from evaluator.records import Episode, EvidenceRecord, GradeRecord, Record
 from evaluator.run_record import RunRecord
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
@@ -105,6 +105,7 @@ def test_the_schema_of_a_pack_is_current(update_goldens: bool) -> None:
         ("run", RunRecord),
         ("episode", Episode),
         ("grade", GradeRecord),
+        ("evidence", EvidenceRecord),
         ("run-summary", RunSummary),
         ("comparison", Comparison),
         ("submission", Submission),

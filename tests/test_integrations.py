@@ -1,47 +1,149 @@
-"""What must hold of `integrations/` without any framework: what the packages import, and the client that they share."""
+"""What must hold of `integrations/` without any framework.
+
+What clients of frameworks and plugins import, the client that is shared, and its copy of the referee's contract.
+"""
 
 import ast
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 import pytest
+from pydantic import BaseModel, Field
 
+from evaluator.commands.program import parser
+from evaluator.episode.player import ANSWER
+from evaluator.referee.contract import EndedEpisode, WantedEpisode
 from tests.builders.paths import ROOT
 from tests.builders.referee_client import referee_client
 
 FOLDER = ROOT / "integrations"
-PACKAGES = sorted(path.parent for path in FOLDER.glob("*/pyproject.toml"))
+PLUGINS = [FOLDER / "harbor", FOLDER / "inspect"]
+"""Packages that are installed beside ours, and import our public names."""
+CLIENTS = sorted({path.parent for path in FOLDER.glob("*/pyproject.toml")} - set(PLUGINS))
+"""Packages that have requirements of their own, hold no key, and import nothing of ours."""
 OURS = {"physment_mcp", "evaluator", "scenes", "mujoco"}
-"""What no integration may import: it has requirements of its own, and must hold no key."""
 
 
-def imported(folder: Path) -> Iterator[tuple[str, str]]:
-    """Each module of a package with the packages that it imports."""
-    for path in sorted(folder.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            yield from ((path.relative_to(FOLDER).as_posix(), name.partition(".")[0]) for name in names)
+def requirements(package: Path) -> list[str]:
+    return tomllib.loads((package / "pyproject.toml").read_text(encoding="utf-8"))["project"].get("dependencies", [])
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
-def test_an_integration_imports_neither_the_laboratory_nor_the_evaluator(package: Path) -> None:
-    assert [found for found in imported(package) if found[1] in OURS] == []
+def imports(source: str) -> Iterator[tuple[str, str]]:
+    """What a module imports: each module with the name taken from it, or with nothing."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from ((name.name, "") for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((node.module or "", name.name) for name in node.names)
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
-def test_an_integration_has_requirements_of_its_own_and_none_of_ours(package: Path) -> None:
-    project = tomllib.loads((package / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    required = project.get("dependencies", [])
+def imported(package: Path) -> Iterator[tuple[str, str]]:
+    for path in sorted(package.rglob("*.py")):
+        yield from imports(path.read_text(encoding="utf-8"))
+
+
+def not_public(source: str) -> list[tuple[str, str]]:
+    """What a module imports of our packages that is none of their public names."""
+    ours = [(module, name) for module, name in imports(source) if module.partition(".")[0] in OURS]
+    return [(module, name) for module, name in ours if module == "mujoco" or not is_public(module, name)]
+
+
+def is_public(module: str, name: str) -> bool:
+    return "." not in module and name in import_module(module).__all__
+
+
+@pytest.mark.parametrize("package", CLIENTS, ids=lambda package: package.name)
+def test_the_client_of_a_framework_imports_nothing_of_ours(package: Path) -> None:
+    assert [found for found in imported(package) if found[0].partition(".")[0] in OURS] == []
+
+
+@pytest.mark.parametrize("package", CLIENTS, ids=lambda package: package.name)
+def test_the_client_of_a_framework_has_requirements_of_its_own_and_none_of_ours(package: Path) -> None:
+    required = requirements(package)
     assert [one for one in required if one.startswith(("physment-mcp", "mujoco"))] == []
     assert ("physment-referee-client" in required) == (package.name != "client")
 
 
+@pytest.mark.parametrize("package", PLUGINS, ids=lambda package: package.name)
+def test_a_plugin_imports_public_names_alone(package: Path) -> None:
+    modules = sorted(package.rglob("*.py"))
+    assert {str(path): found for path in modules if (found := not_public(path.read_text(encoding="utf-8")))} == {}
+    assert "physment-mcp" in requirements(package)
+    assert any(module == "evaluator" for module, _ in imported(package))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from evaluator.answers.keys import KeyRing",
+        "from evaluator import KeyRing",
+        "import evaluator.library",
+        "from physment_mcp import session",
+        "def f():\n    import mujoco",
+    ],
+)
+def test_a_planted_import_of_a_plugin_is_caught(source: str) -> None:
+    assert not_public(source)
+
+
 def test_the_shared_client_needs_the_standard_library_alone() -> None:
-    assert {name for _, name in imported(FOLDER / "client")} <= sys.stdlib_module_names
+    assert {module.partition(".")[0] for module, _ in imported(FOLDER / "client")} <= sys.stdlib_module_names
+
+
+def test_the_shared_client_repeats_what_a_referee_reads() -> None:
+    """A test of the referee compares what it replies."""
+    client = referee_client()
+    options = {"split", "world", "budget", "max_calls", "prompting"}
+    assert {*client._NUMBERS, *options} == WantedEpisode.model_fields.keys()
+    assert client.End in get_args(EndedEpisode.model_fields["end"].annotation)
+    assert client.ANSWER == ANSWER
+    assert f"http://127.0.0.1:{parser('referee')[1]['referee'].get_default('port')}" == client.URL
+
+
+def properties(model: type[BaseModel]) -> dict[str, Any]:
+    """What each field of a model accepts, without its title; of a number that names a variant, without its bounds."""
+    found: dict[str, Any] = {}
+    for name, schema in model.model_json_schema()["properties"].items():
+        kinds = [{"type": kind.get("type", "object")} for kind in schema.get("anyOf", ())]
+        found[name] = {key: value for key, value in schema.items() if key not in {"title", "anyOf"}} | {"anyOf": kinds}
+    return found
+
+
+def copied(file: str, name: str) -> dict[str, Any]:
+    """The fields of a class of an integration that the contract has too; its framework is not installed here."""
+    tree = ast.parse((FOLDER / file).read_text(encoding="utf-8"))
+    (found,) = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == name)
+    fields = [node for node in found.body if isinstance(node, ast.AnnAssign)]
+    fields = [node for node in fields if ast.unparse(node.target) in WantedEpisode.model_fields]
+    names: dict[str, Any] = {"BaseModel": BaseModel, "Field": Field, "Literal": Literal}
+    exec("class Copy(BaseModel):\n" + "\n".join(f"    {ast.unparse(node)}" for node in fields), names)
+    return properties(names["Copy"])
+
+
+def parameters(file: str, name: str) -> Mapping[str, object]:
+    """The parameters of a method with their defaults."""
+    tree = ast.parse((FOLDER / file).read_text(encoding="utf-8"))
+    (found,) = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == name)
+    named = [argument.arg for argument in found.args.args if argument.arg != "self"]
+    return dict(zip(named, map(ast.literal_eval, found.args.defaults), strict=True))
+
+
+def test_the_clients_of_frameworks_repeat_the_contract_of_a_referee() -> None:
+    contract = properties(WantedEpisode)
+    del contract["max_calls"]  # the framework counts iterations
+    del contract["world"]  # the shared client passes it on; these name scenes
+    taskset, server = "verifiers/physment/taskset.py", "nemo_gym/resources_servers/physment/app.py"
+    verifiers = copied(taskset, "PhysmentData") | copied(taskset, "PhysmentTaskConfig")
+    assert verifiers == contract
+    assert copied(server, "PhysmentVariant") == {name: kind for name, kind in contract.items() if name != "prompting"}
+    reset = dict(parameters("openenv/server/environment.py", "reset"))
+    assert reset.pop("episode_id") is None  # a name that OpenEnv gives
+    assert reset == {name: kind["default"] for name, kind in contract.items()}
 
 
 def test_variants_are_scenes_with_seeds_places_in_a_split_or_the_lines_of_a_file(tmp_path: Path) -> None:

@@ -22,19 +22,30 @@ def run(*command: str, cwd: Path) -> str:
     return done.stdout
 
 
+def built(source: Path, place: Path) -> Path:
+    """The wheel of a package, in a folder that has no other."""
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(place), str(source), cwd=place)
+    (wheel,) = place.glob("*.whl")
+    return wheel
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bin folder of a new environment with our wheel and the dependencies installed here."""
     place = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(place), str(ROOT), cwd=place)
-    (wheel,) = place.glob("*.whl")
+    wheel = built(ROOT, place)
     environment = place / "env"
     venv.create(environment, with_pip=True)
     binaries = environment / "bin"
     run(str(binaries / "python"), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel), cwd=place)
     site = next((environment / "lib").glob("python*")) / "site-packages"
     # Python ignores .pth files in a folder added by a .pth file, so editable installs there have no effect.
-    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    dependencies = place / "dependencies"
+    dependencies.mkdir()
+    for found in Path(sysconfig.get_path("purelib")).iterdir():
+        if not found.name.startswith(("physment_", "_editable", "__editable__")):  # our own are not installed there yet
+            (dependencies / found.name).symlink_to(found)
+    (site / "dependencies.pth").write_text(f"{dependencies}\n", encoding="utf-8")
     return binaries
 
 
@@ -75,6 +86,23 @@ def test_the_wheel_plays_a_scene_outside_the_checkout(installed: Path, tmp_path:
     said = run(str(installed / "physment-eval"), "--server", "stdio", "--scenes", "7", "--out", "run", cwd=tmp_path)
     assert "(1/1)" in said
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
+
+
+def test_the_command_harbor_comes_with_its_plugin(installed: Path, tmp_path: Path) -> None:
+    command = [str(installed / "physment-eval"), "harbor", "write", "tasks", "--scenes", "7"]
+    without = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert (without.returncode, without.stderr.splitlines()) == (
+        2,
+        [
+            "physment-eval: harbor needs the plugin physment-harbor, which is not installed: in a checkout, pip install"
+            " ./integrations/harbor"
+        ],
+    )
+    wheel = built(ROOT / "integrations" / "harbor", tmp_path)
+    run(str(installed / "python"), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel), cwd=tmp_path)
+    assert run(*command, cwd=tmp_path) == "1 tasks are written in tasks\n"
+    programs = {path.name for path in (tmp_path / "tasks").rglob("*") if path.suffix in {".py", ".sh"}}
+    assert programs == {"start.sh", "collect.py", "solve.sh", "play.py", "test.sh"}
 
 
 @pytest.mark.parametrize("name", ["requirements.lock", "requirements-docs.lock"])

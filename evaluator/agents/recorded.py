@@ -18,6 +18,7 @@ from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Turn
 from evaluator.store import RunFolder
+from scenes.world_names import reference_of
 
 _NOTHING = "(nothing)"
 
@@ -175,5 +176,6 @@ def _kind(exchange: Exchange) -> str:
 
 def _described(key: EpisodeKey) -> str:
     return (
-        f"scene {key.scene}, seed {key.seed}, budget {key.budget}, {key.prompting}, {key.protocol}, epoch {key.epoch}"
+        f"scene {reference_of(key.scene)}, seed {key.seed}, budget {key.budget}, {key.prompting}, {key.protocol},"
+        f" epoch {key.epoch}"
     )

@@ -9,6 +9,7 @@ from evaluator.errors import AgentError
 from evaluator.records import EpisodeKey
 from scenes import PackError, find_pack
 from scenes.protocol import load_solution
+from scenes.world_names import reference_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +17,9 @@ class ReferenceAgent:
     """Plays the protocol in `solution.py` of the scene."""
 
     scenes_dir: Path | None = None
+    """Folder of scene packs; None for the suite."""
     name: str = "reference"
+    """Name in records and tables."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
         """Start the protocol of the scene.
@@ -29,5 +32,5 @@ class ReferenceAgent:
         except PackError as error:
             raise AgentError(f"no reference protocol: {error}") from error
         if solve is None:
-            raise AgentError(f"no reference protocol: solution.py of scene {key.scene} defines no solve")
+            raise AgentError(f"no reference protocol: solution.py of scene {reference_of(key.scene)} defines no solve")
         return ProtocolPlayer(solve, briefing.prompt)

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import EpisodeKey, ToolCall
+from scenes.world_names import reference_of
 
 Script = tuple[tuple[ToolCall, ...], ...]
 
@@ -33,7 +34,7 @@ class ScriptedAgent:
         del briefing
         script = self.scripts.get(key.scene, self.scripts.get(None))
         if script is None:
-            raise AgentError(f"the script has no turns for scene {key.scene}")
+            raise AgentError(f"the script has no turns for scene {reference_of(key.scene)}")
         return _ScriptedPlayer(script)
 
 

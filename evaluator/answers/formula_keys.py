@@ -2,8 +2,9 @@
 
 import functools
 
-from evaluator.answers.formula import FormulaError, Node, parse_formula, points_of, value_of
+from evaluator.answers.formula import parse_formula, points_of, value_of
 from evaluator.answers.symbolic import are_identical
+from physment_mcp.contract.expressions import ExpressionError, Node
 from scenes.answer_spec import AnswerSpec, Variable
 
 ROUNDING = 1e-9
@@ -32,7 +33,7 @@ def compare_formulas(answer: str, key: str, spec: AnswerSpec, *, run_together: b
     """
     try:
         formula = parse_formula(answer, spec.variables, run_together=run_together)
-    except FormulaError as error:
+    except ExpressionError as error:
         return False, f"no formula: {error}"
     wanted = parse_formula(key, spec.variables)
     largest = 0.0

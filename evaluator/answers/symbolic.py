@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from evaluator.answers.formula import Node
+from physment_mcp.contract.expressions import Node
 
 LIMIT_S = 10.0
 """Wall time for one comparison [s]."""
@@ -54,7 +54,7 @@ def _expression(tree: Sequence[Any], sympy: Any) -> Any:
     return function(*operands)
 
 
-_OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "^": "pow", "negative": "neg"}
+_OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "**": "pow", "negative": "neg"}
 
 
 def _function_name(head: str) -> str:

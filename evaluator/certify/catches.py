@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from evaluator.answers.engine import Engine
 from evaluator.certify.subject import Draw, Subject
-from physment_mcp.world.expressions import ExpressionError, Formulas, Function
+from physment_mcp.contract.expressions import Compiled, ExpressionError
+from physment_mcp.world.expressions import Formulas
 from scenes import Catch, Pack
 from scenes.draw import evaluate
 
@@ -143,7 +144,7 @@ class _Watched:
 
 def _function(
     names: Sequence[str], knobs: Mapping[str, float], results: Mapping[str, str]
-) -> tuple[Function, tuple[str, ...]]:
+) -> tuple[Compiled, tuple[str, ...]]:
     """A compiled function and the names of its arguments."""
     text = " ".join(results.values())
     named = {name: value for name, value in knobs.items() if re.search(rf"\b{re.escape(name)}\b", text)}
@@ -152,7 +153,7 @@ def _function(
     return formulas.function(arguments), arguments
 
 
-def _evaluated(compiled: tuple[Function, tuple[str, ...]], values: Mapping[str, float]) -> tuple[float, ...]:
+def _evaluated(compiled: tuple[Compiled, tuple[str, ...]], values: Mapping[str, float]) -> tuple[float, ...]:
     function, arguments = compiled
     try:
         return function(*(values[name] for name in arguments))

@@ -9,14 +9,14 @@ from evaluator.certify.determined import check_determined
 from evaluator.certify.difficulty import check_difficulty
 from evaluator.certify.holds import check_holds
 from evaluator.certify.hypotheses import check_structure, check_tempting
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.instrument import check_instrument
 from evaluator.certify.keys import check_constant, check_key
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, check
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_modality, check_twins
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Versions
@@ -28,7 +28,7 @@ _WIRED_SEEDS = 4
 """Number of seeds played with the given laboratory; the others are played in memory."""
 
 
-async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> SceneCertificate:
+async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) -> SceneCertificate:
     """Prove a scene sound, or say why it is not.
 
     Args:
@@ -50,7 +50,7 @@ async def certify(files: PackFiles, seeds: int, laboratory: Laboratory) -> Scene
     assert category is not None
     checks: list[Check] = []
     try:
-        memory = MemoryLaboratory(files.folder.parent)
+        memory = MemoryConnector(files.folder.parent)
         places = [laboratory if seed < _WIRED_SEEDS else memory for seed in range(seeds)]
         episodes = [await play_reference(subject, seed, place) for seed, place in enumerate(places)]
         checks = [
@@ -92,7 +92,7 @@ def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
     return check("sane", reasons, deepest_contact_m=depth)
 
 
-async def play_reference(subject: Subject, seed: int, laboratory: Laboratory) -> Episode:
+async def play_reference(subject: Subject, seed: int, laboratory: EpisodeConnector) -> Episode:
     """Play the reference agent's episode in a scene at a seed."""
     key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
     agent = ReferenceAgent(subject.files.folder.parent)

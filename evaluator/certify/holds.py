@@ -16,9 +16,9 @@ from evaluator.certify.catches import Watch, unknown_words
 from evaluator.certify.loads import Attack, Pushes, attacks_on, handles_of, push, removals, take_away, unbounded_tools
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
+from physment_mcp.contract.expressions import ExpressionError
 from physment_mcp.errors import Unstable
 from physment_mcp.session import MAX_SIMULATED_S
-from physment_mcp.world.expressions import ExpressionError
 from scenes import Pack, PackError
 
 _CANDIDATES = 100

@@ -12,7 +12,7 @@ from physment_mcp import open_episode
 
 
 @dataclass(frozen=True, slots=True)
-class MemoryLaboratory:
+class MemoryConnector:
     """Serves the packs of a folder."""
 
     folder: Path | None = None

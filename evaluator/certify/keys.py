@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from evaluator.agents.fixed import best_constant
 from evaluator.answers.steps import grade_steps, stated_steps
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject, gap
 from evaluator.records import Episode, Outcome
 from scenes.draw import step_values
-from scenes.protocol import AnswerValue
 
 HALVED_SEEDS = 3
 """Number of seeds on which the time step is halved."""
@@ -88,7 +86,7 @@ def check_constant(subject: Subject) -> Check:
     """Check that even the best constant answer is not right more often than allowed."""
     count = THEORY_DRAWS if subject.solution.theory else ENGINE_DRAWS
     keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
-    share = best_constant(subject, keys)
+    _, share = best_constant(keys, subject.spec)
     options = subject.spec.options
     allowed = 1 / len(options) + 0.10 if options else 0.20
     reasons = (
@@ -97,20 +95,3 @@ def check_constant(subject: Subject) -> Check:
         else []
     )
     return check("constant", reasons, best_constant=share, allowed=allowed, draws=count)
-
-
-def best_constant(subject: Subject, keys: Sequence[AnswerValue]) -> float:
-    """Largest share of keys that one constant matches; the candidates are all keys, their means and their median."""
-    try:
-        table = np.array([np.atleast_1d(np.asarray(key, dtype=float)) for key in keys])
-    except ValueError:
-        words = [str(key) for key in keys]
-        return max(words.count(word) for word in words) / len(words)
-    if subject.spec.options:
-        words = [str(key) for key in keys]
-        return max(words.count(word) for word in words) / len(words)
-    tried = [*table, table.mean(axis=0), np.median(table, axis=0)]
-    if (table > 0).all():
-        tried.append(np.exp(np.log(table).mean(axis=0)))
-    tolerance = subject.spec.abs_tol + subject.spec.rel_tol * np.abs(table)
-    return max(float((np.abs(table - constant) <= tolerance).all(axis=1).mean()) for constant in tried)

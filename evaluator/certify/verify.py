@@ -1,15 +1,14 @@
 """Certifies many scenes in parallel processes with one shared host; reads and writes the certificates file."""
 
-import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import anyio
-from anyio import to_process
 
 from evaluator.certify.certificate import certify
+from evaluator.certify.parallel import in_processes
 from evaluator.certify.records import (
     Certificates,
     SceneCertificate,
@@ -17,7 +16,7 @@ from evaluator.certify.records import (
     file_for,
     read_certificates,
 )
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 from evaluator.errors import StoreError
 from scenes import PackError, PackFiles, list_packs, pack_hash, read_pack
 
@@ -40,24 +39,18 @@ async def verify(
     Raises:
         InfrastructureError: The host failed.
     """
-    # Inherited by the processes. The matrices are small: a second thread of OpenBLAS would only spin beside the first.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    limiter, proven = anyio.CapacityLimiter(jobs), dict[int, SceneCertificate]()
+    proven = dict[int, SceneCertificate]()
 
-    async def certify_one(files: PackFiles) -> None:
-        work = partial(_certify_here, files, seeds, host)
-        certificate = await to_process.run_sync(work, cancellable=True, limiter=limiter)
+    def done(files: PackFiles, certificate: SceneCertificate) -> None:
         proven[files.scene_id] = certificate
         on_done(certificate)
 
-    async with anyio.create_task_group() as tasks:
-        for files in packs:
-            tasks.start_soon(certify_one, files)
+    await in_processes(packs, lambda files: partial(_certify_here, files, seeds, host), jobs, done)
     return [proven[scene] for scene in sorted(proven)]
 
 
 def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
-    return anyio.run(certify, files, seeds, HostLaboratory(host))
+    return anyio.run(certify, files, seeds, HostConnector(host))
 
 
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evaluator.errors import UsageError
+from scenes.errors import WorldError
+from scenes.world_names import one_world
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name
@@ -57,7 +59,12 @@ def temperature(text: str) -> float:
 
 
 def scene_id(text: str) -> int:
-    """The number of a scene."""
+    """The number of a scene, or `world:LEVEL:INDEX`."""
+    if text.startswith("world:"):
+        try:
+            return one_world(text)
+        except WorldError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not the number of a scene")
     return int(text)
@@ -142,10 +149,10 @@ def seed_key(parser: "ActionsContainer") -> None:
     )
 
 
-def trust_edited(parser: "ActionsContainer") -> None:
-    """Declare `--trust-edited`."""
+def allow_modified(parser: "ActionsContainer") -> None:
+    """Declare `--allow-modified`."""
     parser.add_argument(
-        "--trust-edited",
+        "--allow-modified",
         action="store_true",
         help="go on with records that are not as they were sealed at the end of their run; the report says so",
     )
@@ -153,7 +160,7 @@ def trust_edited(parser: "ActionsContainer") -> None:
 
 def stored_run_options(command: argparse.ArgumentParser) -> None:
     """Declare the options of commands that grade stored episodes."""
-    trust_edited(command)
+    allow_modified(command)
     seed_key(command)
     command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
     command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")

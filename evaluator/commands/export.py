@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from evaluator.commands.argument_types import file_to_write, folder_to_write, trust_edited
+from evaluator.commands.argument_types import allow_modified, file_to_write, folder_to_write
 from evaluator.commands.base import Commands
+from evaluator.commands.plugins import EXPORTS_GROUP, plugin
 from evaluator.errors import StoreError
-from evaluator.report.inspect_log import write_inspect_logs
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded
 from evaluator.store import RunFolder
@@ -18,7 +18,7 @@ Write a graded run for other programs.
   physment-eval export runs/mine --to parquet   runs/mine/exchanges.parquet: a row for each exchange, for data frames
   physment-eval export runs/mine --to inspect   runs/mine/inspect/*.eval: logs of Inspect AI, one for each condition
 
-The first needs the extra `parquet`, the second the extra `inspect`. Nothing in the run folder is changed.
+The first needs the extra `parquet`, the second the plugin physment-inspect. Nothing in the run folder is changed.
 """
 
 
@@ -33,18 +33,18 @@ def add(commands: Commands) -> None:
     export.add_argument("folder", type=Path, metavar="DIR", help="run folder")
     export.add_argument("--to", required=True, choices=("parquet", "inspect"), help="which format")
     export.add_argument("--out", metavar="PATH", help="file of parquet, folder of inspect")
-    trust_edited(export)
+    allow_modified(export)
 
 
 def _export(args: argparse.Namespace) -> int:
     out = args.out and (folder_to_write if args.to == "inspect" else file_to_write)(args.out)
     folder = RunFolder(args.folder)
     run = folder.read_run()
-    seal_note(folder, trust=args.trust_edited)
+    seal_note(folder, trust=args.allow_modified)
     graded = read_graded(folder)
     if args.to == "inspect":
-        for file in write_inspect_logs(out or folder.path / "inspect", run, graded):
-            print(file)
+        write = plugin(EXPORTS_GROUP, args.to, "export --to inspect")
+        print(*write(out or folder.path / "inspect", run, graded), sep="\n")
         return 0
     file = out or folder.path / "exchanges.parquet"
     try:

@@ -38,7 +38,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
         "--max-wall-time", type=seconds, default=1800.0, metavar="S", help="most wall time for an episode [s] (1800)"
     )
     group.add_argument(
-        "--home-from",
+        "--home-template",
         type=Path,
         metavar="DIR",
         help="folder whose content each new home starts with, such as the files of a login (default: an empty home)",

@@ -23,6 +23,7 @@ from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.held_back import seeds_of
+from evaluator.study.played_worlds import refuse_other_worlds
 
 _DESCRIPTION = f"""\
 Make films of stored episodes for the report: each is played again in this process, and what its agent could see is kept
@@ -61,6 +62,8 @@ def _film(args: argparse.Namespace) -> int:
     if not folder.episodes_file.exists():
         raise UsageError(f"{args.folder} holds no episodes to film")
     episodes = [one for one in folder.episodes().values() if one.outcome is not Outcome.INFRASTRUCTURE_ERROR]
+    if folder.run_file.exists():
+        refuse_other_worlds(folder.read_run(), args.scenes_dir)
     if args.episodes:
         episodes = meeting(episodes, args.episodes, "--episodes", folder)
     seed_of, find_visibility = seeds_of(folder, args.seed_key), viewing(args.scenes_dir, reveal=args.reveal)

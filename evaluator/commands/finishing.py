@@ -8,7 +8,7 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.terminal import print_results
-from evaluator.records import Outcome
+from evaluator.records import EpisodeKey, EvidenceRecord, Outcome
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import Attachments, attached
 from evaluator.report.page import write_report
@@ -16,6 +16,7 @@ from evaluator.report.pictures import pictures
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store import RunFolder
+from evaluator.study.forking import line_hashes
 from evaluator.study.held_back import is_withheld
 from evaluator.study.sealing import seal_note
 
@@ -72,7 +73,9 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
     record = folder.read_run()
     shown = pictures(record.packs, keys.folder)
     found = attached_to(folder, rows, folder)
-    return write_report(folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal)])
+    return write_report(
+        folder, [Run(folder.path.resolve().name, record, rows, shown, found, seal, current_evidence(folder))]
+    )
 
 
 def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
@@ -81,3 +84,11 @@ def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFol
     for sentence in found.left_out:
         print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
     return found
+
+
+def current_evidence(folder: RunFolder) -> dict[EpisodeKey, EvidenceRecord]:
+    """The stored evidence of a run, without that of episodes that were played again since."""
+    if not folder.evidence_file.exists():
+        return {}
+    hashes = line_hashes(folder)
+    return {key: found for key, found in folder.evidence().items() if found.episode == hashes.get(key)}

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, folder_to_write, seconds, seed_key, trust_edited
+from evaluator.commands.argument_types import allow_modified, count_of, folder_to_write, seconds, seed_key
 from evaluator.commands.base import Commands
 from evaluator.commands.external import USUAL_CONCURRENCY
 from evaluator.commands.model_options import add_model_options, model_options
@@ -21,6 +21,7 @@ from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line
 from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
 from evaluator.study.limits import Meter
 from evaluator.study.participants import participants_of
+from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.run_config import RunConfig
 from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack
@@ -60,7 +61,7 @@ def add(commands: Commands) -> None:
     )
     fork.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
     seed_key(fork)
-    trust_edited(fork)
+    allow_modified(fork)
     fork.add_argument("--out", type=folder_to_write, metavar="DIR", help="the new run folder (default runs/TIME-AGENT)")
     fork.add_argument("--resume", action="store_true", help="continue the fork in --out")
     fork.add_argument(
@@ -80,7 +81,8 @@ def add(commands: Commands) -> None:
 def _fork(args: argparse.Namespace) -> int:
     source = RunFolder(args.folder)
     record = source.read_run()
-    seal_note(source, trust=args.trust_edited)
+    refuse_other_worlds(record, args.scenes_dir)
+    seal_note(source, trust=args.allow_modified)
     episodes = select_episodes(source, args.episode, args.turn)
     seed_of = seeds_of(source, args.seed_key)
     key = read_seed_key(args.seed_key) if args.seed_key else read_revealed(source)

@@ -11,6 +11,7 @@ from evaluator.commands.base import Commands
 from evaluator.commands.finishing import finish
 from evaluator.store import RunFolder
 from evaluator.study.held_back import seeds_of
+from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.sealing import seal_note
 
 _DESCRIPTION = """\
@@ -29,7 +30,7 @@ def add(commands: Commands) -> None:
 
 def _grade(args: argparse.Namespace) -> int:
     folder = RunFolder(args.folder)
-    folder.read_run()
-    note = seal_note(folder, trust=args.trust_edited)
+    refuse_other_worlds(folder.read_run(), args.scenes_dir)
+    note = seal_note(folder, trust=args.allow_modified)
     keys = KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key))
     return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note)

@@ -1,7 +1,5 @@
 """Where commands listen, and the token in the addresses of their pages."""
 
-import contextlib
-import ipaddress
 import os
 import secrets
 import socket
@@ -9,14 +7,6 @@ import sys
 import webbrowser
 
 from evaluator.errors import UsageError
-from evaluator.loopback import LOOPBACK
-
-
-def is_loopback(address: str) -> bool:
-    """Whether only this machine can reach an address."""
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(address.strip("[]")).is_loopback
-    return address in LOOPBACK
 
 
 def listening(address: str, number: int) -> socket.socket:

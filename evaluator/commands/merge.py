@@ -12,6 +12,7 @@ from evaluator.commands.finishing import finish
 from evaluator.store import RunFolder
 from evaluator.study.held_back import pass_on_key, seeds_of
 from evaluator.study.merging import expand, merge
+from evaluator.study.played_worlds import refuse_other_worlds
 
 _DESCRIPTION = """\
 Merge the shards of a run, or the parts of a study, into one run folder, grade it and write its report. Of a folder that
@@ -32,6 +33,7 @@ def _merge(args: argparse.Namespace) -> int:
     folder = RunFolder(args.out)
     parts = expand(args.folders)
     keys = KeyRing(args.scenes_dir, seeds_of(parts[0], args.seed_key))
-    merge(parts, folder, trust=args.trust_edited)
+    refuse_other_worlds(parts[0].read_run(), args.scenes_dir)
+    merge(parts, folder, trust=args.allow_modified)
     pass_on_key(parts[0], folder)
     return finish(folder, keys, Console(stderr=args.json), as_json=args.json)

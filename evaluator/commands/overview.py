@@ -15,6 +15,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval watch runs/mine                    its progress in the browser, while it is played
   physment-eval export runs/mine --to parquet      a row for each exchange; or logs of Inspect AI
   physment-eval compare runs/one runs/other        which is better, by how much, and how certainly
+  physment-eval calibrate runs/one runs/other      how hard each scene is and how able each agent, with errors
   physment-eval referee                            open episodes for a trainer, and give each a reward
   physment-eval harbor write build/harbor          variants as task folders of Harbor
   physment-eval play 7                             solve a scene yourself
@@ -22,6 +23,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval fork runs/mine --episode scene=7 --turn 2 --agent model:gpt-5.5
                                                    another agent goes on from a stored episode
   physment-eval film runs/mine                     its episodes as films, for its report
+  physment-eval evidence runs/mine                 were its experiments at fault, or its reasoning?
   physment-eval submit runs/mine                   its results in one file, for a leaderboard
   physment-eval check-submission FILE runs/mine    does the run give the file, graded and replayed?
   physment-eval reveal-seeds runs/mine             disclose or check the held-back seeds of a run
@@ -29,6 +31,8 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
   physment-eval scenes list                        the scenes, with their certificates
   physment-eval scenes show 21                     what an agent learns about a scene
   physment-eval scenes new 112 --category hard-single --scenes-dir my_scenes
+  physment-eval worlds make --level 5 --count 100 --out my_worlds
+                                                   new laboratories from a grammar of laws
   physment-eval lint --scenes-dir my_scenes        what is wrong with a pack, without running it
   physment-eval verify --scene 112 --scenes-dir my_scenes
                                                    prove a scene sound, on twenty seeds
@@ -45,21 +49,25 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("report", "write the report of stored runs"),
     "watch": ("watch", "show a run in the browser while it is played"),
     "compare": ("compare", "say which of two runs is better, and with what certainty"),
+    "calibrate": ("calibrate", "put agents and scenes on one scale, with errors"),
     "referee": ("referee", "open episodes for a trainer, and give each a reward"),
-    "harbor": ("harbor", "write variants as tasks of Harbor, and grade what was played there"),
+    "harbor": ("", "write variants as tasks of Harbor, and grade what was played there (plugin physment-harbor)"),
     "play": ("play", "solve a scene yourself"),
     "verify": ("verify", "prove scenes sound"),
     "lint": ("verify", "say what is wrong with scenes, unrun"),
     "scenes": ("scenes", "list, show, start or document scenes"),
+    "worlds": ("worlds", "make, show and prove laboratories drawn from a grammar of laws"),
     "models": ("models", "list language models, and what is missing to ask them"),
     "replay": ("replay", "play recorded episodes again and compare the returns"),
     "export": ("export", "write a run as Parquet or as logs of Inspect AI"),
     "fork": ("fork", "let another agent go on from a stored episode"),
     "film": ("film", "film stored episodes for their report"),
+    "evidence": ("evidence", "measure what the experiments of a run could tell"),
     "submit": ("submit", "write the results of a run for a leaderboard"),
     "check-submission": ("submit", "check a submission against its run folder"),
     "reveal-seeds": ("reveal_seeds", "disclose or check the held-back seeds of a run"),
     "replay-original": ("replay_original", ""),
+    "keep-baselines": ("keep_baselines", ""),
 }
-"""Command → the module of this folder that declares it by `add`, and what it does; nothing if `--help` leaves it
-out, as only the published logs are played with it."""
+"""Command → the module of this folder that declares it by `add`, empty for a plugin, and what it does; nothing if
+`--help` leaves it out, since few people need it."""

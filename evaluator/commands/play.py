@@ -38,6 +38,7 @@ from evaluator.study.provenance import run_record, server_record
 from evaluator.study.sealing import seal_note
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
+from scenes.world_names import reference_of
 
 _PLAY = """\
 Solve a scene yourself, with the tools and the budget of any agent: a human baseline.
@@ -73,7 +74,7 @@ def add(commands: Commands) -> None:
 
 
 def _play(args: argparse.Namespace) -> int:
-    (files,) = parse_scenes(str(args.scene), args.scenes_dir)
+    (files,) = parse_scenes(reference_of(args.scene), args.scenes_dir)
     keys = KeyRing(args.scenes_dir)
     keys.key(args.scene, args.seed)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")

@@ -16,7 +16,7 @@ from evaluator.commands.base import run_async
 from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
 from evaluator.commands.terminal import ProgressDisplay
-from evaluator.episode.connect import HostLaboratory, Laboratory, connect
+from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
 from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import EpisodeKey
@@ -25,6 +25,7 @@ from evaluator.run_record import ForkedRun, Plan, RunRecord
 from evaluator.store import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.limits import Meter
+from evaluator.study.played_worlds import played_worlds, worlds_difference
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.ray_executor import ray_workers
@@ -114,7 +115,7 @@ async def _play_missing(run: PreparedRun) -> str:
         damage = folder.set_damage_aside() if config.resume else []
         for note in damage:
             print(f"physment-eval: {note}", file=sys.stderr)
-        sealing = Sealing(folder, trust=config.trust_edited, damage=damage)
+        sealing = Sealing(folder, trust=config.allow_modified, damage=damage)
         laboratory = await stack.enter_async_context(
             connect(config.server, config.scenes_dir, config.observations, config.seed_of)
         )
@@ -142,9 +143,9 @@ async def _play_missing(run: PreparedRun) -> str:
         return await runner.run(todo)
 
 
-def _redaction(laboratory: Laboratory) -> Redaction:
+def _redaction(laboratory: EpisodeConnector) -> Redaction:
     """Takes the keys of providers and the token of the host out of all records."""
-    token = laboratory.token if isinstance(laboratory, HostLaboratory) else None
+    token = laboratory.token if isinstance(laboratory, HostConnector) else None
     return Redaction.of(os.environ, {"host token": token} if token else {})
 
 
@@ -154,7 +155,7 @@ def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
     console.print(sealing.sentence(), highlight=False, soft_wrap=True)
 
 
-async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
+async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
     """The record of this start. Asking the server for its part shows early whether there is one."""
     plan, shard = run.plan, run.config.shard
     try:
@@ -165,11 +166,12 @@ async def _record(run: PreparedRun, laboratory: Laboratory) -> RunRecord:
     agents = {name: participant.facts() for name, participant in run.participants.items()}
     part = None if shard == WHOLE else f"{shard.index}/{shard.count}"
     record = run_record(plan, run.config.packs, server, agents, part)
-    return record.model_copy(update={"forked_from": run.forked_from})
+    worlds = played_worlds(run.config.packs, run.config.scenes_dir)
+    return record.model_copy(update={"forked_from": run.forked_from, "worlds": worlds})
 
 
 @contextlib.asynccontextmanager
-async def _executor(run: PreparedRun, laboratory: Laboratory, record: RunRecord) -> AsyncGenerator[Play]:
+async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunRecord) -> AsyncGenerator[Play]:
     """What plays the episodes, as `--executor` and `--workers` say."""
     config = run.config
     count = config.workers or usual_workers(config, len(run.keys))
@@ -193,6 +195,9 @@ def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles])
     if same_packs(stored.packs, packs):
         record = record.model_copy(update={"packs": stored.packs})
     name = stored.difference(record) or ("shard" if stored.shard != record.shard else "")
+    if name == "worlds":
+        clause = worlds_difference(stored.worlds, record.worlds)
+        raise UsageError(f"{clause}: --resume needs the same, so name their folder by --scenes-dir, or another --out")
     if name:
         raise UsageError(
             f"{folder.path} holds a run with other {name}; --resume needs the same, or choose another --out"

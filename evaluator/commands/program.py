@@ -9,9 +9,13 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 from evaluator.errors import UsageError
 from physment_mcp.contract.command_line import SentenceParser, did_you_mean
+
+if TYPE_CHECKING:
+    from evaluator.commands.base import Commands
 
 
 class Parser(SentenceParser):
@@ -52,6 +56,7 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         SystemExit: The command line asks for help or the version.
     """
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
+    from evaluator.study.config import with_config, with_new_names  # noqa: PLC0415
 
     words = list(argv)
     # `run` is the default command: insert it if the first word is an option.
@@ -63,10 +68,9 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
     program, commands = parser(words[0])
     if words[0] == "run":
         from evaluator.commands.run_options import long_options  # noqa: PLC0415
-        from evaluator.study.config import with_config  # noqa: PLC0415
 
         words = ["run", *with_config(words[1:], long_options(commands["run"]))]
-    return program.parse_args(words)
+    return program.parse_args(with_new_names(words, _note))
 
 
 def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
@@ -75,6 +79,9 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
     Args:
         command: Name of a command, of which alone the module is loaded. With any other word the commands have no
             options, which is enough to list them.
+
+    Raises:
+        UsageError: The command belongs to a plugin that is not installed.
     """
     from evaluator.commands.overview import COMMANDS, DESCRIPTION  # noqa: PLC0415
 
@@ -82,12 +89,25 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
     program.add_argument("--version", action="version", version=f"physment-eval {version('physment-mcp')}")
     commands = program.add_subparsers(dest="command", metavar="COMMAND", required=True)
     if command in COMMANDS:
-        import_module(f"evaluator.commands.{COMMANDS[command][0]}").add(commands)
+        _declare(command, COMMANDS[command][0], commands)
     else:
         for name, (_, what) in COMMANDS.items():
             if what:
                 commands.add_parser(name, help=what)
     return program, commands.choices
+
+
+def _declare(command: str, module: str, commands: "Commands") -> None:
+    if module:
+        import_module(f"evaluator.commands.{module}").add(commands)
+        return
+    from evaluator.commands.plugins import COMMANDS_GROUP, plugin  # noqa: PLC0415
+
+    plugin(COMMANDS_GROUP, command, command)(commands.add_parser(command))
+
+
+def _note(sentence: str) -> None:
+    print(f"physment-eval: {sentence}", file=sys.stderr)
 
 
 def _fail(sentence: str, code: int) -> int:

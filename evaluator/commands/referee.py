@@ -18,8 +18,8 @@ import uvicorn
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import count_of, folder_to_write, port, price, seconds
 from evaluator.commands.base import Commands, run_async
-from evaluator.commands.listening import is_loopback, listening
-from evaluator.episode.connect import HostLaboratory, connect
+from evaluator.commands.listening import listening
+from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.redaction import Redaction
 from evaluator.referee.episodes import Referee
@@ -32,8 +32,10 @@ from evaluator.study.held_back import read_seed_key
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.sealing import Sealing
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles
+from physment_mcp.contract.addresses import is_loopback
+from scenes import PackFiles, default_folder
 from scenes.splits import HELD_BACK
+from scenes.worlds.folders import levels_of, worlds_of
 
 _KEEP_ALIVE_S = 60
 """How long an idle connection is kept [s]."""
@@ -48,6 +50,7 @@ Open episodes for a trainer, and say after the end of each what it was worth. Th
 
   POST   /episodes {"scene": 7, "seed": 3}           opens one: mcp_url, player_token, prompt, tools, owner_token
   POST   /episodes {"split": "train", "index": 12}   the same, by place in a split; or {"split": …, "random_seed": 5}
+  POST   /episodes {"world": {"level": 5}}           a world that was made before, of a level or with so many "terms"
   POST   /episodes/ID/reward                         its reward, once, with the owner_token as bearer token
   POST   /episodes/ID/reward {"end": "budget_exhausted"}   the same, for an episode that ends without an answer
   DELETE /episodes/ID                                closes it without a reward
@@ -155,7 +158,7 @@ async def _serve(
     """Serve until interrupted. Prints one line of JSON with the address."""
     seed_of = seed_key.seed if seed_key else seed_as_recorded
     async with connect(args.server, args.scenes_dir, seed_of=seed_of) as host:
-        if not isinstance(host, HostLaboratory):
+        if not isinstance(host, HostConnector):
             raise UsageError(f"--server {args.server}: a referee needs a laboratory with an address: host, or a URL")
         async with _refereeing(args, packs, seed_key, host) as referee:
             bound, chosen = listener.getsockname()[:2]
@@ -173,9 +176,19 @@ async def _serve(
             await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect
 
 
+def _any_scene(packs: list[PackFiles], scenes_dir: Path | None) -> int:
+    """A scene that the host can open."""
+    folder = scenes_dir or default_folder()
+    worlds = (record.scene_id for level in levels_of(folder) for record in worlds_of(folder, level))
+    found = packs[0].scene_id if packs else next(worlds, None)
+    if found is None:
+        raise UsageError(f"{folder} holds neither scenes nor worlds")
+    return found
+
+
 @contextlib.asynccontextmanager
 async def _refereeing(
-    args: argparse.Namespace, packs: list[PackFiles], seed_key: SeedKey | None, host: HostLaboratory
+    args: argparse.Namespace, packs: list[PackFiles], seed_key: SeedKey | None, host: HostConnector
 ) -> AsyncGenerator[Referee]:
     """A referee, and at its end the record of the run and its seal.
 
@@ -190,7 +203,7 @@ async def _refereeing(
         held_back=seed_key.commitment if seed_key else "",
     )
     try:
-        async with host.open(packs[0].scene_id, 0) as client:
+        async with host.open(_any_scene(packs, args.scenes_dir), 0) as client:
             server = await server_record(client, args.server)
     except InfrastructureError as error:
         raise UsageError(str(error)) from error

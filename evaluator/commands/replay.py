@@ -16,7 +16,9 @@ from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import connect
 from evaluator.store import RunFolder
 from evaluator.study.held_back import seeds_of
+from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.replay import REL_TOL, Replayed, replay
+from scenes.world_names import reference_of
 
 _DESCRIPTION = """\
 Play the episodes of a run folder again: the same calls in the same turns. Each return is compared with the record.
@@ -57,8 +59,10 @@ def add(commands: Commands) -> None:
 
 def _replay(args: argparse.Namespace) -> int:
     agent, folder = load_recorded(args.folder), RunFolder(args.folder)
-    contracts = folder.read_run().tool_contracts() if folder.run_file.exists() else frozenset[str]()
-
+    record = folder.read_run() if folder.run_file.exists() else None
+    contracts = record.tool_contracts() if record else frozenset[str]()
+    if record and args.server in {"host", "stdio"}:  # what another laboratory serves is not known here
+        refuse_other_worlds(record, args.scenes_dir)
     seed_of = seeds_of(folder, args.seed_key)
 
     async def play() -> list[Replayed]:
@@ -102,7 +106,7 @@ def _print(results: Sequence[Replayed]) -> None:
         table = Table("scene", "seed", "agent", "budget", "turn", "call", "what", "stored", "now")
         for found in differences[:_SHOWN]:
             key, place = found.key, (found.turn, found.call, found.what)
-            cells = (key.scene, key.seed, key.agent, key.budget, *place, found.stored, found.now)
+            cells = (reference_of(key.scene), key.seed, key.agent, key.budget, *place, found.stored, found.now)
             table.add_row(*(escape(_cell(cell)) for cell in cells))
         console.print(table)
     if len(differences) > _SHOWN:
@@ -110,7 +114,7 @@ def _print(results: Sequence[Replayed]) -> None:
     for replayed in results:
         if replayed.failure:
             key = replayed.key
-            console.print(f"scene {key.scene}, seed {key.seed}: not played: {escape(replayed.failure)}")
+            console.print(f"scene {reference_of(key.scene)}, seed {key.seed}: not played: {escape(replayed.failure)}")
     same = sum(not replayed.differences and not replayed.failure for replayed in results)
     calls = sum(replayed.calls for replayed in results)
     if added := _added(results):

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import folder_to_write, trust_edited
+from evaluator.commands.argument_types import allow_modified, folder_to_write
 from evaluator.commands.base import Commands
-from evaluator.commands.finishing import attached_to
+from evaluator.commands.finishing import attached_to, current_evidence
 from evaluator.errors import StoreError, UsageError
-from evaluator.report.agent_results import AgentResults, Run, agent_results
+from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
+from evaluator.report.baselines import baseline_table
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.paper_tables import paper_tables
@@ -18,8 +19,9 @@ from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store import RunFolder
+from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.sealing import seal_note
-from scenes import PackError, PackFiles, list_packs, same_pack
+from scenes import PackError, find_pack, list_packs, same_pack
 
 _DESCRIPTION = """\
 Write report.html of stored runs, several side by side: accuracies with intervals, budgets, categories, dimensions,
@@ -56,7 +58,10 @@ def add(commands: Commands) -> None:
         metavar="DIR",
         help="folder of scene packs that a run was played on (may be repeated; default: the suite)",
     )
-    trust_edited(command)
+    allow_modified(command)
+    command.add_argument(
+        "--no-baselines", action="store_true", help="leave out the baselines that ship with the package"
+    )
     command.add_argument("--export", choices=("md", "csv", "latex"), help="write the tables in this form, too")
     command.add_argument(
         "--paper", action="store_true", help="write the tables in the paper's layout, too: paper.html and paper.tex"
@@ -70,10 +75,11 @@ def _report(args: argparse.Namespace) -> int:
     rings = [KeyRing(path) for path in args.scenes_dir] or [KeyRing()]
     if args.scenes_dir:
         rings.append(KeyRing())
-    packs = [_packs(ring) for ring in rings]
+    for ring in rings:
+        _refuse_missing(ring)
     target = RunFolder(args.out or args.folders[0])
     runs = [
-        _read(RunFolder(path), name, rings, packs, trust=args.trust_edited)
+        _read(RunFolder(path), name, rings, trust=args.allow_modified)
         for path, name in zip(args.folders, _names(args.folders), strict=True)
     ]
     try:
@@ -84,9 +90,9 @@ def _report(args: argparse.Namespace) -> int:
         replace(run, attachments=attached_to(RunFolder(path), run.rows, target))
         for path, run in zip(args.folders, runs, strict=True)
     ]
-    written = [write_report(target, runs)]
+    written = [write_report(target, runs, baselines=not args.no_baselines)]
     if args.export:
-        written += _export(target, agent_results(runs), args.export)
+        written += _export(target, agent_results(runs), args.export, baselines=not args.no_baselines)
     if args.paper:
         written += _paper(target, [result for result in agent_results(runs) if result.suite])
     if args.figures:
@@ -104,34 +110,33 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(path) for path in folders]
 
 
-def _packs(ring: KeyRing) -> Sequence[PackFiles]:
+def _refuse_missing(ring: KeyRing) -> None:
+    """Refuse a folder that holds neither packs nor worlds."""
     try:
-        return list_packs(ring.folder)
+        list_packs(ring.folder)
     except PackError as error:
         raise UsageError(str(error)) from error
 
 
-def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing], packs: Sequence[Sequence[PackFiles]]) -> KeyRing:
+def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing]) -> KeyRing:
     """The keys for a run: those of the folder with most of the packs that the run played, the first of equals."""
-    alike = [
-        sum(same_pack(played[scene], files) for files in folder if (scene := str(files.scene_id)) in played)
-        for folder in packs
-    ]
+    alike = [sum(_is_here(int(scene), stored, ring) for scene, stored in played.items()) for ring in rings]
     return rings[alike.index(max(alike))]
 
 
-def _read(
-    folder: RunFolder,
-    name: str,
-    rings: Sequence[KeyRing],
-    packs: Sequence[Sequence[PackFiles]],
-    *,
-    trust: bool,
-) -> Run:
+def _is_here(scene: int, stored: str, ring: KeyRing) -> bool:
+    try:
+        return same_pack(stored, find_pack(scene, ring.folder))
+    except PackError:
+        return False
+
+
+def _read(folder: RunFolder, name: str, rings: Sequence[KeyRing], *, trust: bool) -> Run:
     record, seal = folder.read_run(), seal_note(folder, trust=trust)
-    keys = _ring_of(record.packs, rings, packs)
+    keys = _ring_of(record.packs, rings)
+    refuse_other_worlds(record, keys.folder)
     rows = [score_episode(episode, grade, keys) for episode, grade in read_graded(folder)]
-    return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal)
+    return Run(name, record, rows, pictures(record.packs, keys.folder), seal=seal, evidence=current_evidence(folder))
 
 
 def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:
@@ -143,9 +148,12 @@ def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:
     return [target.path / name for name in texts]
 
 
-def _export(target: RunFolder, results: Sequence[AgentResults], form: str) -> list[Path]:
+def _export(target: RunFolder, results: Sequence[AgentResults], form: str, *, baselines: bool) -> list[Path]:
     """Write the tables: as one file, or as CSV in one file for each table."""
     found = tables(results)
+    floors = baseline_table(packs_of(results)) if baselines else None
+    if floors is not None:
+        found.append(floors)
     if form == "csv":
         texts = {f"tables-{table.name}.csv": csv_text(table) for table in found}
     else:

@@ -8,6 +8,7 @@ from evaluator.commands.base import Commands
 from evaluator.errors import UsageError
 from evaluator.store import RunFolder
 from evaluator.study.held_back import read_revealed, reveal, seed_key_file, seeds_of
+from scenes.world_names import reference_of
 
 _DESCRIPTION = """\
 Disclose the seeds of a run that was played with --seed-key, or check what its publisher disclosed.
@@ -52,5 +53,5 @@ def _reveal_seeds(args: argparse.Namespace) -> int:
     else:
         print(f"the key fits the commitment of the run, {plan.held_back}")
         for scene, number in variants:
-            print(scene, number, seed_of(scene, number))
+            print(reference_of(scene), number, seed_of(scene, number))
     return 0

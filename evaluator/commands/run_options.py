@@ -11,10 +11,10 @@ from evaluator.commands import external
 from evaluator.commands.argument_types import (
     PROMPTINGS,
     PROTOCOLS,
+    allow_modified,
     count_of,
     folder_to_write,
     seconds,
-    trust_edited,
     us_dollars,
 )
 from evaluator.commands.model_options import add_model_options, model_options
@@ -34,6 +34,7 @@ from evaluator.study.selection import (
 )
 from evaluator.study.shards import parse_shard, shard_of_environment
 from scenes.splits import HELD_BACK, splits
+from scenes.world_names import is_world
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name
@@ -61,7 +62,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         command=tuple(args.command_words),
         max_calls=args.max_calls,
         max_wall_s=args.max_wall_time,
-        home=args.home_from,
+        home=args.home_template,
         sealed=args.sealed,
         users=tuple(filter(None, args.sealed_users.split(","))),
         seed_key=read_seed_key(args.seed_key) if args.seed_key else None,
@@ -81,7 +82,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         episode_timeout_s=args.episode_timeout,
         out=args.out,
         resume=args.resume,
-        trust_edited=args.trust_edited,
+        allow_modified=args.allow_modified,
         dry_run=args.dry_run,
         otel=args.otel,
         as_json=args.json,
@@ -98,6 +99,10 @@ def _selected(args: argparse.Namespace) -> Selected:
         if args.split not in {None, HELD_BACK}:
             raise UsageError(f"--seed-key: its seeds are those of the split {HELD_BACK}, not of {args.split}")
         packs = parse_scenes(args.scenes or SUITE, args.scenes_dir)
+        if any(is_world(files.scene_id) for files in packs):
+            raise UsageError(
+                "--seed-key: worlds are held back by the key that `worlds make --key-file` draws them with"
+            )
         return Selected(HELD_BACK, tuple(packs), parse_numbers(args.seeds or f"0-{USUAL_SEEDS - 1}", "--seeds", 0))
     return select(args.split, args.scenes, args.seeds, args.scenes_dir)
 
@@ -126,7 +131,8 @@ def _matrix(group: "ArgumentGroup") -> None:
         "--scenes",
         "--scene",
         metavar="SEL",
-        help=f"such as 7-111 · 7,9 · easy · hard · open · category:easy-single (default {SUITE}: all but open worlds)",
+        help="such as 7-111 · 7,9 · easy · hard · open · category:easy-single · world:5:0-9"
+        f" (default {SUITE}: all but open worlds)",
     )
     group.add_argument("--budgets", default="20", metavar="N,…", help="iteration budgets (default 20)")
     group.add_argument(
@@ -217,7 +223,7 @@ def _course(group: "ArgumentGroup") -> None:
     )
     group.add_argument("--out", type=folder_to_write, metavar="DIR", help="run folder (default runs/TIME-AGENT)")
     group.add_argument("--resume", action="store_true", help="continue the run in --out")
-    trust_edited(group)
+    allow_modified(group)
     group.add_argument(
         "--otel",
         action="store_true",

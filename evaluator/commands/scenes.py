@@ -38,7 +38,9 @@ from scenes import (
     same_pack,
     write_new_scene,
 )
+from scenes.model import noise_of_seed
 from scenes.splits import splits
+from scenes.world_names import is_world, reference_of
 
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.
@@ -156,7 +158,7 @@ def _list(args: argparse.Namespace) -> int:
         rung = pack.category.rung.value if pack.category else NO_RUNG
         states[rung].append(state)
         table.add_row(
-            str(files.scene_id),
+            reference_of(files.scene_id),
             escape(pack.metadata.scene_name),
             rung,
             pack.category.value if pack.category else "",
@@ -216,10 +218,13 @@ def _show(args: argparse.Namespace) -> int:
         files = find_pack(args.scene, args.scenes_dir)
         pack = read_pack(files)
         knobs = draw_knobs(files, pack, args.seed)
-        mjcf = drawn_mjcf(files, pack, knobs, canonical=args.seed == 0)
+        mjcf = noise_of_seed(drawn_mjcf(files, pack, knobs, canonical=args.seed == 0), args.seed)
         prompt = prompt_of(files, mjcf, args.prompting, args.protocol, args.budget)
         console.print(prompt, markup=False, highlight=False, soft_wrap=True)
-        if args.private:
+        if args.private and is_world(args.scene):
+            console.rule("private")
+            console.print(f"key at every seed: {pack.answer}\nlaw: {pack.metadata.description}", markup=False)
+        elif args.private:
             subject = Subject.open(files)
             truth = subject.truth(subject.draw(args.seed))
             console.rule("private")

@@ -14,6 +14,7 @@ from evaluator.store import RunFolder
 from evaluator.study.held_back import seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
+from scenes.world_names import reference_of
 
 _SUBMIT = """\
 Write the results of a whole run into one JSON file for a leaderboard: summary, provenance, hashes of the records, the
@@ -98,7 +99,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _place(replayed: Replayed) -> str:
     key = replayed.key
-    where = f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"
+    where = f"scene {reference_of(key.scene)}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"
     if replayed.failure:
         return f"{where} could not be replayed: {replayed.failure}"
     found = replayed.differences[0]

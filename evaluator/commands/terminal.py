@@ -14,9 +14,10 @@ from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
-from evaluator.scores.wording import curve_sentence, decimal, share
+from evaluator.scores.wording import curve_sentence, decimal, dimension, floor_sentence, score_text, share
 from evaluator.study.tally import Tally
 from scenes import Rung
+from scenes.world_names import reference_of
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
 _MOST_ROWS = 120
@@ -55,7 +56,7 @@ class ProgressDisplay:
 
     def started(self, key: EpisodeKey) -> None:
         """Show the episode that has just started."""
-        self._bar.update(self._task, description=f"scene {key.scene} seed {key.seed}")
+        self._bar.update(self._task, description=f"scene {reference_of(key.scene)} seed {key.seed}")
 
     def ended(self, episode: Episode) -> None:
         """Count a finished episode, and show the results so far."""
@@ -76,8 +77,8 @@ def _describe(episode: Episode) -> str:
     what = episode.outcome.value.replace("_", " ")
     turns = "iterations" if episode.max_calls is None else "calls"
     return (
-        f"scene {key.scene} seed {key.seed} budget {key.budget}: {what} after {len(episode.turns)} {turns},"
-        f" {episode.duration_s:.1f} s"
+        f"scene {reference_of(key.scene)} seed {key.seed} budget {key.budget}: {what} after"
+        f" {len(episode.turns)} {turns}, {episode.duration_s:.1f} s"
     )
 
 
@@ -95,15 +96,16 @@ def _episode_table(rows: Sequence[ScoredEpisode]) -> Table:
     several = len({row.key.agent for row in rows}) > 1
     if several:
         table.add_column("agent", overflow="fold")
-    for title in ("scene", "seed", "budget", "iterations"):
+    table.add_column("scene", overflow="fold")
+    for title in ("seed", "budget", "iterations"):
         table.add_column(title, justify="right")
     for title in ("outcome", "answer", "", "reason"):
-        table.add_column(title, overflow="fold")
+        table.add_column(title, overflow="fold", min_width=16 if title == "answer" else None)
     for row in sorted(rows, key=lambda row: (row.key.scene, row.key.seed, row.key.budget, row.key.agent)):
         key, episode, grade = row.key, row.episode, row.grade
         table.add_row(
             *([Text(printable(key.agent))] if several else []),
-            str(key.scene),
+            Text(printable(row.scene_title)),
             str(key.seed),
             str(key.budget),
             str(len(episode.turns)),
@@ -202,9 +204,18 @@ def _group_lines(group: GroupSummary) -> list[str]:
     if group.strict_interval is not None:
         accuracy += f", 95 % interval {share(group.strict_interval.low)} to {share(group.strict_interval.high)}"
     accuracy += f"; normalised accuracy {share(group.normalised_accuracy)}"
-    dimensions = {"C": group.c, "E": group.e, "G": group.g, "G+": group.g_plus, "V": group.v, "R": group.r}
-    dimensions["G′"] = group.g_prime
-    parts = [f"{name} {decimal(value)}" for name, value in dimensions.items()]
+    names = {"C": "c", "E": "e", "G": "g", "G+": "g_plus", "V": "v", "R": "r", "G′": "g_prime"}
+    parts = [f"{title} {dimension(group, name)}" for title, name in names.items()]
     scores = {"Final Score": group.final_score, "FS*": group.final_score_of_defined}
-    parts += [f"{name} {'–' if value is None else f'{value:.1f}'}" for name, value in scores.items()]
-    return [accuracy, "   ".join(parts), _cost(group), _outcomes(group)]
+    parts += [f"{name} {score_text(value)}" for name, value in scores.items()]
+    return [accuracy, "   ".join(parts), _floors(group), _cost(group), _outcomes(group)]
+
+
+def _floors(group: GroupSummary) -> str:
+    """Skill and Gated, which an agent that only guesses does not raise, and what such an agent gets."""
+    skill = f"Skill {decimal(group.skill)}"
+    if group.skill_interval is not None:
+        ends = (group.skill_interval.low, group.skill_interval.high)
+        skill += f", 95 % interval {decimal(ends[0])} to {decimal(ends[1])}"
+    parts = [skill, f"Gated {score_text(group.gated)}", floor_sentence({"": group})]
+    return "   ".join(filter(None, parts))

@@ -26,6 +26,7 @@ from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
 from scenes import PackError, PackFiles, default_folder
 from scenes.layout import lay_out, not_laid_out
+from scenes.world_names import reference_of
 
 _VERIFY = """\
 Prove scenes sound by running them: certificates on many seeds.
@@ -138,8 +139,8 @@ def _verify(args: argparse.Namespace) -> int:
         proven.append(certificate)
         write_certificates(folder, [certificate])
         if not console.is_terminal:
-            verdict = "sound" if certificate.passed else "NOT SOUND"
-            console.print(f"[{len(proven)}/{len(packs)}] scene {certificate.scene}: {verdict}", markup=False)
+            place = f"[{len(proven)}/{len(packs)}] scene {reference_of(certificate.scene)}"
+            console.print(f"{place}: {'sound' if certificate.passed else 'NOT SOUND'}", markup=False)
 
     async def play() -> None:
         async with LocalHost(args.scenes_dir) as host:
@@ -181,7 +182,7 @@ def _print_certificates(console: Console, certificates: list[SceneCertificate]) 
         checks = {check.name: check for check in one.checks}
         key, difficulty = checks["key"].figures, checks["difficulty"].figures
         table.add_row(
-            str(one.scene),
+            reference_of(one.scene),
             *(_mark(checks.get(name)) for name in titles),
             _percent(key.get("theory_engine_gap")),
             _percent(key.get("answer_gap")),
@@ -192,7 +193,7 @@ def _print_certificates(console: Console, certificates: list[SceneCertificate]) 
     for one in certificates:
         for check in one.checks:
             for reason in check.reasons:
-                console.print(Text(f"scene {one.scene}, {check.name}: {reason}", "red"), soft_wrap=True)
+                console.print(Text(f"scene {reference_of(one.scene)}, {check.name}: {reason}", "red"), soft_wrap=True)
 
 
 def _mark(check: Check | None) -> str:
@@ -214,7 +215,7 @@ def _lint(args: argparse.Namespace) -> int:
         layout_faults, layout_notes = _layout(files, fix=args.fix)
         faults = [*layout_faults, *lint(files)]
         for sentence in (*layout_notes, *faults):
-            console.print(Text(f"scene {files.scene_id}: {sentence}"), soft_wrap=True)
+            console.print(Text(f"scene {reference_of(files.scene_id)}: {sentence}"), soft_wrap=True)
         faulty += bool(faults)
         to_lay_out += bool(layout_notes) and not args.fix
     console.print(f"{len(packs) - faulty} of {len(packs)} scenes without fault", highlight=False)

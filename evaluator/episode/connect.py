@@ -26,7 +26,7 @@ from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 
 from evaluator.episode.broken_connection import first_error, own_error, reason, server_failure, without_seed
-from evaluator.episode.forked_processes import ForkedLaboratory
+from evaluator.episode.forked_processes import ForkedConnector
 from evaluator.episode.host_process import start_host
 from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
@@ -44,7 +44,7 @@ TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
 """Environment variable with the token that a host requires for opening episodes."""
 
 
-class Laboratory(Protocol):
+class EpisodeConnector(Protocol):
     """Where sessions are opened."""
 
     @property
@@ -62,7 +62,7 @@ class Laboratory(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ProcessLaboratory:
+class ProcessConnector:
     """Starts a server process on stdio for each episode.
 
     `command` may hold `{scene}` and `{seed}`; without them `--scene N --seed S` is appended.
@@ -97,7 +97,7 @@ class ProcessLaboratory:
 
 
 @dataclass(frozen=True, slots=True)
-class HostLaboratory:
+class HostConnector:
     """Opens episodes on a host: over HTTP, or over sockets if this process started it."""
 
     base_url: str
@@ -227,7 +227,7 @@ class LocalHost:
     _control: ControlSocket | None = None
     _errors: IO[str] | None = field(default=None)
 
-    async def __aenter__(self) -> HostLaboratory:
+    async def __aenter__(self) -> HostConnector:
         """Start the host on a free port.
 
         Raises:
@@ -250,7 +250,7 @@ class LocalHost:
             await self.__aexit__()
             raise UsageError(str(failure)) from None
         sockets = HostSockets(self._control) if self._control else None
-        return HostLaboratory(address, self.token, Toolboxes(trusted=True), sockets)
+        return HostConnector(address, self.token, Toolboxes(trusted=True), sockets)
 
     def _start(self) -> subprocess.Popen[str]:
         """Start the process, which prints the address that it listens on.
@@ -291,7 +291,7 @@ async def connect(
     observations: str = TEXT,
     seed_of: SeedOf = seed_as_recorded,
     declared: Sequence[ClientExtension] = (),
-) -> AsyncGenerator[Laboratory]:
+) -> AsyncGenerator[EpisodeConnector]:
     """The laboratory that `--server` names.
 
     Args:
@@ -313,10 +313,10 @@ async def connect(
         words = ["--scenes-dir", str(scenes_dir)] if scenes_dir else []
         words += ["--observations", observations] if observations != TEXT else []
         if AVAILABLE:
-            with ForkedLaboratory(tuple(words), _CALL_TIMEOUT_S, seed_of, declared) as laboratory:
+            with ForkedConnector(tuple(words), _CALL_TIMEOUT_S, seed_of, declared) as laboratory:
                 yield laboratory
         else:
-            yield ProcessLaboratory((sys.executable, "-m", "physment_mcp", *words), seed_of, declared)
+            yield ProcessConnector((sys.executable, "-m", "physment_mcp", *words), seed_of, declared)
     elif server == "host":
         # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
@@ -328,7 +328,7 @@ async def connect(
             raise UsageError(f"--server {server}: not a URL: {error}") from error
         if url.scheme not in {"http", "https"} or not url.host or (url.port or 0) > 65535:
             raise UsageError(f"--server {server}: not the URL of a host, such as http://127.0.0.1:8000")
-        yield HostLaboratory(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of, declared=declared)
+        yield HostConnector(str(url), os.environ.get(TOKEN_VARIABLE) or None, seed_of=seed_of, declared=declared)
     else:
         try:
             parts = shlex.split(server)
@@ -336,4 +336,4 @@ async def connect(
             raise UsageError(f"--server {server!r} is not a command: {error}") from error
         if not parts:
             raise UsageError("--server is empty; use stdio, host, a URL or a command")
-        yield ProcessLaboratory(tuple(parts), seed_of, declared)
+        yield ProcessConnector(tuple(parts), seed_of, declared)

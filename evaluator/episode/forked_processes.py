@@ -27,7 +27,7 @@ _END_S = 10.0
 
 
 @dataclass(slots=True)
-class ForkedLaboratory:
+class ForkedConnector:
     """Forks a server process on stdio for each episode, as long as the context is open."""
 
     words: tuple[str, ...]

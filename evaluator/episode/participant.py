@@ -11,7 +11,7 @@ from typing import Protocol
 
 from pydantic import JsonValue
 
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.records import Episode, EpisodeKey, Usage, Versions
@@ -33,7 +33,9 @@ class Participant(Protocol):
         """The context in which it plays. Leaving it closes what its episodes share, such as connections."""
         ...
 
-    async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
         """Play one episode once.
 
         Args:
@@ -73,7 +75,9 @@ class AgentParticipant:
         """The context of what it owns."""
         return self.owned
 
-    async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
         """Play one episode, turn by turn."""
         async with laboratory.open(key.scene, key.seed) as client:
             return await play_episode(self.agent, client, key, versions, laboratory.toolboxes, used)

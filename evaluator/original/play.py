@@ -9,7 +9,7 @@ import anyio
 from evaluator.agents.recorded import RepeatingPlayer
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing
 from evaluator.errors import InfrastructureError
@@ -66,7 +66,7 @@ def scene_of(log: LoggedEpisode, names: Mapping[int, str]) -> int | None:
 
 async def play_logs(
     logs: Sequence[LoggedEpisode],
-    laboratory: Laboratory,
+    laboratory: EpisodeConnector,
     keys: KeyRing,
     names: Mapping[int, str],
     *,
@@ -116,7 +116,7 @@ def _keyed(logs: Sequence[LoggedEpisode], names: Mapping[int, str]) -> list[tupl
 
 
 async def _play(
-    log: LoggedEpisode, key: EpisodeKey, laboratory: Laboratory, keys: KeyRing, versions: Versions
+    log: LoggedEpisode, key: EpisodeKey, laboratory: EpisodeConnector, keys: KeyRing, versions: Versions
 ) -> PlayedLog:
     answer_key = keys.key(key.scene, key.seed)
     is_choice = answer_key.spec.kind not in {AnswerKind.NUMBER, AnswerKind.NUMBERS}

@@ -17,6 +17,20 @@ MOST_ITERATIONS = 1_000_000
 """Most iterations that a trainer can report; each may cost a part of the reward, which is a float."""
 
 
+class WantedWorld(BaseModel):
+    """Which worlds are meant: those of a level, or those that have so many parts. Absent fields leave it open."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    level: int | None = Field(default=None, ge=1, le=10)
+    terms: int | None = Field(default=None, ge=1, le=6)
+    """Terms of its law."""
+    modulations: int | None = Field(default=None, ge=0, le=6)
+    hidden: int | None = Field(default=None, ge=0, le=3)
+    """Hidden bodies."""
+    apparatus: Literal["puck", "pair", "wheel", "glider"] | None = None
+
+
 class WantedEpisode(BaseModel):
     """Body of `POST /episodes`: which variant, and how it is played. `variants` says what names a variant."""
 
@@ -24,6 +38,8 @@ class WantedEpisode(BaseModel):
 
     scene: int | None = Field(default=None, ge=0, le=LARGEST)
     seed: int | None = Field(default=None, ge=0, le=LARGEST)
+    world: WantedWorld | None = None
+    """Which worlds are meant, in the place of a scene; `index` and `random_seed` then choose among them."""
     split: str | None = Field(default=None, max_length=100)
     """Name of a split, with or without its version, such as `train` or `train@1`."""
     index: int | None = Field(default=None, ge=0, le=LARGEST)

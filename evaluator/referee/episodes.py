@@ -21,7 +21,7 @@ from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.broken_connection import without_seed
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome
@@ -31,6 +31,9 @@ from evaluator.referee.variants import variant_of
 from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record
 from evaluator.store import RunFolder
+from evaluator.study.played_worlds import played_worlds
+from scenes import find_pack, pack_hash
+from scenes.world_names import is_world
 
 T = TypeVar("T")
 
@@ -62,7 +65,7 @@ class _Watched:
 class Referee:
     """Opens episodes on one host and grades them."""
 
-    host: HostLaboratory
+    host: HostConnector
     keys: KeyRing
     record: RunRecord
     """Gives the versions of episodes, and the one name under which they are recorded."""
@@ -97,7 +100,7 @@ class Referee:
         """
         async with self._place():
             (agent,) = self.record.plan.agents
-            variant = self._variant(wanted)
+            variant = await self._variant(wanted)
             return await self._open_one(variant, await self._key(variant, wanted, agent), wanted.max_calls)
 
     async def check(self, wanted: WantedEpisode) -> Reward:
@@ -109,7 +112,7 @@ class Referee:
         """
         async with self._place():
             agent = ReferenceAgent(self.keys.folder)
-            key = await self._key(self._variant(wanted), wanted, agent.name)
+            key = await self._key(await self._variant(wanted), wanted, agent.name)
             versions = self.record.versions_of(key.scene)
             async with self.host.open(key.scene, key.seed) as client:
                 played = await play_episode(agent, client, key, versions, self.host.toolboxes)
@@ -134,17 +137,27 @@ class Referee:
         finally:
             self._opening -= 1
 
-    def _variant(self, wanted: WantedEpisode) -> Variant:
-        return variant_of(wanted, held_back=bool(self.record.plan.held_back))
+    async def _variant(self, wanted: WantedEpisode) -> Variant:
+        folder, held_back = self.keys.folder, bool(self.record.plan.held_back)
+        return await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
 
     async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
         """Names the episode. A variant without a key must be refused before it is played."""
         scene, seed = variant.scene, variant.seed
         try:
             await self._in_thread(functools.partial(self.keys.key, scene, seed))
+            if is_world(scene):
+                await self._in_thread(functools.partial(self._record_world, scene))
         except UsageError as error:
             raise RefusedRequest(404, str(without_seed(error, self.host.seed_of(scene, seed), seed))) from error
         return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
+
+    def _record_world(self, scene: int) -> None:
+        """Add a world to the record of the run, which cannot name all worlds at its start."""
+        if str(scene) not in self.record.packs:
+            files = find_pack(scene, self.keys.folder)
+            self.record.worlds.update(played_worlds([files], self.keys.folder))
+            self.record.packs[str(scene)] = pack_hash(files)
 
     async def _open_one(self, variant: Variant, key: EpisodeKey, max_calls: int) -> OpenedEpisode:
         started_at = datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -25,6 +25,7 @@ from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, Us
 from evaluator.loopback import is_for_this_machine
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
 from evaluator.referee.episodes import Referee
+from scenes.world_names import is_world, reference_of
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -138,6 +139,8 @@ class _Answers:
             "index": opened.variant.index,
             **_briefing(opened.briefing),
         }
+        if is_world(opened.variant.scene):
+            found["world"] = reference_of(opened.variant.scene)
         return JSONResponse(found, status_code=201)
 
     async def reward(self, request: Request) -> Response:

@@ -2,15 +2,18 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from evaluator.records import EpisodeKey, EvidenceRecord
 from evaluator.report.attachments import NOTHING, Attachments
 from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import Spending, spending
+from scenes import content_hash_of
 
-_BASELINES = ("reference", "random", "blind", "attacker:sweep", "attacker:glance", "attacker:proportional")
+_ATTACKERS = ("attacker:sweep", "attacker:glance", "attacker:proportional")
+_BASELINES = ("reference", "random", "blind", "constant", "batch", *_ATTACKERS)
 """Agents that measure the suite and not an ability, in the order in which every table ends with them."""
 
 
@@ -28,6 +31,8 @@ class Run:
     """Its films and frames beside the page of the report."""
     seal: str = ""
     """What the seal of its records says; empty if it was not asked."""
+    evidence: Mapping[EpisodeKey, EvidenceRecord] = field(default_factory=dict[EpisodeKey, EvidenceRecord])
+    """What its experiments could tell, as far as it was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +80,13 @@ def agent_results(runs: Sequence[Run]) -> list[AgentResults]:
     keys = sorted(found, key=lambda key: (_rank(key[1]) < len(_BASELINES), _rank(key[1]), key[1], key))
     labels = _labels(keys, runs)
     return [_results(labels[key], runs[key[0]], key[1], found[key]) for key in keys]
+
+
+def packs_of(results: Sequence[AgentResults]) -> Mapping[str, str]:
+    """Scene → hash of the content of its pack, for the scenes of the suite that some agents played."""
+    return {
+        str(row.key.scene): content_hash_of(row.episode.versions.pack) for result in results for row in result.suite
+    }
 
 
 def _results(label: str, run: Run, agent: str, rows: Sequence[ScoredEpisode]) -> AgentResults:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from evaluator.markdown import escaped, markdown_table
-from evaluator.report.tables import Cell, Count, Score, Share, Table
+from evaluator.report.tables import Cell, Count, Noted, Score, Share, Table
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -26,7 +26,8 @@ def markdown(tables: Sequence[Table]) -> str:
     parts: list[str] = []
     for table in tables:
         titles, *rows = [[escaped(_one_line(cell)) for cell in cells] for cells in _texts(table)]
-        parts.append(f"## {table.title}\n\n{markdown_table(titles, rows, numbers=True)}\n")
+        note = f"\n{escaped(_one_line(table.note))}\n" if table.note else ""
+        parts.append(f"## {table.title}\n\n{markdown_table(titles, rows, numbers=True)}\n{note}")
     return "\n".join(parts)
 
 
@@ -45,9 +46,13 @@ def latex(tables: Sequence[Table]) -> str:
             f"\\begin{{table}}\n  \\centering\n  \\caption{{{_latex_text(table.title)}}}\n"
             f"  \\label{{tab:{table.name.replace('_', '-')}}}\n"
             f"  \\begin{{tabular}}{{l{'r' * (len(titles) - 1)}}}\n    \\toprule\n{_latex_row(titles)}    \\midrule\n"
-            f"{body}    \\bottomrule\n  \\end{{tabular}}\n\\end{{table}}\n"
+            f"{body}    \\bottomrule\n  \\end{{tabular}}\n{_latex_note(table)}\\end{{table}}\n"
         )
     return "\n".join(parts)
+
+
+def _latex_note(table: Table) -> str:
+    return f"  \\par {_latex_text(table.note)}\n" if table.note else ""
 
 
 def _latex_row(cells: Sequence[str]) -> str:
@@ -61,23 +66,26 @@ def _latex_text(text: str) -> str:
 def csv_text(table: Table) -> str:
     """One table with full precision. A share takes four columns: value, ends of its interval, episodes."""
     wide = [
-        next((kind for kind in (Share, Count) if any(isinstance(row[index], kind) for row in table.rows)), None)
+        next((kind for kind in (Share, Count, Noted) if any(isinstance(row[index], kind) for row in table.rows)), None)
         for index in range(len(table.columns))
     ]
     target = io.StringIO()
     writer = csv.writer(target, lineterminator="\n")
     titles: list[str] = []
     for title, kind in zip(table.columns, wide, strict=True):
-        more = {Share: ("low", "high", "n"), Count: ("of",), None: ()}[kind]
+        more = {Share: ("low", "high", "n"), Count: ("of",), Noted: ("note",), None: ()}[kind]
         titles += [title, *(f"{title} {part}" for part in more)]
     writer.writerow([_safe(title) for title in titles])
     for row in table.rows:
         cells: list[object] = []
         for cell, kind in zip(row, wide, strict=True):
-            blank = {Share: 4, Count: 2, None: 1}[kind]
-            cells += (
-                [""] * blank if cell is None else cell if isinstance(cell, Share | Count | Score) else [_safe(cell)]
-            )
+            blank = {Share: 4, Count: 2, Noted: 2, None: 1}[kind]
+            if cell is None:
+                cells += [""] * blank
+            elif isinstance(cell, Share | Count | Noted | Score):
+                cells += ["" if part is None else part for part in cell]
+            else:
+                cells += [_safe(cell), *[""] * (blank - 1)]
         writer.writerow(cells)
     return target.getvalue()
 
@@ -105,4 +113,7 @@ def shown(cell: Cell, decimals: int) -> str:
         return f"{100 * cell.value:.1f}{ends}"
     if isinstance(cell, Score):
         return f"{cell.value:.1f}"
+    if isinstance(cell, Noted):
+        note = f" ({cell.note})" if cell.note else ""
+        return ("–" if cell.value is None else f"{cell.value:.3f}") + note
     return f"{cell:.{decimals}f}" if isinstance(cell, float) else str(cell)

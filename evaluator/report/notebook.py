@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from evaluator.records import EpisodeKey, Exchange, Frame
+from evaluator.records import EpisodeKey, EvidenceRecord, EvidenceVerdict, Exchange, Frame, evidence_verdict
 from evaluator.report.agent_results import AgentResults, Run
 from evaluator.report.attachments import FILMS, FRAMES, film_name
 from evaluator.report.call_rows import TurnCalls, calls_of
 from evaluator.report.charts import Chart
+from evaluator.report.evidence import evidence_charts
 from evaluator.report.motion import motion_charts
 from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -49,6 +50,15 @@ class Entry:
     """The scene's start as a PNG in base64; empty if there is no picture."""
     charts: Sequence[Chart]
     """Readings over time of the objects that moved."""
+    evidence: EvidenceRecord | None = None
+    """What its experiments could tell; None if it was not measured."""
+    evidence_charts: Sequence[Chart] = ()
+    """How the bound of the answer fell."""
+
+    @property
+    def evidence_verdict(self) -> EvidenceVerdict | None:
+        """Whether experiments or reasoning decided the episode; None if that was not measured."""
+        return None if self.evidence is None else evidence_verdict(self.evidence, self.row.grade.strict)
 
     @property
     def id(self) -> str:
@@ -122,12 +132,14 @@ def entries(results: Sequence[AgentResults]) -> Iterator[Entry]:
         yield Entry(
             number=number,
             row=row,
-            label=_label(row.key, varying, "variant" if results[index].run.record.plan.held_back else "seed"),
+            label=_label(row, varying, "variant" if results[index].run.record.plan.held_back else "seed"),
             agent_index=index,
             agent_label=results[index].label,
             run=results[index].run,
             picture=base64.b64encode(results[index].run.pictures.get(row.key.scene, b"")).decode(),
             charts=motion_charts(row.episode.turns),
+            evidence=(evidence := results[index].run.evidence.get(row.key)),
+            evidence_charts=evidence_charts(evidence),
         )
 
 
@@ -135,10 +147,10 @@ def _order(key: EpisodeKey) -> tuple[int, ...]:
     return (key.scene, key.seed, key.budget, key.epoch)
 
 
-def _label(key: EpisodeKey, varying: Sequence[str], seed: str) -> str:
-    return ", ".join(
-        [f"Scene {key.scene}", f"{seed} {key.seed}", *(f"{name} {getattr(key, name)}" for name in varying)]
-    )
+def _label(row: ScoredEpisode, varying: Sequence[str], seed: str) -> str:
+    key = row.key
+    which = (f"{name} {getattr(key, name)}" for name in varying)
+    return ", ".join([f"Scene {row.scene_title}", f"{seed} {key.seed}", *which])
 
 
 def _size(exchange: Exchange) -> int:

@@ -18,17 +18,20 @@ from evaluator.errors import StoreError
 from evaluator.failures.findings import FailureMode
 from evaluator.records import Outcome
 from evaluator.report import tables
-from evaluator.report.agent_results import AgentResults, Run, agent_results
+from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.attachments import own_folder, write_anew, write_player
+from evaluator.report.baselines import baseline_table
 from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
+from evaluator.report.evidence import evidence_table
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
 from evaluator.scores.spending import Spending, calls_made, spending
-from evaluator.scores.wording import curve_sentence, decimal, share
+from evaluator.scores.wording import counted, curve_sentence, decimal, score_text, share
 from evaluator.store import RunFolder
+from scenes.world_names import reference_of
 
 INLINE = 300
 """Most episodes of a report that is one file."""
@@ -46,13 +49,14 @@ class Report:
     """Scripts of the notebooks, from number 1; none if the report is one file."""
 
 
-def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -> Path:
+def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True) -> Path:
     """Write `report.html` and, if there are many episodes, the notebooks beside it.
 
     Args:
         folder: Folder to write to.
         runs: The runs, graded.
         inline: Most episodes of a report that is one file.
+        baselines: Whether the baselines that ship with the package are shown.
 
     Returns:
         The file of the page.
@@ -60,7 +64,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE) -
     Raises:
         StoreError: A file cannot be written.
     """
-    report = render(runs, inline)
+    report = render(runs, inline, baselines=baselines)
     try:
         _write_notebooks(folder.path / PAGES, report.notebooks)
     except OSError as error:
@@ -86,8 +90,8 @@ def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
         pages.rmdir()
 
 
-def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
-    """The report of some runs."""
+def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True) -> Report:
+    """The report of some runs; for the arguments see `write_report`."""
     environment = _environment()
     results = agent_results(runs)
     found = list(entries(results))
@@ -100,6 +104,8 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
         results=results,
         suite=suite,
         weights=WEIGHTS,
+        baselines=baseline_table(packs_of(suite)) if baselines else None,
+        floors=tables.floors(suite),
         dimensions=tuple(tables.DIMENSIONS.values()),
         entries=found,
         beside=PAGES if beside else "",
@@ -112,6 +118,7 @@ def render(runs: Sequence[Run], inline: int = INLINE) -> Report:
         experiment_cost=tables.experiment_cost(results),
         spent=list(_spent(results)),
         modes=list(FailureMode),
+        evidence=evidence_table(results),
         outcomes=list(Outcome),
         quoted=tables.quoted(),
         graders=sorted({row.record.grader_version for run in runs for row in run.rows}),
@@ -216,10 +223,6 @@ def _groupings(results: Sequence[AgentResults]) -> list[tables.Table]:
     return [table for table in found if len(table.rows) > 1]
 
 
-def _score(value: float | None) -> str:
-    return "–" if value is None else f"{value:.1f}"
-
-
 def _compact(value: object) -> str:
     return "–" if value is None else json.dumps(value, ensure_ascii=False)
 
@@ -239,15 +242,23 @@ def _options(values: Iterable[object]) -> list[tuple[object, str]]:
     return [(value, _words(str(value))) for value in values]
 
 
+def _scene_options(found: Iterable[Entry]) -> list[tuple[int, str]]:
+    """The scenes of a list of episodes, by id, each with its title."""
+    return sorted({entry.row.key.scene: entry.row.scene_title for entry in found}.items())
+
+
 _FILTERS: dict[str, Any] = {
     "curve_sentence": curve_sentence,
     "share": share,
     "decimal": decimal,
-    "score": _score,
+    "score": score_text,
+    "counted": counted,
     "compact": _compact,
     "brief": _brief,
     "words": _words,
     "options": _options,
+    "scene_options": _scene_options,
+    "scene_name": reference_of,
     "shown": shown,
     "laid_out": laid_out,
     "returned": returned,

@@ -6,7 +6,8 @@ from typing import NamedTuple
 from evaluator.records import NormalisationClass
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, CATEGORIES, PAPER, REGRADED
-from evaluator.report.tables import Cell, Score, Share, Table
+from evaluator.report.tables import Cell, Score, Share, Table, floors, mean_of
+from evaluator.scores.dimensions import WEIGHTS
 
 MARK = " †"
 """Behind the name of a model whose results are the paper's."""
@@ -57,12 +58,14 @@ def _metrics(results: Sequence[AgentResults]) -> Table:
     rows: list[list[Cell]] = []
     for result in results:
         whole = result.whole
-        rows.append([result.label, _plain(whole.strict_accuracy), _score(whole.final_score), whole.g, whole.v])
+        means = (mean_of(whole, "g"), mean_of(whole, "v"))
+        rows.append([result.label, _plain(whole.strict_accuracy), _score(whole.final_score), *means])
     for model in PAPER:
         _, _, g, v, _, _ = model.dimensions
         rows.append([model.model + MARK, _plain(model.mean_accuracy / 100), Score(model.final_score), g, v])
     columns = ("Model", "Acc. (%)", "Avg. FS", "Ground.", "Act. Val.")
-    return Table("paper_metrics", "Metrics of each model over all iteration budgets", columns, rows)
+    title = "Metrics of each model over all iteration budgets"
+    return Table("paper_metrics", title, columns, rows, note=floors(results))
 
 
 def heat_map(results: Sequence[AgentResults]) -> Table:
@@ -79,13 +82,13 @@ def _dimensions(results: Sequence[AgentResults]) -> Table:
     rows: list[list[Cell]] = []
     for result in results:
         whole = result.whole
-        means = (whole.c, whole.e, whole.g, whole.v, whole.r, whole.g_prime)
+        means = [mean_of(whole, name) for name in WEIGHTS]
         rows.append([result.label, _plain(whole.strict_accuracy), *means, _score(whole.final_score)])
     for model in PAPER:
         cells = (_plain(model.mean_accuracy / 100), *model.dimensions, Score(model.final_score))
         rows.append([model.model + MARK, *cells])
     columns = ("Model", "Acc. (%)", "C", "E", "G", "V", "R", "G′", "FS")
-    return Table("paper_dimensions", "Six scoring dimensions", columns, rows)
+    return Table("paper_dimensions", "Six scoring dimensions", columns, rows, note=floors(results))
 
 
 def _regraded(results: Sequence[AgentResults]) -> Table:

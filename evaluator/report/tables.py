@@ -11,6 +11,7 @@ from evaluator.report.quoted import BUDGETS, PAPER
 from evaluator.scores.grouping import NO_RUNG, quadrant
 from evaluator.scores.metrics import GroupSummary
 from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.wording import counted, floor_sentence
 from evaluator.statistics.intervals import Proportion, proportion
 from scenes import Rung
 
@@ -29,6 +30,14 @@ class Score(NamedTuple):
     """A Final Score, 0 to 100."""
 
     value: float
+
+
+class Noted(NamedTuple):
+    """A number with three decimals, and what must be said about it."""
+
+    value: float | None
+    note: str
+    """Such as of how many episodes it is taken, or its interval; may be empty."""
 
 
 class Count(NamedTuple):
@@ -50,7 +59,7 @@ DIMENSIONS = {
 }
 """Titles of the dimensions → fields of a summary."""
 
-Cell = str | int | float | Share | Score | Count | None
+Cell = str | int | float | Share | Score | Noted | Count | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +73,8 @@ class Table:
     rows: Sequence[Sequence[Cell]]
     decimals: int = 3
     """Decimals of plain numbers."""
+    note: str = ""
+    """A sentence that stands below the table."""
 
 
 def tables(results: Sequence[AgentResults]) -> list[Table]:
@@ -160,9 +171,12 @@ def _whole(count: float | None) -> float | None:
     return int(count) if count is not None and count.is_integer() else count
 
 
+_EFFORT = ("iterations", "calls", "US$ per episode")
+
+
 def main_metrics(results: Sequence[AgentResults]) -> Table:
-    """Accuracies, the Final Score, and the mean effort and cost."""
-    columns = ("agent", "episodes", "strict", "normalised", "Final Score", "iterations", "calls", "US$ per episode")
+    """Accuracies, Skill, Gated and the Final Score, and the mean effort and cost."""
+    columns = ("agent", "episodes", "strict", "normalised", "Skill", "Gated", "Final Score", *_EFFORT)
     found: list[list[Cell]] = []
     for result in results:
         cost = result.spending.cost_usd
@@ -172,27 +186,36 @@ def main_metrics(results: Sequence[AgentResults]) -> Table:
                 result.whole.n_scored,
                 _strict(result.whole),
                 _normalised(result.whole),
+                _skill(result.whole),
+                _score(result.whole.gated),
                 _score(result.whole.final_score),
                 result.spending.iterations,
                 result.spending.calls,
                 None if cost is None else cost / result.spending.n_priced,
             ]
         )
-    return Table("main_metrics", "Main metrics", columns, found, decimals=2)
+    return Table("main_metrics", "Main metrics", columns, found, decimals=2, note=floors(results))
+
+
+def floors(results: Sequence[AgentResults]) -> str:
+    """What an agent that never experiments gets in place of these, as a sentence with its full stop."""
+    found = floor_sentence({result.label: result.whole for result in results})
+    return f"{found[0].upper()}{found[1:]}." if found else ""
 
 
 def six_dimensions(results: Sequence[AgentResults]) -> Table:
-    """The six dimensions, each a mean over the episodes that define it; G+ and V without disabled tools; FS and FS*."""
+    """The six dimensions with what they count; G+ and V without disabled tools; FS and FS*, which follow from them."""
     found: list[list[Cell]] = [
         [
             result.label,
-            *(getattr(result.whole, name) for name in DIMENSIONS.values()),
+            *(mean_of(result.whole, name) for name in DIMENSIONS.values()),
             _score(result.whole.final_score),
             _score(result.whole.final_score_of_defined),
         ]
         for result in results
     ]
-    return Table("six_dimensions", "Six dimensions", ("agent", *DIMENSIONS, "Final Score", "FS*"), found)
+    columns = ("agent", *DIMENSIONS, "Final Score", "FS*")
+    return Table("six_dimensions", "Six dimensions", columns, found, note=floors(results))
 
 
 def forgiven(results: Sequence[AgentResults]) -> Table:
@@ -268,6 +291,21 @@ def accuracies(
 def share_of(found: Proportion | None) -> Share | None:
     """A proportion as a cell."""
     return None if found is None else Share(found.share, found.interval.low, found.interval.high, found.n)
+
+
+def mean_of(group: GroupSummary, name: str) -> Noted:
+    """A dimension of a group as a cell.
+
+    Args:
+        group: The group.
+        name: Field of the dimension.
+    """
+    return Noted(getattr(group, name), counted(group, name))
+
+
+def _skill(group: GroupSummary) -> Noted:
+    ends = group.skill_interval
+    return Noted(group.skill, "" if ends is None else f"{ends.low:.2f} to {ends.high:.2f}")
 
 
 def _score(value: float | None) -> Score | None:

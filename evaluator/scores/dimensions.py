@@ -9,11 +9,19 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from evaluator.episode.player import ANSWER
 from evaluator.records import Episode, Exchange, Grade, Outcome, Record
 from evaluator.scores.grounding import Grounding
 
 WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.10}
 """Weights of the Final Score, as the paper gives them; they add up to 1."""
+
+SCORING_VERSION = 2
+"""Stored with each summary; raised whenever a number can change although no verdict does.
+
+In version 1 a mean was over the episodes that define a dimension, G was a mean over episodes and took the numbers of
+plans for statements, and episodes without experiment defined V and R.
+"""
 
 _WORD = re.compile(r"[^\W_]+(?:[._'’-][^\W_]+)*")
 
@@ -29,12 +37,19 @@ class EpisodeScores(Record):
     """Share of the numbers stated in the reasoning that an earlier return supports; None if it states none."""
     g_plus: float | None
     """The same, numbers included that follow by stated arithmetic from known ones."""
+    numbers: int
+    """Numbers that the reasoning states, those of plans left out."""
+    supported: int
+    """Those of them that an earlier return supports."""
+    derived: int
+    """Further ones that follow by stated arithmetic."""
     v: float | None
-    """Share of calls without error; None without calls."""
+    """Share of calls without error; None if the laboratory ran no call."""
     v_enabled: float | None
     """The same without calls of tools that the scene disables."""
     r: float | None
-    """1 - share of the most frequent repeated pair of words; None without visible reasoning."""
+    """1 - share of the most frequent repeated pair of words; None without visible reasoning, and if the laboratory
+    ran no call."""
     step_credit: float | None
     """Share of the intermediate quantities of the scene that are stated rightly; None if it names none."""
     silent_turns: int
@@ -48,7 +63,7 @@ class EpisodeScores(Record):
 
 
 def final_score(c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None) -> float:
-    """FS, the Final Score, 0 to 100; undefined dimensions count 0.
+    """FS, the Final Score, 0 to 100, of the dimensions of an episode or a group; undefined ones count 0.
 
     Source: the paper's weights. With the paper's published dimensions they give its published Final Scores to the last
     digit.
@@ -79,14 +94,18 @@ def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_to
     """
     made = [exchange for turn in episode.turns for exchange in turn.exchanges if _was_made(exchange)]
     enabled = [exchange for exchange in made if exchange.call.tool not in disabled_tools]
+    has_experiment = any(exchange.returned and exchange.call.tool != ANSWER for exchange in made)
     return EpisodeScores(
         c=grade.graded,
         e=_efficiency(episode),
         g=grounding.share,
         g_plus=grounding.share_with_derived,
-        v=_valid_share(made),
-        v_enabled=_valid_share(enabled),
-        r=non_repetition([turn.reasoning for turn in episode.turns]),
+        numbers=len(grounding.assertions),
+        supported=grounding.n_supported,
+        derived=grounding.n_derived,
+        v=_valid_share(made) if has_experiment else None,
+        v_enabled=_valid_share(enabled) if has_experiment else None,
+        r=non_repetition([turn.reasoning for turn in episode.turns]) if has_experiment else None,
         step_credit=sum(grade.steps.values()) / len(grade.steps) if grade.steps else None,
         silent_turns=sum(not turn.reasoning.strip() for turn in episode.turns),
         unread_turns=sum(turn.is_unread for turn in episode.turns),

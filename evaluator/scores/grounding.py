@@ -1,8 +1,8 @@
 """G: which numbers in an agent's reasoning were really measured. Pure functions over recorded episodes.
 
 An assertion is a number that the reasoning states. These are no assertions: a number inside a word or an exponent, a
-coefficient of a formula, a count of steps, the number of an object, a number from the prompt, and a number that the
-agent itself put into a call.
+coefficient of a formula, a count of steps, the number of an object, a number from the prompt, a number of a plan (`I
+will push for 0.5 s`), and a number that the agent itself puts into a call of this turn or any other.
 
 An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a unit of
 the same kind, and with the same sign unless the text calls it a magnitude. It is derived if it follows by arithmetic
@@ -19,6 +19,7 @@ from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, conversion
 from evaluator.records import Episode, Record
 from evaluator.scores.derivations import Derivation, Derived, TurnText
+from evaluator.scores.plans import is_planned, plans_in
 from evaluator.scores.returned_values import ReturnedValue, exact, numbers_in, returned_values
 
 _ANSWER = "answer"
@@ -62,17 +63,22 @@ class Grounding(Record):
     @property
     def share(self) -> float | None:
         """G: share of supported assertions; None without any."""
-        return self._share(len(self._supported))
+        return self._share(self.n_supported)
 
     @property
     def share_with_derived(self) -> float | None:
         """G+: share of supported and derived assertions; None without any."""
-        derived = sum(assertion.derivation is not None for assertion in self.assertions)
-        return self._share(len(self._supported) + derived)
+        return self._share(self.n_supported + self.n_derived)
 
     @property
-    def _supported(self) -> list[Assertion]:
-        return [assertion for assertion in self.assertions if assertion.support is not None]
+    def n_supported(self) -> int:
+        """Number of supported assertions."""
+        return sum(assertion.support is not None for assertion in self.assertions)
+
+    @property
+    def n_derived(self) -> int:
+        """Number of derived assertions."""
+        return sum(assertion.derivation is not None for assertion in self.assertions)
 
     def _share(self, count: int) -> float | None:
         return count / len(self.assertions) if self.assertions else None
@@ -81,24 +87,28 @@ class Grounding(Record):
 def grounding_of(episode: Episode) -> Grounding:
     """Find the assertions of an episode, what supports them, and what they are derived from."""
     given = _PromptNumbers.of(episode.prompt)
-    own: list[Fraction] = []
+    own = _own_numbers(episode)
     returned: list[ReturnedValue] = []
     derived: list[Derived] = []
     assertions: list[Assertion] = []
     for index, turn in enumerate(episode.turns):
-        for exchange in turn.exchanges:
-            if exchange.call.tool != _ANSWER:
-                for _, value in numbers_in(exchange.call.arguments):
-                    bisect.insort(own, abs(exact(value)))
-        text = TurnText(index, turn.reasoning, derived)
+        text, plans = TurnText(index, turn.reasoning, derived), plans_in(turn.reasoning)
         for spoken in text.numbers():
             if _is_given(spoken, given, own):
                 text.know(spoken, float(spoken.value))
-            else:
+            elif not is_planned(plans, spoken.start):
                 assertions.append(_assertion(spoken, index, text, returned))
         for position, exchange in enumerate(turn.exchanges):
             returned.extend(returned_values(exchange, index, position))
     return Grounding(assertions=tuple(assertions))
+
+
+def _own_numbers(episode: Episode) -> list[Fraction]:
+    """The sizes of the numbers that the agent puts into calls, sorted; its answer is none of them."""
+    calls = (exchange.call for turn in episode.turns for exchange in turn.exchanges)
+    return sorted(
+        abs(exact(value)) for call in calls if call.tool != _ANSWER for _, value in numbers_in(call.arguments)
+    )
 
 
 def _assertion(spoken: Spoken, turn: int, text: TurnText, returned: Sequence[ReturnedValue]) -> Assertion:
@@ -120,7 +130,7 @@ def _assertion(spoken: Spoken, turn: int, text: TurnText, returned: Sequence[Ret
 
 
 def _is_given(spoken: Spoken, given: "_PromptNumbers", own: Sequence[Fraction]) -> bool:
-    """Whether the number comes from the prompt or from the agent's own calls, those of this turn included.
+    """Whether the number comes from the prompt or from the agent's own calls, earlier or later.
 
     It must be equal, or equal when rounded if it has at least two significant digits (`9.8` for 9.81). Its own
     arguments match by magnitude, because agents often leave out their sign (`push with 2 N` for -2).

@@ -2,22 +2,20 @@
 
 Open worlds are a track of their own: they are in `by_rung`, as `open`, and in no other number.
 
-Every number comes with its number of episodes. A dimension that an episode does not define (no calls, no stated
-numbers, no visible reasoning) is None for that episode. The mean of a dimension is over the episodes that define it. In
-the Final Score an undefined dimension counts 0, as in the paper; FS* leaves it out. Unscored episodes (infrastructure
-errors) count as outcomes and nowhere else.
+Every number comes with its number of episodes. `evaluator.scores.group_scores` says how the scores of a group follow
+from its episodes. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from statistics import fmean
 from typing import Literal, NamedTuple, TypeVar
 
 from evaluator.failures.counting import FailureCount, failure_counts
 from evaluator.failures.findings import FailureMode
 from evaluator.records import Grade, NormalisationClass, Outcome, Record, Verdict
-from evaluator.scores.dimensions import final_score, final_score_of_defined
+from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.scores.experiment_cost import MedianCost, median_cost
+from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.attempts import Attempts, attempts
@@ -50,31 +48,45 @@ class GroupSummary(Record):
     """Method of both intervals; None if nothing is scored."""
     forgiven: dict[NormalisationClass, int]
     """Scored episodes that normalised grading accepts and strict grading does not, by the reason."""
+    skill: float | None = None
+    """(strict accuracy - a) / (1 - a), with the accuracy a of blind guesses on the same scenes and seeds: 0 for a blind
+    guess, 1 for a perfect agent."""
+    skill_interval: Interval | None = None
+    """95 %."""
+    blind_accuracy: float | None = None
+    """Mean probability that a blind guess is right, 0 to 1; it follows from the keys."""
     c: float | None
     """Mean graded correctness, 0 to 1."""
     e: float | None
     """Mean efficiency, 0 to 1."""
     g: float | None
-    """Mean grounding of the episodes that define it; None if none does. The same holds for all that follow."""
+    """Grounding, pooled: supported numbers out of all numbers that the reasoning states; None below 20 numbers."""
     g_plus: float | None
-    """Mean grounding with derived numbers."""
+    """The same, derived numbers included."""
+    n_numbers: int = 0
+    """Numbers that the reasoning states: the denominator of both."""
     v: float | None
-    """Mean share of valid calls."""
+    """Mean share of valid calls; an episode without experiment counts 0. None if no episode has one."""
     v_enabled: float | None
-    """Mean share of valid calls, calls of disabled tools left out."""
+    """The same, calls of disabled tools left out."""
     r: float | None
-    """Mean non-repetition."""
+    """Mean non-repetition; an episode without experiment or without reasoning counts 0. None if all are so."""
     g_prime: float | None
-    """Mean held-out category accuracy."""
+    """Mean held-out category accuracy of the episodes that have one."""
     step_credit: float | None
-    """Mean share of the intermediate quantities that are stated rightly beside the answer; no part of FS or FS*."""
+    """Mean share of the intermediate quantities that are stated rightly beside the answer, over the episodes whose
+    scene names some; no part of FS or FS*."""
     n_defined: dict[str, int]
     """Scored episodes that define each dimension, by name of its field."""
     final_score: float | None
-    """Mean FS, 0 to 100; None if an agent of the group has no G′, because a score without one of its six parts is not
-    comparable."""
+    """FS of the dimensions of this group, 0 to 100; None if an episode of the group has no G′, because a score without
+    one of its six parts is not comparable."""
     final_score_of_defined: float | None
-    """Mean FS*, 0 to 100: over the dimensions that an episode defines."""
+    """FS* of the dimensions of this group, 0 to 100: those that are None are left out."""
+    gated: float | None = None
+    """Mean C · FS* of an episode without G′, 0 to 100: what the agent did counts only as far as its answer is right."""
+    blind_score: float | None = None
+    """FS, on average, of an agent that never experiments and guesses blindly; None where there is no FS."""
     silent_turns: float | None
     """Share of all turns that have no visible reasoning; None without turns."""
     unread_turns: int = 0
@@ -111,8 +123,11 @@ class ConditionAttempts(Record):
 class RunSummary(Record):
     """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
 
-    format: Literal[2] = 2
-    """Version of this record; fields are added without changing it, none is changed or taken away."""
+    format: Literal[2, 3] = 3
+    """Version of this record; fields are added without changing it, none is changed or taken away. In 2, which is still
+    read, dimensions were means over the episodes that define them."""
+    scoring_version: int = 1
+    """Version of the rules by which scores follow from grades; absent in format 2, where it is 1."""
     overall: GroupSummary
     """All scenes but open worlds."""
     by_rung: dict[str, GroupSummary]
@@ -139,6 +154,7 @@ class RunSummary(Record):
 class _Row(NamedTuple):
     source: ScoredEpisode
     g_prime: float | None
+    blind_g_prime: float | None
 
 
 def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
@@ -146,6 +162,7 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
     suite = [row for row in rows if not row.is_open]
     table = _table(suite)
     return RunSummary(
+        scoring_version=SCORING_VERSION,
         overall=_summary(table),
         by_rung=_grouped([*table, *_table([row for row in rows if row.is_open])], lambda row: row.rung),
         by_category=_grouped(table, lambda row: row.category),
@@ -163,8 +180,10 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
 
 
 def _table(rows: Sequence[ScoredEpisode]) -> list[_Row]:
-    held_out = held_out_accuracy(rows)
-    return [_Row(row, held_out.get((condition(row.key), row.category))) for row in rows]
+    own = held_out_accuracy(rows)
+    blind = held_out((condition(row.key), row.category, row.chance.strict) for row in rows if row.is_scored)
+    keys = [(condition(row.key), row.category) for row in rows]
+    return [_Row(row, own.get(key), blind.get(key)) for row, key in zip(rows, keys, strict=True)]
 
 
 def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
@@ -205,16 +224,7 @@ def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition,
     Each category counts once, however many episodes it has. Agents, budgets, promptings and protocols are never
     pooled. A condition with a single category has no entry.
     """
-    verdicts: defaultdict[Condition, defaultdict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
-    for row in rows:
-        if row.is_scored:
-            verdicts[condition(row.key)][row.category].append(row.is_correct)
-    return {
-        (condition, category): fmean(fmean(seen) for other, seen in categories.items() if other != category)
-        for condition, categories in verdicts.items()
-        for category in categories
-        if len(categories) > 1
-    }
+    return held_out((condition(row.key), row.category, row.is_correct) for row in rows if row.is_scored)
 
 
 def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> dict[_Name, GroupSummary]:
@@ -224,24 +234,20 @@ def _grouped(table: Sequence[_Row], group: Callable[[ScoredEpisode], _Name]) -> 
     return {name: _summary(groups[name]) for name in sorted(groups)}
 
 
-_DIMENSIONS = ("c", "e", "g", "g_plus", "v", "v_enabled", "r", "step_credit")
-
-
 def _summary(table: Sequence[_Row]) -> GroupSummary:
     counted = [row for row in table if row.source.is_scored]
     scored = [row.source for row in counted]
     strict = _proportion(scored, lambda grade: grade.strict)
     normalised = _proportion(scored, lambda grade: grade.normalised)
-    dimensions = {name: [getattr(row.scores, name) for row in scored] for name in _DIMENSIONS}
-    dimensions["g_prime"] = [row.g_prime for row in counted]
-    defined = {name: [value for value in values if value is not None] for name, values in dimensions.items()}
-    means = {name: fmean(values) if values else None for name, values in defined.items()}
-    scores, scores_of_defined = list[float](), list[float]()
-    for row in counted:
-        own = row.source.scores
-        parts = (own.c or 0.0, own.e, own.g, own.v, own.r, row.g_prime)
-        scores.append(final_score(*parts))
-        scores_of_defined.append(final_score_of_defined(*parts))
+    scores = group_scores(
+        [
+            ScorePoint(
+                row.source.scores, row.source.chance, row.source.episode.allowance, row.g_prime, row.blind_g_prime
+            )
+            for row in counted
+        ]
+    )
+    blind = scores.blind_accuracy
     turns = sum(len(row.episode.turns) for row in scored)
     return GroupSummary(
         n=len(table),
@@ -254,10 +260,9 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
         normalised_interval=normalised and normalised.interval,
         interval_method=strict and strict.method,
         forgiven={reason: sum(row.grade.normalisation is reason for row in scored) for reason in NormalisationClass},
-        **means,
-        n_defined={name: len(values) for name, values in defined.items()},
-        final_score=fmean(scores) if scores and len(defined["g_prime"]) == len(scores) else None,
-        final_score_of_defined=fmean(scores_of_defined) if scores else None,
+        **scores._asdict(),
+        skill=None if strict is None or blind is None else skill(strict.share, blind),
+        skill_interval=None if strict is None or blind is None else skill_interval(strict.interval, blind),
         silent_turns=sum(row.scores.silent_turns for row in scored) / turns if turns else None,
         unread_turns=sum(row.scores.unread_turns for row in scored),
         disabled_calls=sum(row.scores.disabled_calls for row in scored),

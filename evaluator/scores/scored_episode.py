@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from evaluator.answers.chance import Chance
 from evaluator.failures.findings import Failure
 from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import EpisodeScores
@@ -9,6 +10,7 @@ from evaluator.scores.experiment_cost import ExperimentCost
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
 from scenes import Rung
+from scenes.world_names import reference_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +20,15 @@ class ScoredEpisode:
     episode: Episode
     record: GradeRecord
     """Its grade, with the answer key and the version of the grader."""
+    scene_name: str
+    """Name of its scene."""
     category: str
     """Category of its scene."""
     problem_type: str
     """Problem type of its scene."""
     scores: EpisodeScores
+    chance: Chance
+    """What a blind guess is worth in its place."""
     experiment_cost: ExperimentCost
     grounding: Grounding
     failures: tuple[Failure, ...]
@@ -37,6 +43,12 @@ class ScoredEpisode:
     def grade(self) -> Grade:
         """The verdicts on its answer."""
         return self.record.grade
+
+    @property
+    def scene_title(self) -> str:
+        """Reference and name of its scene, such as `28 Glider between cords`; of a world the reference alone."""
+        reference = reference_of(self.key.scene)
+        return f"{reference} {self.scene_name}".rstrip() if reference.isdecimal() else reference
 
     @property
     def rung(self) -> str:

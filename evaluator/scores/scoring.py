@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
+from evaluator.answers.chance import chance_at
 from evaluator.answers.grading import GRADER_VERSION, grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.strict import AnswerKey
@@ -22,6 +23,7 @@ from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.store import RunFolder
 from scenes import content_hash_of
+from scenes.world_names import reference_of
 
 WITHHELD = "withheld until the seeds are revealed"
 """In place of the reason of a grade, which may quote the key."""
@@ -48,15 +50,18 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         UsageError: The pack is missing or malformed.
     """
     facts, grounding = keys.facts(episode.key.scene), grounding_of(episode)
+    form = keys.key(episode.key.scene, 0)
     return ScoredEpisode(
         episode=episode,
         record=record,
+        scene_name=facts.name,
         category=facts.category,
         problem_type=facts.problem_type,
         scores=dimensions(episode, record.grade, grounding, facts.disabled_tools),
+        chance=chance_at(form, record.answer_key),
         experiment_cost=cost_of(episode, facts.limits),
         grounding=grounding,
-        failures=failures_of(episode, record.grade, expected_form(keys.key(episode.key.scene, 0), facts.task)),
+        failures=failures_of(episode, record.grade, expected_form(form, facts.task)),
     )
 
 
@@ -154,7 +159,7 @@ def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[Grade
             if before != after
         ]
         lines.append(
-            f"scene {new.key.scene} seed {new.key.seed} {new.key.agent}: strict {verdicts[0][0].value} →"
+            f"scene {reference_of(new.key.scene)} seed {new.key.seed} {new.key.agent}: strict {verdicts[0][0].value} →"
             f" {verdicts[0][1].value}, normalised {verdicts[1][0].value} → {verdicts[1][1].value}"
             f" ({', '.join(reasons) or 'same grader, pack and key'})"
         )

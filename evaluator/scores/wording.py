@@ -1,5 +1,8 @@
-"""Scores as text for people: shares, dimensions, and what a budget curve shows."""
+"""Scores as text for people: shares, dimensions with what they count, floors, and what a budget curve shows."""
 
+from collections.abc import Mapping
+
+from evaluator.scores.metrics import GroupSummary
 from evaluator.statistics.budget_curve import BudgetCurve, CurveShape
 
 
@@ -35,3 +38,54 @@ def share(value: float | None) -> str:
 def decimal(value: float | None) -> str:
     """A dimension with three decimals; a dash if it is undefined."""
     return "–" if value is None else f"{value:.3f}"
+
+
+def score_text(value: float | None) -> str:
+    """A score of 0 to 100 with one decimal; a dash if it is undefined."""
+    return "–" if value is None else f"{value:.1f}"
+
+
+def counted(group: GroupSummary, name: str) -> str:
+    """Of how much a dimension of a group is taken; empty if every scored episode defines it.
+
+    Args:
+        group: The group.
+        name: Field of the dimension.
+    """
+    return counted_of(name, group.n_defined, group.n_numbers, group.n_scored)
+
+
+def counted_of(name: str, n_defined: Mapping[str, int], n_numbers: int, n_scored: int) -> str:
+    """The same from the counts.
+
+    Args:
+        name: Field of the dimension.
+        n_defined: Field → scored episodes that define it.
+        n_numbers: Numbers that the reasoning states.
+        n_scored: Scored episodes.
+    """
+    if name in {"g", "g_plus"}:
+        return f"{n_numbers} number{'' if n_numbers == 1 else 's'} in {n_defined[name]} of {n_scored} episodes"
+    return "" if n_defined[name] == n_scored else f"defined in {n_defined[name]} of {n_scored} episodes"
+
+
+def dimension(group: GroupSummary, name: str) -> str:
+    """A dimension of a group with three decimals, and of how much it is taken."""
+    note = counted(group, name)
+    return decimal(getattr(group, name)) + (f" ({note})" if note else "")
+
+
+def floor_sentence(groups: Mapping[str, GroupSummary]) -> str:
+    """What an agent that never experiments gets in place of some agents; empty if none of them has a Final Score.
+
+    Args:
+        groups: Agent → its numbers.
+    """
+    found = {name: group.blind_score for name, group in groups.items() if group.final_score is not None}
+    scores = [f"{score:.1f}" for score in found.values() if score is not None]
+    if not scores:
+        return ""
+    beside = f"{scores[0]} on the same scenes, seeds and budgets"
+    if len(set(scores)) > 1:
+        beside = ", ".join(f"{score} beside {name}" for name, score in zip(found, scores, strict=True))
+    return f"an agent that never experiments gets a Final Score of {beside}"

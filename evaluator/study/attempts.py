@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import anyio
 
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
@@ -25,7 +25,7 @@ Play = Callable[[EpisodeKey], Awaitable[Episode]]
 class LocalPlay:
     """Plays episodes in this process."""
 
-    laboratory: Laboratory
+    laboratory: EpisodeConnector
     participants: Mapping[str, Participant]
     """By name, as in the keys."""
     versions: Callable[[int], Versions]
@@ -41,7 +41,7 @@ class LocalPlay:
 
 async def play_key(
     participant: Participant,
-    laboratory: Laboratory,
+    laboratory: EpisodeConnector,
     key: EpisodeKey,
     versions: Versions,
     timeout_s: float | None = None,
@@ -66,7 +66,7 @@ async def play_key(
 
 
 async def _attempted(
-    participant: Participant, laboratory: Laboratory, key: EpisodeKey, versions: Versions, timeout_s: float | None
+    participant: Participant, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, timeout_s: float | None
 ) -> Episode:
     failure, used = "", list[Usage]()
     for attempt in range(1, MAX_ATTEMPTS + 1):

@@ -1,13 +1,30 @@
 """`--config study.toml`: the options of a run, from a file."""
 
 import tomllib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from evaluator.errors import UsageError
 
 Scalar = str | int | float | bool
+
+
+RENAMED = {"--trust-edited": "--allow-modified", "--home-from": "--home-template"}
+"""Options of version 0.1 → their names since 0.2. Version 0.3 will not know the old ones."""
+
+
+def with_new_names(words: Sequence[str], note: Callable[[str], None]) -> list[str]:
+    """Replace old names of options, up to the words after `--`; `note` gets a sentence for each."""
+    found: list[str] = []
+    for at, word in enumerate(words):
+        if word == "--":
+            return [*found, *words[at:]]
+        name, equals, value = word.partition("=")
+        if name in RENAMED:
+            note(f"{name} is called {RENAMED[name]} now; version 0.3 will not know the old name")
+        found.append(f"{RENAMED.get(name, name)}{equals}{value}")
+    return found
 
 
 def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
@@ -35,11 +52,12 @@ def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
         raise UsageError("--config needs a file, such as --config study.toml")
     file = Path(value if equals else words[place + 1])
     rest = words[:place] + words[place + (1 if equals else 2) :]
-    given = {word.partition("=")[0] for word in rest[:end]}
+    own = rest[: rest.index("--")] if "--" in rest else rest
+    given = {word.partition("=")[0] for word in own}
     from_file: list[str] = []
     for key, content in _read(file).items():
         option = f"--{key.replace('_', '-')}"
-        if option not in options or option == "--config":
+        if option not in {*options, *RENAMED} or option == "--config":
             raise UsageError(f"{file}: there is no option {key!r}; see physment-eval run --help")
         # Skip options of the command line: an option that may be repeated would get both values.
         if option not in given:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pydantic import JsonValue
 
 from evaluator.agents.recorded import RepeatingPlayer, exact_difference, replies_of
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
@@ -22,6 +22,7 @@ from evaluator.errors import UsageError
 from evaluator.protocols.text import feedback_text
 from evaluator.records import Episode, EpisodeKey, Exchange, Fork, Outcome, Usage, Versions
 from evaluator.store import RunFolder
+from scenes.world_names import reference_of
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
 """What `--episode` may say of an episode."""
@@ -116,7 +117,9 @@ class ForkParticipant:
         """The context of the agent."""
         return self.inner.running()
 
-    async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
         """Play one episode, its first turns as stored.
 
         Raises:
@@ -175,13 +178,19 @@ def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFold
         UsageError: A condition is malformed, or no episode meets them.
     """
     wanted = _conditions(text, option)
-    found = [one for one in episodes if all(str(getattr(one.key, name)) == value for name, value in wanted.items())]
+    found = [one for one in episodes if all(value in _values(one.key, name) for name, value in wanted.items())]
     if not found:
         some = f", such as {described(episodes[0].key)}" if episodes else ""
         raise UsageError(
             f"{option} {text}: {folder.path} holds {len(episodes)} episodes{some}, and none of them is meant"
         )
     return found
+
+
+def _values(key: EpisodeKey, name: str) -> set[str]:
+    """What a condition may name: also a world by its reference."""
+    value = str(getattr(key, name))
+    return {value, reference_of(key.scene)} if name == "scene" else {value}
 
 
 def _last(episode: Episode) -> int:
@@ -213,4 +222,4 @@ def fork_keys(episodes: Sequence[Episode], agents: Sequence[str]) -> dict[Episod
 
 def described(key: EpisodeKey) -> str:
     """An episode in words."""
-    return f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"
+    return f"scene {reference_of(key.scene)}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"

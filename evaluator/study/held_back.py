@@ -24,8 +24,8 @@ def seed_key_file(folder: RunFolder) -> Path:
     return folder.path / "seed_key.json"
 
 
-def read_seed_key(file: Path) -> SeedKey:
-    """The key in a file.
+def read_seed_key(file: Path, option: str = "--seed-key") -> SeedKey:
+    """The key in a file that an option names.
 
     Raises:
         UsageError: It cannot be read, or holds no key.
@@ -36,7 +36,7 @@ def read_seed_key(file: Path) -> SeedKey:
         reason = error.strerror if isinstance(error, OSError) else error
         if isinstance(error, UnicodeDecodeError):
             reason = "it must hold 64 hexadecimal digits and nothing else"
-        raise UsageError(f"--seed-key {file}: {reason} (`openssl rand -hex 32` makes such a key)") from error
+        raise UsageError(f"{option} {file}: {reason} (`openssl rand -hex 32` makes such a key)") from error
 
 
 def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
@@ -107,5 +107,8 @@ def pass_on_key(source: RunFolder, target: RunFolder) -> None:
 
 
 def is_withheld(folder: RunFolder) -> bool:
-    """Whether the grades of a run must not contain what is right, because its seeds are not revealed."""
-    return bool(folder.read_run().plan.held_back) and not seed_key_file(folder).exists()
+    """Whether the grades of a run must not contain what is right, because its seeds or worlds are held back."""
+    run = folder.read_run()
+    if any(world.commitment for world in run.worlds.values()):
+        return True
+    return bool(run.plan.held_back) and not seed_key_file(folder).exists()

@@ -8,7 +8,9 @@ from evaluator.errors import UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome
 from evaluator.run_record import MergedPart, RunRecord
 from evaluator.store import RunFolder
+from evaluator.study.played_worlds import worlds_difference
 from evaluator.study.sealing import Sealing, seal_note
+from scenes.world_names import reference_of
 
 
 def expand(folders: Iterable[Path]) -> list[RunFolder]:
@@ -47,8 +49,10 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
     records = [part.read_run() for part in parts]
     for part, record in zip(parts, records, strict=True):
         if name := records[0].difference(record):
+            worlds = worlds_difference(records[0].worlds, record.worlds) if name == "worlds" else ""
             raise UsageError(
-                f"{part.path} has other {name} than {parts[0].path}: their episodes do not belong together"
+                f"{part.path} has other {name} than {parts[0].path}: "
+                + (worlds or "their episodes do not belong together")
             )
     episodes: dict[EpisodeKey, Episode] = {}
     sources: dict[EpisodeKey, RunFolder] = {}
@@ -59,8 +63,8 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
                 episodes[key], sources[key] = episode, part
             elif known != episode and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR:
                 raise UsageError(
-                    f"{part.path} holds another record of scene {key.scene}, seed {key.seed}, {key.agent},"
-                    f" budget {key.budget}, epoch {key.epoch} than the folders before it"
+                    f"{part.path} holds another record of scene {reference_of(key.scene)}, seed {key.seed},"
+                    f" {key.agent}, budget {key.budget}, epoch {key.epoch} than the folders before it"
                 )
     notes = [seal_note(part, trust=trust) for part in parts]
     target.create(resume=False)

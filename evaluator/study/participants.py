@@ -1,5 +1,6 @@
 """Who plays a run: makes the participants that a `RunConfig` names, in this process or on another machine."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from evaluator.agents.attackers.agent import AttackerAgent
@@ -7,11 +8,13 @@ from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
+from evaluator.agents.fixed import BatchAgent, ConstantAgent
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.episode.participant import AgentParticipant, Participant
+from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.models.factory import model_participant
 from evaluator.models.lanes import Lanes
@@ -19,8 +22,11 @@ from evaluator.study.run_config import RunConfig
 
 AGENTS = (
     "reference",
+    "grammar",
     "random",
     "blind",
+    "constant",
+    "batch",
     "attacker:sweep|glance|proportional",
     "model:PRESET",
     "model:PROVIDER:NAME",
@@ -32,6 +38,21 @@ AGENTS = (
 )
 """What `--agent` takes."""
 EXTERNAL = "external"
+_PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
+    "reference": ReferenceAgent,
+    "grammar": lambda _: _grammar(),
+    "random": lambda _: RandomAgent(),
+    "blind": lambda _: BlindAgent(),
+    "constant": ConstantAgent,
+    "batch": BatchAgent,
+}
+"""Agents without a parameter: name → what makes one from the folder of scene packs."""
+
+
+def _grammar() -> Agent:
+    from evaluator.agents.grammar import GrammarAgent  # noqa: PLC0415 - loads scipy, which no other agent needs
+
+    return GrammarAgent()
 
 
 def participants_of(config: RunConfig) -> dict[str, Participant]:
@@ -83,12 +104,6 @@ def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:
             participant = model_participant(text, config.model_options, config.base_url, lanes, config.patience)
         case "oracle-once", True:
             participant = _by_turns(config, rest, lanes).wrapped(OracleOnceAgent)
-        case "reference", False:
-            participant = AgentParticipant(ReferenceAgent(config.scenes_dir))
-        case "random", False:
-            participant = AgentParticipant(RandomAgent())
-        case "blind", False:
-            participant = AgentParticipant(BlindAgent())
         case "attacker", True:
             participant = AgentParticipant(AttackerAgent(rest))
         case "scripted", True:
@@ -97,6 +112,8 @@ def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:
             participant = AgentParticipant(load_recorded(Path(rest)))
         case _, True:
             participant = load_agent(text)
+        case _ if kind in _PLAIN:
+            participant = AgentParticipant(_PLAIN[kind](config.scenes_dir))
         case _:
             raise UsageError(f"--agent {text}: there is no such agent; the agents are {', '.join(AGENTS)}")
     return participant

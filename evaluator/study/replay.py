@@ -12,7 +12,7 @@ import anyio
 from pydantic import JsonValue
 
 from evaluator.agents.recorded import RecordedAgent, exchange_difference, play_again
-from evaluator.episode.connect import Laboratory
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Record
 from evaluator.study.provenance import server_record
@@ -52,7 +52,7 @@ class Replayed:
 
 async def replay(
     agent: RecordedAgent,
-    laboratory: Laboratory,
+    laboratory: EpisodeConnector,
     *,
     contracts: frozenset[str] = frozenset(),
     rel_tol: float = REL_TOL,
@@ -88,7 +88,7 @@ async def replay(
 
 
 async def _replay_episode(
-    laboratory: Laboratory, stored: Episode, contracts: frozenset[str], rel_tol: float
+    laboratory: EpisodeConnector, stored: Episode, contracts: frozenset[str], rel_tol: float
 ) -> Replayed:
     try:
         async with laboratory.open(stored.key.scene, stored.key.seed) as client:

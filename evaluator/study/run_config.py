@@ -80,7 +80,7 @@ class RunConfig:
     out: Path | None = None
     """Run folder, or folder of the shards; None for a new one below `runs`."""
     resume: bool = False
-    trust_edited: bool = False
+    allow_modified: bool = False
     """Go on with records that do not fit to their seal."""
     dry_run: bool = False
     otel: bool = False

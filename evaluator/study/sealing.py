@@ -76,6 +76,6 @@ def _refuse(folder: RunFolder, problem: str, *, trust: bool) -> None:
     folder.episodes()  # if a line cannot even be read, this says which
     if not trust:
         raise StoreError(
-            f"{folder.episodes_file} is not what the run wrote: {problem}; --trust-edited goes on with it, and the"
+            f"{folder.episodes_file} is not what the run wrote: {problem}; --allow-modified goes on with it, and the"
             " report says so"
         )

@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from evaluator.errors import UsageError
-from scenes import Category, PackError, PackFiles, Rung, list_packs, read_pack
+from scenes import Category, PackError, PackFiles, Rung, default_folder, find_pack, list_packs, read_pack
+from scenes.finding import is_in_split
 from scenes.splits import HELD_BACK, Split, splits
+from scenes.world_names import is_world
 
 SUITE = "all"
 """Selects every scene but the open worlds, which are a track of their own."""
 USUAL_SEEDS = 20
-"""Seeds of a split that are played if `--seeds` names none."""
+"""Seeds of a split that are played if `--seeds` names none; of worlds alone, one."""
 
 
 class Selected(NamedTuple):
@@ -23,8 +25,16 @@ class Selected(NamedTuple):
     seeds: tuple[int, ...]
 
 
-def select(split: str | None, scenes: str | None, seeds: str | None, scenes_dir: Path | None) -> Selected:
+def select(
+    split: str | None = None, scenes: str | None = None, seeds: str | None = None, scenes_dir: Path | None = None
+) -> Selected:
     """What `--split`, `--scenes` and `--seeds` select; without any, the suite at seed 0.
+
+    Args:
+        split: Name of a split, among whose scenes and seeds the two others choose.
+        scenes: Ids, ranges, rungs and categories, such as `7,9,20-30`, `easy` or `category:easy-single`.
+        seeds: Numbers and ranges, such as `0,3-5`; of a split, its first twenty by default.
+        scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
         UsageError: One is malformed, selects nothing or contradicts another one.
@@ -33,32 +43,44 @@ def select(split: str | None, scenes: str | None, seeds: str | None, scenes_dir:
         return Selected("", tuple(parse_scenes(scenes or SUITE, scenes_dir)), parse_numbers(seeds or "0", "--seeds", 0))
     found = find_split(split)
     packs = scenes_in_split(found, scenes, scenes_dir)
-    return Selected(found.label, tuple(packs), seeds_in_split(found, seeds))
+    usual = USUAL_SEEDS if any(not is_world(files.scene_id) for files in packs) else 1
+    return Selected(found.label, tuple(packs), seeds_in_split(found, seeds, usual))
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
-    """The packs that `--scenes` selects: ids, ranges, rungs, categories and `all`, separated by commas.
+    """The packs that `--scenes` selects: ids, ranges, rungs, categories, worlds and `all`, separated by commas.
 
     A range selects the scenes that exist in it. A single id must exist. None selects every pack, also open worlds.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
     """
+    parts = [part.strip() for part in (text or "").split(",")]
+    worlds = [part for part in parts if part.startswith("world:")]
     try:
+        found_worlds = list({files.scene_id: files for part in worlds for files in _worlds(part, scenes_dir)}.values())
+        if worlds and len(worlds) == len(parts):
+            return found_worlds
         packs = {files.scene_id: files for files in list_packs(scenes_dir)}
         if text is None:
             return list(packs.values())
         chosen: set[int] = set()
-        for part in text.split(","):
-            found = _select(part.strip(), packs)
+        for part in (part for part in parts if part not in worlds):
+            found = _select(part, packs)
             if not found:
                 raise UsageError(
-                    f"--scenes {part.strip()}: there is no such scene; the scenes are {', '.join(map(str, packs))}"
+                    f"--scenes {part}: there is no such scene; the scenes are {', '.join(map(str, packs))}"
                 )
             chosen |= found
     except PackError as error:
         raise UsageError(str(error)) from error
-    return [packs[scene] for scene in sorted(chosen)]
+    return [packs[scene] for scene in sorted(chosen)] + found_worlds
+
+
+def _worlds(part: str, scenes_dir: Path | None) -> list[PackFiles]:
+    from scenes.worlds.expansion import world_ids  # noqa: PLC0415 - it loads numpy and scipy
+
+    return [find_pack(scene, scenes_dir) for scene in world_ids(part, scenes_dir or default_folder())]
 
 
 def find_split(name: str) -> Split:
@@ -80,21 +102,34 @@ def scenes_in_split(split: Split, scenes: str | None, scenes_dir: Path | None) -
     Raises:
         UsageError: A part is malformed, or the split has none of these scenes.
     """
-    packs = [files for files in parse_scenes(scenes, scenes_dir) if files.scene_id in split.scenes]
+    named = parse_scenes(scenes, scenes_dir)
+    try:
+        packs = [files for files in named if is_in_split(files.scene_id, split, scenes_dir)]
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    if not packs and named and is_world(named[0].scene_id):
+        raise UsageError(
+            f"the split {split.name} has none of the worlds --scenes {scenes}: their structures are in others"
+        )
     if not packs:
         where = f"--scenes {scenes}" if scenes else f"{scenes_dir}"
         raise UsageError(f"the split {split.name} has no scene of {where}; its scenes are {_ranges(split.scenes)}")
     return packs
 
 
-def seeds_in_split(split: Split, seeds: str | None) -> tuple[int, ...]:
-    """The seeds of a split that `--seeds` selects; without it the first twenty.
+def seeds_in_split(split: Split, seeds: str | None, usual: int = USUAL_SEEDS) -> tuple[int, ...]:
+    """The seeds of a split that `--seeds` selects; without it the first ones.
+
+    Args:
+        split: The split.
+        seeds: What `--seeds` says.
+        usual: How many are played if it says nothing.
 
     Raises:
         UsageError: A part is malformed, or is no seed of the split.
     """
     if seeds is None:
-        return tuple(split.seeds[:USUAL_SEEDS])
+        return tuple(split.seeds[:usual])
     chosen = parse_numbers(seeds, "--seeds", 0)
     for seed in chosen:
         if seed not in split.seeds:

@@ -23,6 +23,7 @@ from evaluator.seal import Seal
 from evaluator.store import RunFolder
 from evaluator.study.replay import REL_TOL
 from scenes import PackError, find_pack, same_pack
+from scenes.world_names import reference_of
 
 
 class Submission(Record):
@@ -95,9 +96,12 @@ def read_submission(file: Path) -> Submission:
 def first_difference(claimed: Submission, found: Submission) -> str:
     """Where a submission differs from the one that its run folder gives, as a clause; empty if it does not.
 
-    Numbers may differ by one part in 10⁹, since libraries of statistics differ in last digits.
+    Numbers may differ by one part in 10⁹, since libraries of statistics differ in last digits. A summary of another
+    scoring version keeps its numbers, which are then not compared; the verdicts are.
     """
-    before, now = (one.model_dump(mode="json") for one in (claimed, found))
+    rescored = claimed.summary.scoring_version != found.summary.scoring_version
+    left_out = {"summary"} if rescored else set[str]()
+    before, now = (one.model_dump(mode="json", exclude=left_out) for one in (claimed, found))
     for path, old, new in different_values(before, now, REL_TOL, ""):
         return f"{path} is {old!r} in the submission, and {new!r} in the run folder"
     return ""
@@ -143,7 +147,8 @@ def _check_packs(record: RunRecord, scenes_dir: Path | None) -> None:
         raise UsageError(str(error)) from error
     if other:
         raise UsageError(
-            f"the run was played on another pack of scene {other[0]} than the one here, which cannot grade it"
+            f"the run was played on another pack of scene {reference_of(int(other[0]))} than the one here,"
+            " which cannot grade it"
         )
 
 
@@ -189,4 +194,4 @@ def _verdict(record: GradeRecord) -> str:
 
 
 def _named(key: EpisodeKey) -> str:
-    return f"scene {key.scene}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"
+    return f"scene {reference_of(key.scene)}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"

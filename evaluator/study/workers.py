@@ -16,7 +16,7 @@ from typing import Protocol
 
 import anyio
 
-from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.connect import EpisodeConnector, connect
 from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records import Episode, EpisodeKey, Versions
@@ -25,6 +25,7 @@ from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from scenes import find_pack, same_pack
+from scenes.world_names import reference_of
 
 _AGAIN_S = 0.5
 """Pause before a worker that did not reply is asked again whether it is ready [s]."""
@@ -80,7 +81,7 @@ class EpisodeWorker:
     kind: str
     """What problems call it, such as `Ray worker`."""
     _participants: Mapping[str, Participant] = field(default_factory=dict[str, Participant])
-    _laboratory: Laboratory | None = None
+    _laboratory: EpisodeConnector | None = None
     _open: contextlib.AsyncExitStack = field(default_factory=contextlib.AsyncExitStack)
 
     async def prepare(self) -> UsageError | None:
@@ -95,7 +96,7 @@ class EpisodeWorker:
                 return UsageError(f"{where} has version {here}, not {self.version}")
             for scene, known in self.packs.items():
                 if not same_pack(known, find_pack(int(scene), self.config.scenes_dir)):
-                    return UsageError(f"{where} has another pack of scene {scene}")
+                    return UsageError(f"{where} has another pack of scene {reference_of(int(scene))}")
             self._participants = participants_of(self.config)
             for participant in self._participants.values():
                 await self._open.enter_async_context(participant.running())

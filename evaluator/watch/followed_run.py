@@ -20,6 +20,7 @@ from evaluator.scores.experiment_cost import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
 from evaluator.store import RunFolder
 from scenes import LabLimits, PackError, Rung, find_pack, same_pack
+from scenes.world_names import reference_of
 
 _SHOWN = 200
 """Most characters that are kept of an answer or an error."""
@@ -166,6 +167,7 @@ class FollowedRun:
                 raise UsageError(str(error)) from error
         if not self._played_here[key.scene, pack]:
             raise UsageError(
-                f"scene {key.scene} was played on another pack than the one here; name its folder with --scenes-dir"
+                f"scene {reference_of(key.scene)} was played on another pack than the one here; name its folder"
+                " with --scenes-dir"
             )
         return grade_episode(episode, self._keys.key(key.scene, key.seed)).strict

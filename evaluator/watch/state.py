@@ -12,6 +12,7 @@ from evaluator.scores.grouping import Condition, condition
 from evaluator.statistics.intervals import proportion
 from evaluator.study.shards import WHOLE, parse_shard
 from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
+from scenes.world_names import reference_of
 
 NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
 """Most episodes of each list."""
@@ -152,7 +153,14 @@ def _shown(one: FollowedEpisode) -> dict[str, Any]:
 
 
 def _named(key: EpisodeKey) -> dict[str, Any]:
-    return {"scene": key.scene, "seed": key.seed, "agent": key.agent, "budget": key.budget, "epoch": key.epoch}
+    return {
+        "scene": key.scene,
+        "name": reference_of(key.scene),
+        "seed": key.seed,
+        "agent": key.agent,
+        "budget": key.budget,
+        "epoch": key.epoch,
+    }
 
 
 def _overtaken(

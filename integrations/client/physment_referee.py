@@ -92,8 +92,9 @@ class Referee:
         Args:
             scene: Id of the scene.
             seed: Variant of the scene; 0 if neither it nor a split is named.
-            options: `split` with `index` or `random_seed` instead of a seed; `budget`, `max_calls` and `prompting`, if
-                other than the referee's defaults. None stands for the default.
+            options: `split` with `index` or `random_seed` instead of a seed; `world` instead of a scene, such as
+                `{"level": 5}`; `budget`, `max_calls` and `prompting`, if other than the referee's defaults. None stands
+                for the default.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.

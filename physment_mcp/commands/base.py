@@ -11,6 +11,8 @@ from typing import Any, Protocol
 
 from physment_mcp.errors import SceneError, UsageError
 from scenes import PackError
+from scenes.errors import WorldError
+from scenes.world_names import one_world
 
 _MOST = 10_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
@@ -106,6 +108,16 @@ def port(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
     return int(text)
+
+
+def scene_id(text: str) -> int:
+    """The number of a scene, or a reference to a world."""
+    if not text.startswith("world:"):
+        return whole_number(text)
+    try:
+        return one_world(text)
+    except WorldError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def whole_number(text: str) -> int:

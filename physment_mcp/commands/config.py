@@ -8,7 +8,7 @@ import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, observations, whole_number
+from physment_mcp.commands.base import Commands, common_options, observations, scene_id, whole_number
 from physment_mcp.errors import SceneError
 from scenes import PackError, find_pack
 
@@ -62,7 +62,7 @@ def add(commands: Commands) -> None:
         " the laboratory starts idle and the prompt `scene` opens one.",
     )
     config.add_argument("client", choices=_CLIENTS, help="which client")
-    config.add_argument("--scene", type=whole_number, default=argparse.SUPPRESS, metavar="N", help="scene to open")
+    config.add_argument("--scene", type=scene_id, default=argparse.SUPPRESS, metavar="N", help="scene to open")
     config.add_argument(
         "--seed", type=whole_number, default=argparse.SUPPRESS, metavar="S", help="variant of the scene"
     )

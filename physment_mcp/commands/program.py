@@ -11,7 +11,7 @@ from typing import NoReturn
 import anyio
 
 from physment_mcp.commands import bundle, config, export, fork_server, serve
-from physment_mcp.commands.base import common_options, observations, timestep, whole_number
+from physment_mcp.commands.base import common_options, observations, scene_id, timestep, whole_number
 from physment_mcp.contract.command_line import SentenceParser
 from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.serving.log_lines import PatientLines
@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
         parents=[common_options()],
     )
     words.add_argument("--version", action=_Versions, nargs=0, help="show the versions of this package and of MuJoCo")
-    words.add_argument("--scene", type=whole_number, metavar="N", help="scene to open; default: start idle")
+    words.add_argument("--scene", type=scene_id, metavar="N", help="scene to open, or world:5:17; default: start idle")
     words.add_argument(
         "--seed", type=whole_number, default=0, metavar="S", help="variant of the scene (default 0: as written)"
     )

@@ -12,6 +12,7 @@ from threading import Thread
 import anyio
 
 from physment_mcp.commands.base import Commands, common_options, observations, port, positive, restore_sigint, timestep
+from physment_mcp.contract.addresses import is_loopback
 from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
@@ -113,7 +114,6 @@ def run(args: argparse.Namespace) -> int:
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.capacity import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
-    from physment_mcp.serving.gate import is_loopback  # noqa: PLC0415
     from physment_mcp.serving.host import Host  # noqa: PLC0415
     from physment_mcp.serving.listening import serve  # noqa: PLC0415
 

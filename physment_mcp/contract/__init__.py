@@ -1,1 +1,1 @@
-"""What the laboratory and its clients share: names on the wire, and how command lines and sockets are read."""
+"""What the packages share: names on the wire, how command lines and sockets are read, and expressions."""

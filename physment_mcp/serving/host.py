@@ -33,10 +33,8 @@ from starlette.types import Receive, Scope, Send
 from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission, EpisodeQuota
-from physment_mcp.serving.connections import BodyGate, EpisodesFirst, with_body
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.gate import AddressGate, has_token, refuse
-from physment_mcp.serving.messages import fault_of
+from physment_mcp.serving.http_guard import HttpGuard, fault_of, has_token, refuse, with_body
 from physment_mcp.serving.scheduling import Scheduler
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
@@ -46,8 +44,6 @@ from physment_mcp.visibility import Visibility, cached_visibility
 
 logger = logging.getLogger(__name__)
 
-MAX_BODY = 64_000
-"""Largest accepted request body [bytes]: three times the largest call that a tool looks at."""
 _SESSIONS = 200
 """Most sessions that an episode may have open: one for each call of a client that ends none.
 
@@ -130,11 +126,7 @@ class Host:
         return Starlette(
             routes=routes,
             lifespan=self._lifespan,
-            middleware=[
-                Middleware(EpisodesFirst, reaches_episode=self._is_open),
-                Middleware(AddressGate, names=self.names),
-                Middleware(BodyGate, most=MAX_BODY),
-            ],
+            middleware=[Middleware(HttpGuard, reaches_episode=self._is_open, names=self.names)],
         )
 
     @contextlib.asynccontextmanager

@@ -11,18 +11,22 @@ import json
 import logging
 import socket
 import sys
+import time
+from collections import Counter
 from collections.abc import Sized
+from dataclasses import dataclass, field
 from typing import Any
 
 import uvicorn
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from uvicorn.protocols.http.flow_control import FlowControl
 
-from physment_mcp.serving.connections import REQUEST_S, Connections
 from physment_mcp.serving.host import Host
 
 logger = logging.getLogger(__name__)
 
+REQUEST_S = 15.0
+"""Wall time from the opening of a connection, or from the first byte of a request, to the end of its headers [s]."""
 _KEEP_ALIVE_S = 60
 """How long an idle connection is kept [s]: longer than by clients (5 s), so that none is closed just as it is used."""
 _CONNECTIONS_EACH = 8
@@ -33,14 +37,46 @@ _READ = 2048
 """Bytes that are read of a connection before others are looked at: all requests among them are parsed at once."""
 _ACCEPTED_AT_ONCE = 8
 """Connections that are accepted before requests on open ones are looked at again."""
+_WARN_S = 60.0
+"""Shortest wall time between two warnings that connections are turned away [s]."""
 _WAITING = 1024
 """Connections that may wait to be accepted."""
 
 _NEW_OBJECTS = (2_000, 5, 50)
-"""Thresholds of the garbage collector: it looks at so many objects at once, which takes 1 to 2 ms, at the survivors of
-five times so many (5 ms), and at all after fifty times as many again, if they have become more by a quarter."""
+"""Thresholds of the garbage collector: generation 0 after 2,000 allocations (1 to 2 ms), generation 1 after 5
+collections of generation 0 (5 ms), generation 2 after 50 of generation 1, if its objects have become more by a
+quarter."""
 _M_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 """The parameter of glibc's `mallopt`, and the size from which memory is a mapping of its own [bytes]."""
+
+
+@dataclass(slots=True)
+class Connections:
+    """The open connections, in all and of each address."""
+
+    most: int
+    most_of_address: int
+    _open: Counter[str] = field(default_factory=Counter[str])
+    _warned_at: float = -_WARN_S
+
+    def enter(self, address: str) -> bool:
+        """Count a new connection; returns False, and does not count it, if there are too many."""
+        if self._open.total() < self.most and self._open[address] < self.most_of_address:
+            self._open[address] += 1
+            return True
+        if time.monotonic() - self._warned_at >= _WARN_S:
+            self._warned_at = time.monotonic()
+            logger.warning(
+                "connections are turned away: %d are open, %d of them from %s (at most %d and %d)",
+                *(self._open.total(), self._open[address], address, self.most, self.most_of_address),
+            )
+        return False
+
+    def leave(self, address: str) -> None:
+        """A connection that was counted is closed."""
+        self._open[address] -= 1
+        if not self._open[address]:
+            del self._open[address]
 
 
 def listen(address: str, port: int) -> socket.socket:

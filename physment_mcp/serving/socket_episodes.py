@@ -27,6 +27,7 @@ from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission
 from physment_mcp.serving.frames import Frames
+from physment_mcp.serving.http_guard import MAX_BODY
 from physment_mcp.serving.scheduling import Scheduler, Turns
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
@@ -35,8 +36,6 @@ from physment_mcp.visibility import Visibility
 
 logger = logging.getLogger(__name__)
 
-MAX_LINE = 64_000
-"""Longest accepted line [bytes]: as the body of a request over HTTP."""
 _REQUEST_S = 15.0
 """Longest wall time until the first line is complete [s]."""
 _CLOSED = "the connection of this episode was closed"
@@ -64,7 +63,7 @@ class _Lines(LineStream):
         return message
 
     def too_long(self) -> None:
-        logger.warning("an episode is closed: a line on its socket had more than %d bytes", MAX_LINE)
+        logger.warning("an episode is closed: a line on its socket had more than %d bytes", MAX_BODY)
 
 
 class SocketEpisodes:
@@ -184,7 +183,7 @@ async def _ignore(_context: DispatchContext[TransportContext], _method: str, _pa
 @contextlib.asynccontextmanager
 async def _lines_of(connection: socket.socket) -> AsyncGenerator[_Lines]:
     """The streams of a socket, which is closed afterwards; what was written still arrives."""
-    reader, writer = await asyncio.open_connection(sock=connection, limit=MAX_LINE)
+    reader, writer = await asyncio.open_connection(sock=connection, limit=MAX_BODY)
     try:
         yield _Lines(reader, writer)
     finally:

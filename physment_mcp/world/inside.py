@@ -6,7 +6,7 @@ of the engine after that would end the process. Here the same C functions are ca
 """
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -17,8 +17,8 @@ _FILES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 _BODY = int(mujoco.mjtObj.mjOBJ_BODY)
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int
 _Six = ctypes.c_double * 6
-_TORQUE = 3 * ctypes.sizeof(ctypes.c_double)
-"""Where the torque begins in six numbers [bytes]."""
+_THREE = 3 * ctypes.sizeof(ctypes.c_double)
+"""Size of a force, a torque or a place [bytes]."""
 _numbers_of = (ctypes.c_double * 0).from_buffer
 """Where the numbers of a numpy array are, also of an empty one; in a third of the time of `array.ctypes`."""
 
@@ -58,10 +58,20 @@ def body_velocity(at: Addresses, body: int) -> list[float]:
     return velocity[:]
 
 
-def add_passive_force(at: Addresses, data: mujoco.MjData, body: int, load: Sequence[float]) -> None:
-    """Add a force [N] at the centre of mass of a body and a torque [N·m] (6,), world axes, to the passive forces.
+def add_passive_forces(at: Addresses, data: mujoco.MjData, loads: Sequence[float], bodies: Iterable[int]) -> None:
+    """Add forces [N] at the centres of mass of bodies and torques [N·m], world axes, to the passive forces.
+
+    Args:
+        at: Addresses of the model and of `data`.
+        data: Of the model.
+        loads: Six numbers for each of `bodies`.
+        bodies: On which they act, in order; one may come more than once.
 
     Source: MuJoCo `mj_applyFT`, `qfrc_passive`.
     """
-    force, point, sums = _Six(*load), _numbers_of(data.xipos[body]), _numbers_of(data.qfrc_passive)
-    _APPLY_FT(at.model, at.data, force, ctypes.byref(force, _TORQUE), point, body, sums)
+    model, address = at
+    row, sums = (ctypes.c_double * len(loads))(*loads), _numbers_of(data.qfrc_passive)
+    force, centres = ctypes.addressof(row), ctypes.addressof(_numbers_of(data.xipos))
+    for body in bodies:
+        _APPLY_FT(model, address, force, force + _THREE, centres + _THREE * body, body, sums)
+        force += 2 * _THREE

@@ -1,40 +1,23 @@
-"""Laws: forces on bodies as expressions of time and of the motion of bodies, written into the model's XML.
-
-The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list of laws, all constants drawn:
-
-    {"on": "object_1", "with": {"other": "partner"}, "constants": {"k": 3.2},
-     "let": {"r": "hypot(x - other_x, y - other_y)"},
-     "force": ["-k*(x-other_x)/r**2.5", "-k*(y-other_y)/r**2.5", "0"], "torque": ["0", "0", "0"], "reaction": "other",
-     "factor": 1.0}
-
-`force` [N] and `torque` [N·m], world axes, act at the centre of mass of the body `on`. `reaction` is the key in `with`
-of the body on whose centre of mass the opposite force acts; a torque has no reaction. `factor` multiplies force and
-torque; a draw that leaves a law out gives it the factor 0, and it is still evaluated. Names are `t` [s]; `x y z` [m]
-and `vx vy vz` [m/s] of the centre of mass; `wx wy wz` [rad/s]; for a body with exactly one hinge `angle` [rad] and
-`spin` [rad/s]; the same with `other_` before them; constants; what `let` defines.
+"""Laws bound to a model: all of them compiled to one function, whose forces are given to the engine.
 
 A law has no memory: the engine evaluates it in every stage of its integrator, and for readings.
 """
 
 import copy
 import functools
-import json
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import mujoco
+import numpy as np
 
+from physment_mcp.contract.expressions import ExpressionError
 from physment_mcp.errors import SceneError
 from physment_mcp.world.engines import passive_forces_act
-from physment_mcp.world.expressions import ExpressionError, Formulas
-from physment_mcp.world.inside import Addresses, add_passive_force, body_velocity
+from physment_mcp.world.expressions import Formulas, Part, Summand, joined
+from physment_mcp.world.inside import Addresses, add_passive_forces, body_velocity
 from physment_mcp.world.readings import only_hinge
-
-TEXT = "laws"
-"""Name of the text element that holds the laws."""
-
-LAW_LIMIT = 64
-"""Most laws of a model."""
+from physment_mcp.world.written_laws import WrittenLaw, read_laws
 
 _KEPT = 256
 """Most laws whose compiled formulas are kept."""
@@ -42,30 +25,14 @@ _PLACE = ("x", "y", "z")
 _MOTION = ("wx", "wy", "wz", "vx", "vy", "vz")
 """In the order of `mj_objectVelocity`."""
 _HINGE = ("angle", "spin")
-_ZERO = ("0", "0", "0")
-
-
-class WrittenLaw(NamedTuple):
-    """A law as in the JSON."""
-
-    on: str
-    others: Mapping[str, str]
-    constants: Mapping[str, float]
-    let: Mapping[str, str]
-    results: Mapping[str, str]
-    """`force[0]` to `torque[2]` → expression."""
-    reaction: str | None
-    factor: float
-    """Multiplies force and torque: 0 for a law that the draw leaves out, otherwise 1."""
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of all bodies that it needs."""
-        return (self.on, *self.others.values())
+_APPLIED = ("push_x", "push_y", "push_z", "turn_x", "turn_y", "turn_z")
+"""In the order of `xfrc_applied`."""
+_FORCE = ("force[0]", "force[1]", "force[2]")
+_TORQUE = ("torque[0]", "torque[1]", "torque[2]")
 
 
 class _Source(NamedTuple):
-    """What a law reads of one body."""
+    """What laws read of one body."""
 
     body: int
     massive: bool
@@ -73,74 +40,152 @@ class _Source(NamedTuple):
     place: bool
     motion: bool
     hinge: tuple[int, int] | None
-    """Where the angle is in qpos and the spin in qvel."""
+    """Where the angle is in qpos and the spin in qvel; None if they are not read."""
+    applied: bool
+    """Whether the force and the torque are read that are applied to the body."""
+
+    @property
+    def arguments(self) -> list[str]:
+        """Names of its values, in the order of `values`."""
+        groups = ((self.place, _PLACE), (self.motion, _MOTION), (self.hinge, _HINGE), (self.applied, _APPLIED))
+        return [_argument(self.body, name) for needed, names in groups if needed for name in names]
+
+    def values(self, at: Addresses, data: mujoco.MjData) -> list[float]:
+        """Its values, as Python's floats: with those of numpy, a division by zero would raise nothing."""
+        values: list[float] = []
+        if self.place:
+            # The engine gives no meaning to the centre of mass of a body without mass.
+            places = data.xipos if self.massive else data.xpos
+            values += places[self.body].tolist()
+        if self.motion:
+            values += body_velocity(at, self.body)
+        if self.hinge is not None:
+            values += (data.qpos.item(self.hinge[0]), data.qvel.item(self.hinge[1]))
+        if self.applied:
+            values += data.xfrc_applied[self.body].tolist()
+        return values
 
 
-class BoundLaw:
-    """A law compiled for one model. It does not keep the model alive.
+class CheckedLaw:
+    """A law whose expressions mean something in a model.
 
     Raises:
         ExpressionError: An expression is not allowed.
     """
 
     def __init__(self, written: WrittenLaw, model: mujoco.MjModel) -> None:
-        self._body = int(model.body(written.on).id)
-        self._factor = written.factor
-        self._reaction = int(model.body(written.others[written.reaction]).id) if written.reaction else None
-        bodies = {"": self._body, **{f"{key}_": int(model.body(name).id) for key, name in written.others.items()}}
-        hinges = {prefix: only_hinge(model, body) for prefix, body in bodies.items()}
-        names = ["t"]
-        for prefix, hinge in hinges.items():
-            names += [prefix + name for name in (*_PLACE, *_MOTION, *(_HINGE if hinge else ()))]
-        parts = (written.constants, written.let, written.results)
-        self._formulas = _formulas(tuple(names), *(tuple(part.items()) for part in parts))
-        self._arguments = ["t"]
-        self._sources: list[_Source] = []
+        self.body = int(model.body(written.on).id)
+        self.reaction = int(model.body(written.others[written.reaction]).id) if written.reaction else None
+        bodies = {"": self.body, **{f"{key}_": int(model.body(name).id) for key, name in written.others.items()}}
+        names: dict[str, str] = {}
         for prefix, body in bodies.items():
-            groups = [[prefix + name for name in group] for group in (_PLACE, _MOTION, _HINGE)]
-            place, motion, hinge = (not self._formulas.used.isdisjoint(group) for group in groups)
-            self._sources.append(
-                _Source(body, float(model.body_mass[body]) > 0, place, motion, hinges[prefix] if hinge else None)
-            )
-            for group, needed in zip(groups, (place, motion, hinge), strict=True):
-                self._arguments += group if needed else []
-        self._function = self._formulas.function(self._arguments)
+            groups = (*_PLACE, *_MOTION, *_APPLIED, *(_HINGE if only_hinge(model, body) else ()))
+            names |= {prefix + name: _argument(body, name) for name in groups}
+        parts = (written.constants, written.let, written.results)
+        self.formulas = _formulas(("t", *names), *(tuple(part.items()) for part in parts))
+        self.arguments = {name: names.get(name, name) for name in self.formulas.used}
+        """The names of values that it uses → those of arguments."""
+        self.part = Part(self.formulas, self.arguments, written.factor)
+
+
+class BoundLaws:
+    """The laws of one model, compiled to one function. It does not keep the model alive.
+
+    Raises:
+        ExpressionError: They are too long.
+    """
+
+    def __init__(self, laws: Sequence[CheckedLaw], model: mujoco.MjModel) -> None:
+        self._laws = tuple(laws)
+        used = {name for law in laws for name in law.arguments.values()}
+        self._sources = [source for body in range(model.nbody) if (source := _source(model, body, used)) is not None]
+        self._arguments = ["t", *(name for source in self._sources for name in source.arguments)]
+        self._bodies, sums = _sums(laws, model)
+        self._function = joined([law.part for law in laws], sums, self._arguments)
 
     def act(self, at: Addresses, data: mujoco.MjData) -> None:
-        """Add the law's force to the passive forces. Safe inside a call of the engine.
+        """Add the forces of the laws to the passive forces. Safe inside a call of the engine.
 
         Args:
             at: Addresses of the model and of `data`.
             data: Of the model, with positions and velocities up to date.
 
         Raises:
-            ArithmeticError: It has no value in this state.
+            ArithmeticError: One has no value in this state.
             ValueError: As above.
         """
         # The same arithmetic for every factor: the time that a step takes must not tell which laws were drawn.
-        load = [self._factor * part for part in self._function(*self._state(at, data))]
-        add_passive_force(at, data, self._body, load)
-        if self._reaction is not None:
-            x, y, z = load[:3]
-            add_passive_force(at, data, self._reaction, (-x, -y, -z, 0.0, 0.0, 0.0))
+        add_passive_forces(at, data, self._function(*self._state(at, data)), self._bodies)
 
     def fault(self, model: mujoco.MjModel, data: mujoco.MjData) -> str | None:
-        """The field that has no finite value in this state, and why."""
-        return self._formulas.fault(self._arguments, self._state(Addresses.of(model, data), data))
+        """The first field that has no finite value in this state, and why."""
+        values = dict(zip(self._arguments, self._state(Addresses.of(model, data), data), strict=True))
+        for index, law in enumerate(self._laws):
+            own = [values[name] for name in law.arguments.values()]
+            if fault := law.formulas.fault([*law.arguments], own):
+                return f"laws[{index}].{fault}"
+        return None
 
     def _state(self, at: Addresses, data: mujoco.MjData) -> list[float]:
-        """Values of the arguments, as Python's floats: with those of numpy, a division by zero would raise nothing."""
+        """Values of the arguments."""
         values = [float(data.time)]
         for source in self._sources:
-            if source.place:
-                # The engine gives no meaning to the centre of mass of a body without mass.
-                places = data.xipos if source.massive else data.xpos
-                values += places[source.body].tolist()
-            if source.motion:
-                values += body_velocity(at, source.body)
-            if source.hinge is not None:
-                values += (data.qpos.item(source.hinge[0]), data.qvel.item(source.hinge[1]))
+            values += source.values(at, data)
         return values
+
+
+def _sums(laws: Sequence[CheckedLaw], model: mujoco.MjModel) -> tuple[list[int], list[list[Summand]]]:
+    """Bodies on which loads act, and for each the summands of three components of force and three of torque."""
+    bodies: list[int] = []
+    sums: list[list[Summand]] = []
+    rows: dict[int, int] = {}
+    for number, law in enumerate(laws):
+        for body, opposite in ((law.body, False), (law.reaction, True)):
+            if body is None:
+                continue
+            if body not in rows or not _adds_exactly(model, body):
+                rows[body] = len(sums)
+                bodies.append(body)
+                sums += [[] for _ in (*_FORCE, *_TORQUE)]
+            for axis, field in enumerate(_FORCE if opposite else (*_FORCE, *_TORQUE)):
+                sums[rows[body] + axis].append(Summand(number, field, opposite))
+    return bodies, sums
+
+
+def _adds_exactly(model: mujoco.MjModel, body: int) -> bool:
+    """Whether the engine gets the same bits if forces on a body are added before they are applied.
+
+    So it is if the body slides along axes of the world and nothing else is applied to its joints. It saves most of the
+    time of laws.
+    """
+    joints = slice(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+    dofs = slice(model.body_dofadr[body], model.body_dofadr[body] + model.body_dofnum[body])
+    return (
+        int(model.body_parentid[body]) == 0
+        and not (model.body_parentid[1:] == body).any()
+        and model.body_quat[body].tolist() == [1, 0, 0, 0]
+        and bool((model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE).all())
+        and bool(np.isin(model.jnt_axis[joints], (-1, 0, 1)).all())
+        and not model.jnt_stiffness[joints].any()
+        and not model.dof_damping[dofs].any()
+        and not model.ntendon
+    )
+
+
+def _argument(body: int, name: str) -> str:
+    """The argument of all laws for a value of a body. No name of a pack has such a sign."""
+    return f"{name}@{body}"
+
+
+def _source(model: mujoco.MjModel, body: int, used: Collection[str]) -> _Source | None:
+    """What laws read of a body by the arguments that they use; None if nothing."""
+    place, motion, hinge, applied = (
+        any(_argument(body, name) in used for name in names) for names in (_PLACE, _MOTION, _HINGE, _APPLIED)
+    )
+    if not (place or motion or hinge or applied):
+        return None
+    massive = float(model.body_mass[body]) > 0
+    return _Source(body, massive, place, motion, only_hinge(model, body) if hinge else None, applied)
 
 
 @functools.lru_cache(_KEPT)
@@ -154,26 +199,8 @@ def _formulas(
     return Formulas(names, dict(constants), dict(let), dict(results))
 
 
-def read_laws(spec: mujoco.MjSpec) -> tuple[WrittenLaw, ...]:
-    """The laws in a model's text element; none if it has no such element.
-
-    Raises:
-        SceneError: The text is not in the format.
-    """
-    texts = [text.data for text in spec.texts if text.name == TEXT]
-    if not texts:
-        return ()
-    try:
-        listed = json.loads(texts[0])
-    except ValueError as error:
-        raise SceneError("the scene's laws are no JSON") from error
-    if not isinstance(listed, list) or len(listed) > LAW_LIMIT:
-        raise SceneError(f"the scene's laws must be a list of at most {LAW_LIMIT}")
-    return tuple(_written(f"laws[{index}]", law) for index, law in enumerate(listed))
-
-
-def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw, ...]:
-    """The laws of a scene that is being loaded, compiled for its model.
+def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> BoundLaws | None:
+    """The laws of a scene that is being loaded, compiled for its model; None if it has none.
 
     Raises:
         SceneError: A law names an unknown body, contains what is not allowed, or could not act.
@@ -181,26 +208,30 @@ def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw,
     written = read_laws(spec)
     if written and not passive_forces_act(model):
         raise SceneError("the scene has laws, which cannot act because its XML disables passive forces")
-    laws: list[BoundLaw] = []
+    laws: list[CheckedLaw] = []
     for index, law in enumerate(written):
         if unknown := [name for name in law.bodies if not _has(model, name)]:
             raise SceneError(f"laws[{index}] on {law.on}: the model has no body {unknown[0]!r}")
         try:
-            laws.append(BoundLaw(law, model))
+            laws.append(CheckedLaw(law, model))
         except ExpressionError as error:
             raise SceneError(f"laws[{index}] on {law.on}: {error}") from error
-    return tuple(laws)
+    try:
+        return BoundLaws(laws, model) if laws else None
+    except ExpressionError as error:
+        raise SceneError(f"the scene's laws: {error}") from error
 
 
-def laws_after_edit(spec: mujoco.MjSpec, model: mujoco.MjModel) -> tuple[BoundLaw, ...]:
-    """The laws that remain after an edit, compiled for the new model.
+def laws_after_edit(spec: mujoco.MjSpec, model: mujoco.MjModel) -> BoundLaws | None:
+    """The laws that remain after an edit, compiled for the new model; None if none does.
 
     A law ceases when a body that it names has been deleted.
     """
-    return tuple(BoundLaw(law, model) for law in read_laws(spec) if all(_has(model, name) for name in law.bodies))
+    laws = [CheckedLaw(law, model) for law in read_laws(spec) if all(_has(model, name) for name in law.bodies)]
+    return BoundLaws(laws, model) if laws else None
 
 
-def refuse_faults(laws: tuple[BoundLaw, ...], model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def refuse_faults(laws: BoundLaws, model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Refuse laws that have no finite value at the start.
 
     Raises:
@@ -209,48 +240,8 @@ def refuse_faults(laws: tuple[BoundLaw, ...], model: mujoco.MjModel, data: mujoc
     settled = copy.copy(data)
     mujoco.mj_fwdPosition(model, settled)
     mujoco.mj_comVel(model, settled)
-    for index, law in enumerate(laws):
-        if fault := law.fault(model, settled):
-            raise SceneError(f"laws[{index}].{fault} at the start")
-
-
-def _written(where: str, law: Any) -> WrittenLaw:
-    fields = {"on", "with", "constants", "let", "force", "torque", "reaction", "factor"}
-    if not isinstance(law, dict) or not set(law) <= fields or not isinstance(law.get("on"), str):
-        raise SceneError(f"{where} must be an object with `on` and some of {', '.join(sorted(fields - {'on'}))}")
-    others, let = law.get("with", {}), law.get("let", {})
-    for field, value in (("with", others), ("let", let)):
-        if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
-            raise SceneError(f"{where}.{field} must be an object whose values are texts")
-    if any(not key.isascii() or not key.isidentifier() for key in others):
-        raise SceneError(f"{where}.with: a key must be a plain name, because it becomes a prefix")
-    if "force" not in law and "torque" not in law:
-        raise SceneError(f"{where} has neither `force` nor `torque`")
-    results: dict[str, str] = {}
-    for field in ("force", "torque"):
-        axes = law.get(field, _ZERO)
-        if not isinstance(axes, list | tuple) or [type(text) for text in axes] != [str] * 3:
-            raise SceneError(f"{where}.{field} must be a list of three expressions")
-        results |= {f"{field}[{axis}]": text for axis, text in enumerate(axes)}
-    reaction = law.get("reaction")
-    if reaction is not None and reaction not in others:
-        raise SceneError(f"{where}.reaction must be a key of `with`")
-    constants, factor = _numbers(where, law)
-    return WrittenLaw(law["on"], others, constants, let, results, reaction, factor)
-
-
-def _numbers(where: str, law: Mapping[str, Any]) -> tuple[dict[str, float], float]:
-    """The constants of a law, and its factor."""
-    constants, factor = law.get("constants", {}), law.get("factor", 1.0)
-    if not isinstance(constants, dict) or not all(map(_is_number, constants.values())):
-        raise SceneError(f"{where}.constants must be an object whose values are finite numbers")
-    if not _is_number(factor):
-        raise SceneError(f"{where}.factor must be a finite number")
-    return {name: float(value) for name, value in constants.items()}, float(factor)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and abs(value) < 1e300
+    if fault := laws.fault(model, settled):
+        raise SceneError(f"{fault} at the start")
 
 
 def _has(model: mujoco.MjModel, body: str) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 
 from physment_mcp.errors import SceneError, Unstable
 from physment_mcp.world.engines import delete
-from physment_mcp.world.laws import BoundLaw, laws_after_edit, laws_at_start, refuse_faults
+from physment_mcp.world.laws import BoundLaws, laws_after_edit, laws_at_start, refuse_faults
 from physment_mcp.world.passive import data_of, let_act
 from physment_mcp.world.readings import Array
 
@@ -48,7 +48,7 @@ class CompiledScene(NamedTuple):
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
-    laws: tuple[BoundLaw, ...]
+    laws: BoundLaws | None
     """Laws of the scene; they do not act on this model, but on the copies that `model_of` makes."""
     state: Array
     """The state at the start, in the layout of `STATE`."""
@@ -83,11 +83,13 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
         reason = " ".join(str(error).split())
         raise SceneError(f"the scene's XML does not compile: {reason}") from error
     data = data_of(model)
+    data.time = started.time
     for field in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         getattr(data, field)[:] = getattr(started, field)
     state = state_of(model, data)
     laws = laws_at_start(spec, model)
-    refuse_faults(laws, model, data)
+    if laws is not None:
+        refuse_faults(laws, model, data)
     return CompiledScene(spec, model, laws, state)
 
 
@@ -101,7 +103,7 @@ def model_of(start: CompiledScene) -> mujoco.MjModel:
     Without laws it is that of the start. Laws act on a copy: while a model with laws lives, the engine calls them back
     in every step of every model, so a model that is kept has none.
     """
-    if not start.laws:
+    if start.laws is None:
         return start.model
     model = copy.copy(start.model)
     let_act(model, start.laws)

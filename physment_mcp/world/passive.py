@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from physment_mcp.world.inside import Addresses
-from physment_mcp.world.laws import BoundLaw
+from physment_mcp.world.laws import BoundLaws
 
-_LAWS: dict[int, tuple[BoundLaw, ...]] = {}
+_LAWS: dict[int, BoundLaws] = {}
 """Address of a model → its laws."""
 
 _DATA: weakref.WeakValueDictionary[int, mujoco.MjData] = weakref.WeakValueDictionary()
@@ -33,8 +33,7 @@ def _add_laws(model_address: int, data_address: int) -> None:
     data, at = _DATA[data_address], Addresses(model_address, data_address)
     acted = False
     try:
-        for law in laws:
-            law.act(at, data)
+        laws.act(at, data)
         acted = True
     except (ArithmeticError, ValueError):
         return
@@ -44,9 +43,9 @@ def _add_laws(model_address: int, data_address: int) -> None:
             data.qfrc_passive[:] = np.nan
 
 
-def let_act(model: mujoco.MjModel, laws: tuple[BoundLaw, ...]) -> None:
-    """Let laws act on a model for as long as it lives, on all data that `data_of` makes for it."""
-    if not laws:
+def let_act(model: mujoco.MjModel, laws: BoundLaws | None) -> None:
+    """Let laws act on a model for as long as it lives, if there are any, on all data that `data_of` makes for it."""
+    if laws is None:
         return
     with _LOCK:
         _LAWS[model._address] = laws  # noqa: SLF001 - what the engine gives to the callback
@@ -62,7 +61,7 @@ def data_of(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def _forget(address: int, laws: tuple[BoundLaw, ...]) -> None:
+def _forget(address: int, laws: BoundLaws) -> None:
     """Forget the laws of a freed model, and remove the callback after the last one."""
     with _LOCK:
         # A new model may have got the address already.

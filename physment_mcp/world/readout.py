@@ -2,9 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,10 @@ class Readout:
     fineness: Mapping[Quantity, Fineness] = field(default_factory=dict[Quantity, Fineness])
     seed: str = ""
     """Seed of the noise. It must not depend on hidden values."""
+
+    def salted(self, salt: str) -> Self:
+        """The same instruments, whose noise depends on a secret text besides."""
+        return replace(self, seed=f"{self.seed}:{salt}")
 
     def is_noisy(self, quantity: Quantity) -> bool:
         """Whether readings of a quantity have noise."""

@@ -20,6 +20,8 @@ from physment_mcp.world.readout import EXACT, Readout
 from physment_mcp.world.sensors import Sensors
 from physment_mcp.world.simulation import Simulation, settle
 
+NOISE_SALT = "noise_salt"
+"""Name of a model's text element on which the noise of its instruments depends, so that nobody computes it."""
 OVERLAP_LIMIT = 1e-3
 """Depth [m] to which a body may be placed into another."""
 
@@ -36,6 +38,11 @@ class World(Simulation):
             readout: How finely the world is read.
         """
         super().__init__(mjcf, timestep)
+        salts = [text.data for text in self._spec.texts if text.name == NOISE_SALT]
+        self._readout = readout.salted(salts[0]) if salts else readout
+
+    def read_with(self, readout: Readout) -> None:
+        """Read the world with other instruments from now on. No tool reaches this: it is for programs that prove."""
         self._readout = readout
 
     # Reading

@@ -1,16 +1,27 @@
 """Scene 100: load each knob as far as its latch allows, let go, load again; fit each kind of works."""
 
+from itertools import permutations
+
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 KINDS = ("slow", "flow", "all", "two", "dry")
 KNOBS = [f"object_{number}" for number in range(1, 6)]
 STRONG, PUSH_S, REST_S = 50.0, 100.0, 100.0
 FORCE, LATCH = 8.0, 0.25
-RESOLUTION = 3e-4
+RESOLUTION = 2e-4
 FIRST_FORCE, ROOM, BACK, LESS = 0.5, 0.17, 1.3, 0.7
+RANGES = {
+    "slow": [(10, 600), (20, 150)],
+    "flow": [(1500, 15000), (0.4, 5), (10, 600)],
+    "all": [(1500, 15000), (0.4, 5), (10, 600), (10, 600), (2, 25)],
+    "two": [(10, 600), (0.3, 4), (10, 600), (15, 120)],
+    "dry": [(10, 600), (0.7, 8), (0.8, 5)],
+}
+"""Constants of each kind, as the task bounds them; see `_way`."""
 SPANS_S = (2.0, 2.0, 2.0, 2.0, 4.0, 8.0, 16.0)
 
 
@@ -71,22 +82,62 @@ def _logs(exchanges):
     return pushes, {knob: tuple(map(np.array, zip(*read[knob], strict=True))) for knob in KNOBS}
 
 
-def _fitted(kind, pushes, read):
-    """Least misfit and parameters of a knob as of a kind. Readings from the latch on do not count."""
+def _misfits(kind, pushes, read):
+    """Misfits of a knob as of a kind, as a function of the logarithms. Readings from the latch on do not count."""
     places, ways = read
     caught = np.argmax(np.abs(ways) > LATCH) if (np.abs(ways) > LATCH).any() else len(ways)
     places, ways = places[:caught], ways[:caught]
 
-    def misfit(logs):
-        off = (_way(kind, np.exp(np.clip(logs, -20, 20)), pushes)[places] - ways) / (RESOLUTION / 2)
-        return np.nan_to_num(off, nan=1e6, posinf=1e6, neginf=-1e6)
+    def misfits(logs):
+        return (_way(kind, np.exp(logs), pushes)[places] - ways) / (RESOLUTION / 3)
 
-    stiffness = max(abs(force) for force, _ in pushes) / max(np.abs(ways).max(), 0.01)
+    return misfits
+
+
+def _bounds(kind):
+    return np.log(RANGES[kind])
+
+
+def _fitted(kind, pushes, read):
+    """Misfits at their least, the logarithms there, and the function."""
+    misfits = _misfits(kind, pushes, read)
+    low, high = _bounds(kind).T
+    stiffness = max(abs(force) for force, _ in pushes) / max(np.abs(read[1]).max(), 0.01)
     starts = [np.log(start) for k in (stiffness, 2 * stiffness) for start in _starts(kind, k)]
-    starts.sort(key=lambda logs: float(np.sum(misfit(logs) ** 2)))
-    found = [least_squares(misfit, logs, max_nfev=60) for logs in starts[:3]]
+    starts = [np.clip(start, low + 1e-3, high - 1e-3) for start in starts]
+    starts.sort(key=lambda logs: float(np.sum(misfits(logs) ** 2)))
+    found = [least_squares(misfits, logs, bounds=(low, high), max_nfev=60) for logs in starts[:3]]
     best = min(found, key=lambda fitted: fitted.cost)
-    return float(best.cost), np.exp(np.clip(best.x, -20, 20))
+    return 2 * float(best.cost), best.x, misfits
+
+
+def _all_fitted(exchanges):
+    """Every knob fitted as of every kind."""
+    pushes, read = _logs(exchanges)
+    return {
+        (number, kind): _fitted(kind, pushes[knob], read[knob]) for number, knob in enumerate(KNOBS) for kind in KINDS
+    }
+
+
+def _joined(kinds, fits):
+    """The member of the family in which the knobs are of these kinds."""
+    parts = [fits[number, kind] for number, kind in enumerate(kinds)]
+    ends = np.cumsum([len(logs) for _, logs, _ in parts])[:-1]
+
+    def misfits(logs):
+        return np.concatenate([part[2](own) for part, own in zip(parts, np.split(logs, ends), strict=True)])
+
+    def predict(logs):
+        return _predict([(kind, np.exp(own)) for kind, own in zip(kinds, np.split(logs, ends), strict=True)])
+
+    ranges = [tuple(bounds) for kind in kinds for bounds in _bounds(kind)]
+    return member(misfits, predict, np.concatenate([logs for _, logs, _ in parts]), ranges)
+
+
+def rivals(readings):
+    """Every order of the five kinds."""
+    fits = _all_fitted(readings)
+    return {", ".join(kinds): _joined(kinds, fits) for kinds in permutations(KINDS)}
 
 
 def _predict(works):
@@ -104,20 +155,16 @@ def fit(readings, structure):
     """The prediction, with the works of a structure: kinds of the knobs in order."""
     pushes, read = _logs(readings)
     kinds = structure.split(", ")
-    return _predict([(kind, _fitted(kind, pushes[k], read[k])[1]) for kind, k in zip(kinds, KNOBS, strict=True)])
+    return _predict(
+        [(kind, np.exp(_fitted(kind, pushes[k], read[k])[1])) for kind, k in zip(kinds, KNOBS, strict=True)]
+    )
 
 
 def _guess(exchanges):
-    """The prediction, with the kind of each knob that fits best for its number of parameters."""
-    pushes, read = _logs(exchanges)
-    works = []
-    for knob in KNOBS:
-        tried = []
-        for kind in KINDS:
-            cost, p = _fitted(kind, pushes[knob], read[knob])
-            tried.append((2 * cost + 6 * len(p), kind, p))
-        works.append(min(tried, key=lambda entry: entry[0])[1:])
-    return _predict(works)
+    """The prediction, with the order of kinds that fits best."""
+    fits = _all_fitted(exchanges)
+    best = min(permutations(KINDS), key=lambda kinds: sum(fits[place][0] for place in enumerate(kinds)))
+    return _predict([(kind, np.exp(fits[number, kind][1])) for number, kind in enumerate(best)])
 
 
 def _push(forces):

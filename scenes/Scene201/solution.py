@@ -118,6 +118,7 @@ FLOOR = PuckFloor(
     near_m=NEAR_M,
     leg_s=LEG_S,
     steer=_steer,
+    rim_m=6.0,
     fixed_pushes=(
         (2.9, 0.3, 1.2),
         (-1.0, -0.3, 1.2),

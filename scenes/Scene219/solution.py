@@ -1,5 +1,7 @@
 """Scene 219: learn the mass, lead the puck to and fro over the floor, fit each law of the leash, predict."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from scenes.courses import Laws
@@ -22,6 +24,7 @@ BOX = {
 LED_M_S, HELD_S, FAST_M_S = 5.0, 5.0, 10.0
 BLUR_M = 0.01
 FEW_CALLS = 28
+SWIFT, TOO_FAR_M = 0.7, 4.8
 
 
 def _soft(beyond):
@@ -116,6 +119,14 @@ class Floor(PuckFloor):
     def mass(self, readings):
         """Mass so far; less, as long as few readings tell it."""
         return (0.6 if len(readings) < FEW_CALLS else 1.0) * super().mass(readings)
+
+    def aimed(self, place, speed, target):
+        """The push that suits a puck that is soon slowed, unless one that keeps its speed would leave the floor."""
+        pushed = super().aimed(place, speed, target)
+        after = SWIFT * (speed + self.leg_s * pushed)
+        rest = place + self.leg_s * (speed + after) / 2 + self.coasts_s * after
+        cautious = np.hypot(*rest) > TOO_FAR_M
+        return PuckFloor.aimed(replace(self, slowed=SWIFT), place, speed, target) if cautious else pushed
 
     def best(self, readings):
         """The answer of the structure that fits best."""

@@ -3,10 +3,12 @@
 from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from scenes.courses import Channel, force, position
 from scenes.family import member
-from scenes.protocol import answer, call
+from scenes.protocol import answer
+from scenes.rigs import Rig
+from scenes.steps import LateParts, fitted_from
 
 HALF, LATCH, ASKED = 1.5, 0.06, 0.15
 REACH = 0.054
@@ -15,8 +17,6 @@ RESOLUTION = 0.00003
 PLACES, RATIOS, GAPS = (0.5, 1.3), (0.4, 5.0), (0.015, 0.04)
 """Ranges of a loose prop: how far it is from the middle, its stiffness over that of all fixed ones, and its gap."""
 WAIT_S = 5.0
-PRESSED, PRESSES = 0.001, 3
-"""A loose prop is known once it was pressed so far, so many times."""
 LOOSE = {"left": (-1,), "right": (1,), "both": (-1, 1)}
 """Sides on which a prop stands apart."""
 ROUNDS = (
@@ -30,6 +30,12 @@ ROUNDS = (
     (0.95, ((1, 0.7), (0.7, 1), (1, -0.3), (-0.3, 1))),
 )
 """How far the loose props of the fit so far are trusted, and sinkings of left and right end in shares of the reach."""
+
+RIG = Rig(
+    [force("object_1", 2), Channel("apply_torque", "object_1", "torque_vector", 1)],
+    [position("object_1", 2), Channel("get_position", "object_1", "angle")],
+    significant=6,
+)
 
 
 def _load(p, sides, height, angle):
@@ -54,19 +60,11 @@ def _stiffness(p, sides, height, angle):
 
 def _points(readings):
     """Forces, torques, heights and angles of rest, up to the latch."""
-    force = torque = start = 0.0
-    points = []
-    for asked, got in readings:
-        if asked.tool == "apply_force":
-            force = asked.arguments["force_vector"][2]
-        elif asked.tool == "apply_torque":
-            torque = asked.arguments["torque_vector"][1]
-        elif asked.tool == "get_position":
-            height, angle = got["position"][2] - 1.0 - start, got["angle"]
-            if max(abs(height + HALF * angle), abs(height - HALF * angle)) > LATCH:
-                break
-            points.append((force, torque, height, angle))
-    return np.array(points or [(0.0, 0.0, 0.0, 0.0)]).T
+    course = RIG.course(readings)
+    height, angle = course.readings.T - [[1.0], [0.0]]
+    within = np.maximum(np.abs(height + HALF * angle), np.abs(height - HALF * angle)) <= LATCH
+    count = len(height) if np.all(within) else int(np.argmin(within))
+    return np.array([*course.controls[:count].T, height[:count], angle[:count]]) if count else np.zeros((4, 1))
 
 
 def _linear(points):
@@ -104,14 +102,12 @@ def _fitted(kind, points):
     """Misfit and the parameters of the props that fit best."""
     misfits, ranges = _misfits(kind, points), np.array(_ranges(kind, points)).T
     first = np.clip(_linear(points), *ranges[:, :3])
-    best = None
-    for place, gap in product((0.7, 1.1), (0.028, 0.038)):
-        start = [*first, *(v for side in LOOSE[kind] for v in (side * place, 1.0, gap))]
-        sizes = [first[0], first[0], first[2], *(0.5, 1.0, 0.01) * len(LOOSE[kind])]
-        got = least_squares(misfits, start, bounds=ranges, x_scale=sizes, max_nfev=25)
-        best = got if best is None or got.cost < best.cost else best
-    best = least_squares(misfits, best.x, bounds=ranges, x_scale=sizes, max_nfev=60)
-    return 2 * best.cost, best.x
+    starts = [
+        [*first, *(v for side in LOOSE[kind] for v in (side * place, 1.0, gap))]
+        for place, gap in product((0.7, 1.1), (0.028, 0.038))
+    ]
+    sizes = [first[0], first[0], first[2], *(0.5, 1.0, 0.01) * len(LOOSE[kind])]
+    return fitted_from(misfits, starts, ranges, sizes)
 
 
 def _best(points):
@@ -145,46 +141,32 @@ def _predict(kind, p):
     return [_hung(p, LOOSE[kind], end) for end in (1, -1)]
 
 
-def _apply(force, torque):
-    return [
-        call("apply_force", object_id="object_1", force_vector=[0, 0, float(f"{force:.6g}")]),
-        call("apply_torque", object_id="object_1", torque_vector=[0, float(f"{torque:.6g}"), 0]),
-        call("step", duration=WAIT_S),
-        call("get_position", object_id="object_1"),
-    ]
+def _pressed(part, points):
+    """How far the plank was below the top of a loose prop."""
+    place, _, gap = part
+    return -gap - (points[2] - place * points[3])
 
 
-def _trusted(kind, p, points):
-    """The fit without the loose props that were hardly pressed so far: their stiffness is not known yet."""
-    p = np.array(p)
-    for number in range(len(LOOSE[kind])):
-        place, _, gap = p[3 + 3 * number : 6 + 3 * number]
-        if np.sum(-gap - (points[2] - place * points[3]) > PRESSED) < PRESSES:
-            p[4 + 3 * number] = 0.0
-    return p
+PROPS = LateParts(_pressed, least=0.001, times=3)
+
+
+def _sunk(kind, p, trust, ends):
+    """Load the plank so that both ends sink by shares of the reach, with loose props as far as they are trusted."""
+    left, right = ends
+    place = -REACH * (left + right) / 2, REACH * (right - left) / (2 * HALF)
+    alone, held = (_load(p, sides, *place) for sides in ((), LOOSE.get(kind, ())))
+    return RIG.leg([a + trust * (h - a) for a, h in zip(alone, held, strict=True)], WAIT_S)
 
 
 def solve(task):
     """Weak forces for the scale, then chosen sinkings of the ends, farther as the props become known."""
-    seen = []
-    for force in (2, 12, 72):
-        calls = [*_apply(-force, 0)]
-        seen += zip(calls, (yield calls), strict=True)
-        if seen[-1][1]["position"][2] < 1 - 0.0015:
-            break
-    calls = [*_apply(0, force / 5), *_apply(-force / 2, -force / 6)]
+    seen, push = yield from RIG.touched(-2, 6, WAIT_S, lambda reading: reading[0] < 1 - 0.0015)
+    calls = RIG.leg((0, -push / 5), WAIT_S) + RIG.leg((push / 2, push / 6), WAIT_S)
     seen += zip(calls, (yield calls), strict=True)
-    kind, plan = None, _linear(_points(seen))
-    for trust, ways in ROUNDS:
-        calls = []
-        for left, right in ways:
-            place = -REACH * (left + right) / 2, REACH * (right - left) / (2 * HALF)
-            alone, held = (_load(plan, sides, *place) for sides in ((), LOOSE.get(kind, ())))
-            calls += _apply(*(float(a + trust * (h - a)) for a, h in zip(alone, held, strict=True)))
-        seen += zip(calls, (yield calls), strict=True)
-        kind, p = _best(_points(seen))
-        plan = _trusted(kind, p, _points(seen))
-    yield [answer(_predict(kind, p))]
+    found = yield from PROPS.approached(
+        seen, ROUNDS, _linear(_points(seen)), _sunk, lambda seen: (*_best(_points(seen)), _points(seen))
+    )
+    yield [answer(_predict(*found))]
 
 
 def fit(readings, structure):
@@ -227,8 +209,7 @@ def naive(knobs):
 
 def stage(task):
     """Press one end down as if a load hung on it."""
-    calls = _apply(-1200, 1800)
-    readings = yield calls
+    readings = yield RIG.leg((-1200, 1800), WAIT_S)
     sunk = HALF * readings[-1]["angle"] - (readings[-1]["position"][2] - 1.0)
     load = 1200 * ASKED / max(sunk, 1e-4)
     yield [answer([load, load])]
@@ -237,8 +218,9 @@ def stage(task):
 def batch(task):
     """Five strengths, each by three ways of loading, the weakest first."""
     calls = []
-    for force in (8, 24, 72, 200, 500):
-        calls += [*_apply(-force, 0), *_apply(-force / 2, 0.5 * force), *_apply(-force / 2, -0.5 * force)]
+    for newtons in (8, 24, 72, 200, 500):
+        for pushes in ((-newtons, 0), (-newtons / 2, newtons / 2), (-newtons / 2, -newtons / 2)):
+            calls += RIG.leg(pushes, WAIT_S)
     readings = yield calls
     yield [answer(_predict(*_best(_points(list(zip(calls, readings, strict=True))))))]
 

@@ -4,33 +4,38 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
-SLEDGE, TRACTOR, ASKED_M_S = "object_1", "object_2", 4.5
-START_M, NEAREST_M, LINE_M, LIMIT_N = 1.6, 0.36, 0.5, 6.0
-READ_M, READ_M_S = 4e-4, 9e-5
+SLEDGE, TRACTOR, ASKED_M_S = "object_1", "object_2", 3.0
+START_M, NEAREST_M, LINE_M, BRISK = 1.6, 0.36, 0.8, 3.2
+READ_M, READ_M_S = 4e-4, 4.5e-5
 """Standard deviations of differences of readings."""
-FIRST_S, CREEP_M_S, LOOK_M, MOST_LOOKS = 0.1, 0.22, 0.22, 8
-"""Length of the first push; speed with which the end of the slack is sought, way between looks and their number."""
-FIRST_JERK_M_S, PORTIONS_M, COAST_M = 0.25, (0.025, 0.12, 0.0), 0.06
+FIRST_N, GROWTH, FIRST_S, SEEN_M_S = 0.001, 60.0, 0.1, 0.005
+"""First push; how much each is stronger than the one before, how long they are, and the speed that tells the mass."""
+CREEP_M_S, LOOK_M, MOST_LOOKS = 0.22, 0.3, 6
+""" speed with which the end of the slack is sought, way between looks and their number."""
+FIRST_JERK_M_S, PORTIONS_M, COAST_M = 0.25, (0.025, 0.2, 0.0), 0.06
 """Speed of the first slow jerk, line that each later one is to let off, and way without a push before it."""
-LEG_M, LEGS, RUNNING_M, RUNNING_S, PARTS, SLOW_M_S, CALLS = 0.04, 6, 0.01, 0.02, 5, 0.04, 144
+IN_RUN_S = 0.06, 0.15
+"""When the last jerk is looked at: after the line is straight, and again."""
+LEG_M, LEGS, RUNNING_M, RUNNING_S, PARTS, SLOW_M_S, CALLS = 0.04, 5, 0.01, 0.02, 5, 0.04, 146
 """The fast run: line between two looks, and looks in an iteration; line and time after which the drum runs
 steadily; parts of a leg in the fit; least speed; most calls."""
-KINDS = ("linear", "square", "fading")
+KINDS = ("dry", "linear", "square")
+LOW, HIGH = (0.7, 0.7, np.log(0.1), np.log(1.0)), (1.4, 1.4, np.log(4.0), np.log(2.5))
+"""Bounds of the masses over those by the momentum, and of the logarithms of slowing and unit of speed."""
 
 
 def _brake(kind, w):
     """Pull at a speed in units, over the pull at which the drum begins to turn."""
     if kind == "dry":
         return 1.0 + 0.0 * w
-    if kind == "fading":
-        return 1.0 / (1.0 + w)
     return 1.0 + (w if kind == "linear" else w**2)
 
 
 def _push(force):
-    return call("apply_force", object_id=TRACTOR, force_vector=[round(float(force), 3), 0, 0])
+    return call("apply_force", object_id=TRACTOR, force_vector=[float(f"{force:.5g}"), 0, 0])
 
 
 def _wait(duration):
@@ -65,8 +70,9 @@ def _masses(rows):
     """Masses from the momentum at each look; the tractor's alone where the sledge has not moved yet."""
     table, impulse = rows[1:, 2:4], rows[1:, 5]
     if np.max(np.abs(table[:, 1])) < 0.01:
-        return np.array([float(table[:, 0] @ impulse / (table[:, 0] @ table[:, 0])), 2.0])
-    return np.clip(np.linalg.lstsq(table, impulse, rcond=None)[0], 0.1, 50.0)
+        own = float(table[:, 0] @ impulse / (table[:, 0] @ table[:, 0]))
+        return np.array([own, own])
+    return np.clip(np.linalg.lstsq(table, impulse, rcond=None)[0], 1e-5, 1e3)
 
 
 def _passages(rows):
@@ -78,48 +84,74 @@ def _passages(rows):
     straight = reached[moved[0]]
     first, last = rows[:-1], rows[1:]
     before, after = first[:, 2] - first[:, 3], last[:, 2] - last[:, 3]
-    held = np.maximum.accumulate(np.where(abs(rows[:, 2] - rows[:, 3]) < 0.004, rows[:, 1], 0.0))[:-1]
+    still = (abs(rows[:, 2] - rows[:, 3]) < 0.004) | (rows[:, 1] < reached - 0.005)
+    held = np.maximum.accumulate(np.where(still, reached, 0.0))[:-1]
     legs = (first[:, 1] > held + RUNNING_M + RUNNING_S * before) & (before > SLOW_M_S) & (after > SLOW_M_S)
-    legs &= (last[:, 3] - first[:, 3] > 5e-4) & (reached[1:] < straight + LINE_M - 0.02)
+    legs &= (last[:, 3] - first[:, 3] > 5e-4) & (reached[1:] < straight + LINE_M - 0.06)
+    # The end of the line stops the relative motion at once; the leg before may have met it in its last time step.
+    going = np.append(after[1:], after[-1:])
+    legs &= (last[:, 4] <= 0) | (np.minimum(after, going) > 0.8 * before)
     jerks = (last[:, 4] == 0) & (first[:, 1] < reached[:-1] - 0.02) & (before > 0.1) & (abs(after) < 0.004)
     jerks &= (last[:, 1] > reached[:-1] + 0.003) & (np.arange(len(first)) > moved[0])
     return (first[legs], last[legs]), (first[jerks], last[jerks], reached[:-1][jerks])
 
 
-def _fitted(rows, kind):
-    """Misfit, masses, and hold and unit of speed of a brake."""
-    m1, m2 = _masses(rows)
-    reduced = m1 * m2 / (m1 + m2)
+def _misfits(rows, kind):
+    """Misfits of speeds, ways and momenta, and what turns their constants into masses, hold and unit of speed.
+
+    The constants are both masses over those that the momentum tells, the logarithm of the slowing of the relative
+    motion at slow speed, and that of the unit of speed.
+    """
     (first, last), (slack, held, length) = _passages(rows)
     duration, push = last[:, 0] - first[:, 0], last[:, 4]
     nodes, weights = np.polynomial.legendre.leggauss(8)
     speeds = np.outer(slack[:, 2] - slack[:, 3], (nodes + 1) / 2)
+    masses = _masses(rows)
+    momentum = READ_M_S * np.hypot(*masses)
+    steps = np.diff(rows[:, 2:4], axis=0), np.diff(rows[:, 5])
+
+    def brake(p):
+        m1, m2 = p[:2] * masses
+        return m1, m2, np.exp(p[2]) * m1 * m2 / (m1 + m2), np.exp(p[3])
 
     def misfit(p):
-        hold, unit = np.exp(p)
+        m1, m2, hold, unit = brake(p)
         fast, slow = first[:, 2], first[:, 3]
         for _ in range(PARTS):
             pull = hold * _brake(kind, np.maximum(fast - slow, 0.0) / unit)
             middle = fast - slow + duration / PARTS / 2 * ((push - pull) / m1 - pull / m2)
             pull = hold * _brake(kind, np.maximum(middle, 0.0) / unit)
             fast, slow = fast + duration / PARTS * (push - pull) / m1, slow + duration / PARTS * pull / m2
-        way = reduced / hold * speeds / _brake(kind, speeds / unit)
+        way = speeds / np.exp(p[2]) / _brake(kind, speeds / unit)
         way = (way @ weights) / 2 * (slack[:, 2] - slack[:, 3])
-        ways = (way - (held[:, 1] - length)) / (READ_M + 0.004 * way)
-        return np.concatenate([(fast - last[:, 2]) / READ_M_S, (slow - last[:, 3]) / READ_M_S, ways])
+        ways = (way - (held[:, 1] - length)) / np.hypot(READ_M, 0.004 * np.abs(held[:, 1] - length))
+        pushed = (steps[0] @ np.array([m1, m2]) - steps[1]) / momentum
+        return np.concatenate([(fast - last[:, 2]) / READ_M_S, (slow - last[:, 3]) / READ_M_S, ways, pushed])
 
+    return misfit, brake
+
+
+def _fitted(rows, kind):
+    """Chi-square, misfits, the best constants, and what turns them into masses, hold and unit of speed."""
+    misfit, brake = _misfits(rows, kind)
     fits = [
-        least_squares(
-            misfit,
-            np.log([hold, unit]),
-            bounds=(np.log([0.05, 0.2]), np.log([20.0, 40.0])),
-            loss="soft_l1",
-            max_nfev=40,
-        )
-        for hold, unit in ((1.0, 1.2), (1.0, 4.0))
+        least_squares(misfit, (1.0, 1.0, np.log(slowing), np.log(unit)), bounds=(LOW, HIGH), x_scale="jac", max_nfev=60)
+        for slowing in (0.4, 0.9)
+        for unit in (1.2, 2.0)
     ]
     best = min(fits, key=lambda got: got.cost)
-    return float(best.cost), m1, m2, *np.exp(best.x)
+    return 2 * best.cost, misfit, best.x, brake
+
+
+def rivals(readings):
+    """Each kind of brake, fitted."""
+    rows, found = _rows(readings), {}
+    for kind in KINDS:
+        _, misfit, best, brake = _fitted(rows, kind)
+        found[kind] = member(
+            misfit, lambda p, kind=kind, brake=brake: _run_off(kind, *brake(p)), best, list(zip(LOW, HIGH, strict=True))
+        )
+    return found
 
 
 def _run_off(kind, m1, m2, hold, unit):
@@ -130,7 +162,8 @@ def _run_off(kind, m1, m2, hold, unit):
 
 def fit(readings, structure):
     """The answer by a kind of brake."""
-    return _run_off(structure, *_fitted(_rows(readings), structure)[1:])
+    _, _, best, brake = _fitted(_rows(readings), structure)
+    return _run_off(structure, *brake(best))
 
 
 def _best(exchanges):
@@ -138,29 +171,33 @@ def _best(exchanges):
     rows = _rows(exchanges)
     fits = {kind: _fitted(rows, kind) for kind in KINDS}
     kind = min(KINDS, key=lambda name: fits[name][0])
-    return _run_off(kind, *fits[kind][1:])
+    return _run_off(kind, *fits[kind][3](fits[kind][2]))
 
 
-def _run_up(gain, way, speed):
-    """Back by less than a way, and forth again up to a speed, short of where it began; and the speed itself."""
-    speed = min(speed, np.sqrt(2 * gain * (way - COAST_M)))
-    back = np.sqrt((COAST_M + speed**2 / (2 * gain)) / gain)
-    return [_push(-LIMIT_N), _wait(back), _push(LIMIT_N), _wait(back + speed / gain), _push(0.0), *_look(0.005)]
+def _run_up(mass, way, speed):
+    """Back by less than a way, and forth again up to a speed, short of where it began."""
+    speed = min(speed, np.sqrt(2 * BRISK * (way - COAST_M)))
+    back = np.sqrt((COAST_M + speed**2 / (2 * BRISK)) / BRISK)
+    push = BRISK * mass
+    return [_push(-push), _wait(back), _push(push), _wait(back + speed / BRISK), _push(0.0), *_look(0.005)]
 
 
 def solve(task):
     """Coast to where the line is straight, let line off by slow jerks, then by a fast run."""
-    yield [call("find_objects")]
     exchanges = []
 
     def made(calls, readings):
         exchanges.extend(zip(calls, readings, strict=True))
         return _rows(exchanges)
 
-    calls = [_push(2.0), *_look(FIRST_S)]
-    rows = made(calls, (yield calls))
-    gain = LIMIT_N / _masses(rows)[0]
-    calls = [_push(LIMIT_N), _wait((CREEP_M_S - rows[-1, 2]) / gain), _push(0.0)]
+    push, rows = FIRST_N, np.zeros((1, 6))
+    while rows[-1, 2] < SEEN_M_S:
+        calls = [*([] if exchanges else [call("find_objects")]), _push(push), *_look(FIRST_S)]
+        rows = made(calls, (yield calls))
+        push *= GROWTH
+    mass = _masses(rows[-2:])[0] if len(rows) > 2 else _masses(rows)[0]
+    more = CREEP_M_S - rows[-1, 2]
+    calls = [_push(np.sign(more) * BRISK * mass), _wait(abs(more) / BRISK), _push(0.0)]
     for _ in range(MOST_LOOKS):
         calls += [_wait(LOOK_M / CREEP_M_S), call("get_velocity", object_id=SLEDGE)]
         readings = yield calls
@@ -172,20 +209,23 @@ def solve(task):
     rows = made(calls, (yield calls))
     speed = FIRST_JERK_M_S
     for portion in PORTIONS_M:
-        calls = _run_up(gain, rows[-1, 1] - NEAREST_M, speed)
+        calls = _run_up(mass, rows[-1, 1] - NEAREST_M, speed)
         rows = made(calls, (yield calls))
         v, length = rows[-1, 2] - rows[-1, 3], np.max(rows[:, 1])
-        calls = _look((length - rows[-1, 1]) / v + 0.6 / v)
+        straight = (length - rows[-1, 1]) / v
+        calls = _look(straight + 0.6 / v)
+        if not portion:
+            calls = [*_look(straight + IN_RUN_S[0]), *_look(IN_RUN_S[1]), *_look(1.2)]
         rows = made(calls, (yield calls))
         way = max(rows[-1, 1] - length, 0.002)
         speed = v * float(np.clip(np.sqrt(portion / way), 0.5, 4.0))
-    back = np.sqrt((rows[-1, 1] - NEAREST_M) / gain)
-    full = gain * back * np.sqrt(2)
+    back = np.sqrt((rows[-1, 1] - NEAREST_M) / BRISK)
+    full = BRISK * back * np.sqrt(2)
     calls = [
-        _push(-LIMIT_N),
+        _push(-BRISK * mass),
         _wait(back),
-        _push(LIMIT_N),
-        *_look(back + full / gain - 0.02),
+        _push(BRISK * mass),
+        *_look(back + full / BRISK - 0.02),
         *(_look(LEG_M / full) * LEGS),
     ]
     rows = made(calls, (yield calls))
@@ -226,15 +266,17 @@ def naive(knobs):
 
 
 def stage(task):
-    """Pull with all force until the line is off."""
-    calls = [call("find_objects"), _push(LIMIT_N), *_look(2.5)]
-    readings = yield calls
-    yield [answer(float(readings[-4]["position"][0] - readings[-3]["position"][0]))]
+    """Pull with a large force until the line is off, and say how much there was."""
+    readings = yield [call("find_objects"), _push(1000.0), *_look(2.5)]
+    gap = float(readings[-4]["position"][0] - readings[-3]["position"][0])
+    yield [answer(min(gap - START_M, LINE_M))]
 
 
 def batch(task):
-    """Pull with all force, with looks at even intervals."""
-    calls = [call("find_objects"), _push(LIMIT_N), *_look(0.3), *(_look(0.1) * 10)]
+    """Ever stronger pushes for tractors of middle mass, with two looks at each."""
+    calls = [call("find_objects")]
+    for number in range(5):
+        calls += [_push(0.1 * 2.2**number), *(_look(0.5) * 2)]
     exchanges = list(zip(calls, (yield calls), strict=True))
     try:
         value = _best(exchanges)

@@ -5,6 +5,7 @@ from math import cos, sin
 import numpy as np
 
 from scenes.courses import Channel, Laws, Predictor, force, velocity
+from scenes.family import members
 from scenes.protocol import answer
 from scenes.rigs import Rig
 from scenes.swings import LegFit, Swing, to_a_side
@@ -12,32 +13,33 @@ from scenes.swings import LegFit, Swing, to_a_side
 LEAN, FORCE, PAWL, GRAVITY = 0.6, 10.0, 0.3, 9.81
 _COMMON = ("total", "e", "l", "kappa")
 STRUCTURES = {
-    "plus": (*_COMMON, "pp", "from_plus"),
-    "minus": (*_COMMON, "pm", "from_minus"),
-    "both": (*_COMMON, "pp", "from_plus", "pm", "from_minus"),
+    "plus": (*_COMMON, "more_plus", "from_plus"),
+    "minus": (*_COMMON, "more_minus", "from_minus"),
+    "both": (*_COMMON, "more_plus", "from_plus", "more_minus", "from_minus"),
 }
 BOX = {
     "total": (0.03, 30.0),
     "e": (0.03, 0.6),
     "l": (0.2, 1.2),
     "kappa": (1.0, 30.0),
-    "pp": (1.0, 150.0),
-    "pm": (1.0, 150.0),
-    "from_plus": (0.1, 0.25),
-    "from_minus": (0.1, 0.25),
+    "more_plus": (0.8, 5.0),
+    "more_minus": (0.8, 5.0),
+    "from_plus": (0.13, 0.21),
+    "from_minus": (0.13, 0.21),
     "bend": (0.1, 600.0),
 }
-"""Mass of both; moment of the crate's mass over it; inertia, and stiffness less the weight, over this moment."""
-FAR = 0.18
+"""Mass of both; moment of the crate's mass over it; inertia, and stiffness less the weight, over this moment; stiffness
+of a further spring over this one."""
+FAR, HUGE_KG = 0.18, 1e7
 
 
 def _back(knobs, angle):
     """Torque towards the upright, less that of the weight at small angles, over the moment of mass."""
     torque = (knobs["kappa"] + GRAVITY) * angle + knobs.get("bend", 0.0) * angle**3
-    if "pp" in knobs:
-        torque = torque + knobs["pp"] * np.maximum(angle - knobs["from_plus"], 0.0)
-    if "pm" in knobs:
-        torque = torque - knobs["pm"] * np.maximum(-angle - knobs["from_minus"], 0.0)
+    for side, name in ((1, "plus"), (-1, "minus")):
+        if f"more_{name}" in knobs:
+            further = np.maximum(side * angle - knobs[f"from_{name}"], 0.0)
+            torque = torque + side * knobs["kappa"] * knobs[f"more_{name}"] * further
     return torque
 
 
@@ -86,10 +88,14 @@ def _course(readings):
     return course.until(abs(course.readings[:, 0]) > PAWL - 0.003)
 
 
+def _own(structure, knobs):
+    """The constants of a structure alone."""
+    return {name: float(knobs[name]) for name in STRUCTURES[structure]}
+
+
 def predict(structure, knobs):
     """Accelerations at which the crate leans so far to either side."""
-    knobs = {name: float(knobs[name]) for name in STRUCTURES[structure]}
-    torques = [side * float(_back(knobs, side * LEAN)) for side in (-1, 1)]
+    torques = [side * float(_back(_own(structure, knobs), side * LEAN)) for side in (-1, 1)]
     return [(torque - GRAVITY * sin(LEAN)) / cos(LEAN) for torque in torques]
 
 
@@ -122,10 +128,15 @@ SWING = Swing(
 solve, batch, fit = SWING.solve, SWING.batch, SWING.model.fit
 
 
+def rivals(readings):
+    """Further springs on one side, the other, or both, fitted."""
+    return members(LAWS, _course(readings), predict)
+
+
 def naive(knobs):
     """The springs near the upright; the weight left out."""
     alone = ((knobs["kappa"] + GRAVITY) * LEAN - GRAVITY * sin(LEAN)) / cos(LEAN)
-    light = [side / cos(LEAN) * float(_back(knobs, side * LEAN)) for side in (-1, 1)]
+    light = [side / cos(LEAN) * float(_back(_own(knobs["kind"], knobs), side * LEAN)) for side in (-1, 1)]
     return {"springs near the upright": [alone, alone], "without weight": light}
 
 
@@ -140,20 +151,40 @@ def stage(task):
     yield [answer(found)]
 
 
-def measure(engine, knobs):
-    """The force that holds the trolley under the leaning crate at a standstill, with gravity along x besides.
+def _driven(engine, angle, force, **changes):
+    """The crate at an angle on a trolley of a huge mass under a constant force, without pawl and nets."""
+    free = engine.changed(
+        {
+            "body[pawl].pos": (0.0, 0.0, 0.0),
+            "joint[object_2_joint].range": (-500.0, 500.0),
+            "body[object_1]/inertial.mass": HUGE_KG,
+            "key[start].qpos": (0.0, angle),
+            **changes,
+        }
+    )
+    free.push("object_1", force=np.array([force, 0.0, 0.0]))
+    return free
 
-    An accelerated trolley is the same as one at rest with gravity towards its rear. The trolley is held by a huge mass.
-    """
+
+def settles(engine, knobs, off):
+    """Both leans under constant accelerations, let go a little off; a weak brake at the hinge calms the crate."""
+    left, brake = [], 0.3 * knobs["q"] * knobs["l"] * knobs["own"]
+    for side, rate in zip((-1, 1), predict(knobs["kind"], knobs), strict=True):
+        force = -side * rate * (HUGE_KG + knobs["mass"])
+        free = _driven(engine, side * LEAN * (1 + off), force, **{"joint[object_2_joint].damping": brake})
+        free.step(free.whole_steps(25.0))
+        left.append(free.turn("object_2").angle / (side * LEAN) - 1)
+    return max(left, key=abs)
+
+
+def measure(engine, knobs):
+    """The acceleration at which the crate does not begin to turn, on a trolley that a huge mass keeps to it."""
     found = []
     for side, theory_of in zip((-1, 1), predict(knobs["kind"], knobs), strict=True):
-        changes = {"body[pawl].pos": (0.0, 0.0, 0.0), "joint[object_2_joint].range": (-500.0, 500.0)}
-        free = engine.changed({**changes, "body[object_1]/inertial.mass": 1e7})
         low, high = 0.3 * theory_of, 2.0 * theory_of
         for _ in range(25):
             rate = (low + high) / 2
-            free = free.changed({"key[start].qpos": (0.0, side * LEAN)})
-            free.push("object_1", force=np.array([-side * rate * (1e7 + knobs["mass"]), 0.0, 0.0]))
+            free = _driven(engine, side * LEAN, -side * rate * (HUGE_KG + knobs["mass"]))
             free.step(2)
             low, high = (rate, high) if side * free.turn("object_2").spin < 0 else (low, rate)
         found.append((low + high) / 2)

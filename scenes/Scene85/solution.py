@@ -5,14 +5,16 @@ from itertools import product
 import numpy as np
 from scipy.integrate import quad
 
-from scenes.courses import Channel, Laws, recorded
-from scenes.protocol import answer, call
+from scenes.courses import Channel, Laws
+from scenes.family import members
+from scenes.protocol import answer
+from scenes.rigs import Rig
 
 FULL_RAD_S, SLOW_RAD_S = 80.0, 10.0
 GREATEST_NM, GREATEST_RAD_S2 = 8.0, 30.0
 EDGE_RAD, EDGE_RAD_S, SHORTEST_S, LONGEST_S, MOMENT_S, RECENT = 53.0, 46.0, 0.15, 2.2, 0.025, 15
 GUARD_RAD, GUARD_RAD_S = 60.0, 50.0
-LEGS, CALLS = 13, 150
+LEGS, LOOKS, CALLS = 13, 3, 150
 CREEP_RAD_S = 0.5
 """Spin below which the dry part of the brake fades."""
 BRAKES = {"eddy": "r", "shoes": "s"}
@@ -52,10 +54,19 @@ LAWS, FINE = _laws(0.15), _laws(0.03)
 """Long steps tell the laws apart; the constants need short ones, since the dry part changes within a moment."""
 
 
+RIG = Rig(
+    [Channel("apply_torque", "object_1", "torque_vector", 2)],
+    [Channel("get_position", "object_1", "angle"), Channel("get_velocity", "object_1", "angular_velocity")],
+    decimals=8,
+)
+
+
 def _course(readings):
-    torque = Channel("apply_torque", "object_1", "torque_vector", 2)
-    seen = Channel("get_position", "object_1", "angle"), Channel("get_velocity", "object_1", "angular_velocity")
-    return recorded(readings, [torque], seen)
+    """The course up to where the guard acted."""
+    course = RIG.course(readings)
+    angles, spins = abs(course.readings.T)
+    kept = course.until((angles > GUARD_RAD) | (spins > GUARD_RAD_S))
+    return kept if kept.count else course
 
 
 def _run_down(structure, knobs):
@@ -91,6 +102,11 @@ def theory(knobs):
     return _run_down(structure(knobs), knobs)
 
 
+def rivals(readings):
+    """Each brake, fitted."""
+    return members(LAWS, _course(readings), _run_down)
+
+
 def naive(knobs):
     """A brake that lasts; one that follows the other law, alike at 20 rad/s; the dry part alone."""
     law = "shoes" if knobs["law"] == "eddy" else "eddy"
@@ -100,14 +116,6 @@ def naive(knobs):
         "other law": _run_down(f"{law}, {knobs['use']}", other),
         "dry friction": _run_down("eddy, weakens", {**knobs, "r": 1e-6, "e": 1e9}),
     }
-
-
-def _push(strength, duration, looks=2):
-    """A torque, with looks in even intervals."""
-    look = max(1, round(duration / looks / 0.005)) * 0.005
-    eyes = [call("get_position", object_id="object_1"), call("get_velocity", object_id="object_1")]
-    push = call("apply_torque", object_id="object_1", torque_vector=[0.0, 0.0, round(float(strength), 8)])
-    return [push, *([call("step", duration=round(look, 3)), *eyes] * looks)]
 
 
 def _roughly(course):
@@ -147,7 +155,7 @@ def solve(task):
     """Torques that grow until the wheel turns visibly; then to and fro, always short of the guard."""
     seen, strength = [], 0.0005
     while True:
-        calls = _push(strength, 0.15, looks=1)
+        calls = RIG.leg(strength, 0.15)
         readings = yield calls
         seen += zip(calls, readings, strict=True)
         spin, before = readings[-1]["angular_velocity"], seen[-5][1]["angular_velocity"] if len(seen) > 4 else 0.0
@@ -161,7 +169,7 @@ def solve(task):
         if duration < SHORTEST_S:
             sense = -sense
             duration = _lasts(readings[-2]["angle"], spin, sense * greatest, brake)
-        calls = _push(sense * greatest * inertia, 0.4 if leg < 1 else max(duration, SHORTEST_S), looks=3)
+        calls = RIG.leg(sense * greatest * inertia, 0.4 if leg < 1 else max(duration, SHORTEST_S), LOOKS)
         if len(seen) + len(calls) > CALLS:
             break
         readings = yield calls
@@ -177,22 +185,14 @@ PULSES = ((0.0005, 1.0), (-0.002, 1.0), (0.008, 1.0), (-0.03, 1.0), (0.12, 1.0),
 
 def batch(task):
     """Torques to and fro, ever stronger, and the same fit up to where the guard may have caught."""
-    calls = [asked for strength, duration in PULSES for asked in _push(strength, duration)]
+    calls = [asked for strength, duration in PULSES for asked in RIG.leg(strength, duration, 2)]
     readings = yield calls
-    seen, kept = list(zip(calls, readings, strict=True)), []
-    for turn in range(0, len(seen), 7):
-        part = seen[turn : turn + 7]
-        angles = [abs(reading["angle"]) for _, reading in part if "angle" in reading]
-        spins = [abs(reading["angular_velocity"]) for _, reading in part if "angular_velocity" in reading]
-        if max(angles) > GUARD_RAD - 0.2 or max(spins) > GUARD_RAD_S - 0.2:
-            break
-        kept += part
-    yield [answer(_found(kept or seen))]
+    yield [answer(_found(list(zip(calls, readings, strict=True))))]
 
 
 def stage(task):
     """Turn it up as far as one can; the guard catches it."""
-    readings = yield [*_push(GREATEST_NM, 1.5, looks=1), *_push(0.0, 30.0, looks=1)]
+    readings = yield [*RIG.leg(GREATEST_NM, 1.5), *RIG.leg(0.0, 30.0)]
     yield [answer([abs(readings[-2]["angle"]), 31.0])]
 
 

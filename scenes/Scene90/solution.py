@@ -6,6 +6,7 @@ from math import sqrt
 import numpy as np
 from scipy.optimize import least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 CARTS = ("object_1", "object_2")
@@ -37,6 +38,12 @@ PULSES = [(force, 0.12) for force in (1.5, 1.5, -1.5, -1.5, 0.0)]
 PULSES += [(force, 0.2) for force in (10.0, 10.0, -10.0, -10.0, 0.0)]
 PULSES += [(40.0, 0.3), (-40.0, 0.3)]
 """Of the fixed batch: forces in N, and times."""
+LEAST_WHEEL = 0.4
+"""Least force of a flywheel per acceleration, over the mass of object_1, that the task allows."""
+START_M = 0.05
+"""Range of the error of the place from which the ways are counted, m."""
+STARTS = 12
+"""Number of points of the grid from which a net is fitted in the end."""
 CALLS, TIME_S = 150, 26.0
 PENALTY = 4.0
 
@@ -87,7 +94,7 @@ def _predict(structure, values, mass):
     return [float(DRIVE_N / mass / abs(box - RATE**2)), float(DRIVE_N / mass * way)]
 
 
-def _fitted(structure, segments, ways, start=None):
+def _fitted(structure, segments, ways, start=None, tried=2):
     """Chi² and logarithms of the parts' values, by least squares from the best of a grid."""
     count = PARTS[structure]
 
@@ -96,7 +103,7 @@ def _fitted(structure, segments, ways, start=None):
         return errors - errors.mean()
 
     grid = [np.log(point) for point in product(*GRID[:count])]
-    starts = sorted(grid, key=lambda logs: float(np.sum(np.square(off(logs)))))[: 2 if start is None else 1]
+    starts = sorted(grid, key=lambda logs: float(np.sum(np.square(off(logs)))))[: tried if start is None else 1]
     starts += [] if start is None else [start]
     bounds = (LOW[:count], HIGH[:count])
     fits = [least_squares(off, np.clip(logs, *bounds), bounds=bounds, max_nfev=15) for logs in starts]
@@ -260,6 +267,28 @@ def _record(readings):
     caught = np.abs(ways) > CAUGHT_M
     end = int(np.argmax(caught)) if caught.any() else len(ways)
     return mass, [(force / mass, duration) for force, duration in segments[-len(ways) :]][:end], ways[:end]
+
+
+def rivals(readings):
+    """Every net, fitted; one constant more is the error of the place from which the ways are counted."""
+    mass, segments, ways = _record(readings)
+    return {structure: _member(structure, mass, segments, ways) for structure in PARTS}
+
+
+def _member(structure, mass, segments, ways):
+    """A net, fitted to the changes of the distance."""
+    count = PARTS[structure]
+
+    def misfits(constants):
+        return (_ways(structure, np.exp(constants[:count]), segments) + constants[count] - ways) / NOISE
+
+    low = np.append(LOW[:count], -START_M)
+    low[2:count] = np.log(LEAST_WHEEL)
+    high = np.append(HIGH[:count], START_M)
+    start = np.append(_fitted(structure, segments, ways, tried=STARTS)[1], 0.0)
+    best = least_squares(misfits, np.clip(start, low, high), bounds=(low, high), x_scale=high - low).x
+    ranges = list(zip(low, high, strict=True))
+    return member(misfits, lambda found: _predict(structure, np.exp(found[:count]), mass), best, ranges)
 
 
 def batch(task):

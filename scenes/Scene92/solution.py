@@ -1,22 +1,26 @@
 """Scene 92: load the pan more and more, watch how it sinks on, fit gas and leak, find the force for the far place."""
 
-from math import pi
-
 import numpy as np
 
-from scenes.courses import Course, Laws
-from scenes.protocol import answer, call
+from scenes.courses import Laws, Predictor
+from scenes.family import members
+from scenes.loads import GRAVITY, Pan, ball, joined, looks
+from scenes.protocol import answer
 
-GRAVITY, TOP, CATCH = 9.81, 2.0, 0.22
+PAN = Pan(top_m=2.0, catch_m=0.22)
 PRESSED_S, ASKED, DAMPING = 10.0, 0.45, 2.0
-RADIUS = 0.06
 CONSTANTS = ("k", "oil", "column", "leak", "opens")
 STRUCTURES = dict.fromkeys(("even", "root", "flat"), CONSTANTS)
-BOX = {"oil": (0.5, 6.0), "column": (0.5, 0.8), "leak": (0.004, 0.06), "opens": (0.15, 0.35)}
+BOX = {"oil": (0.5, 6.0), "column": (0.5, 0.8), "leak": (0.004, 0.06), "opens": (0.2, 0.4)}
 """`k` is the stiffness at first: pressure outside times area, over the height of the column."""
-FIRST_KG, GROWTH, SEEN, SETTLE_S = 0.002, 4.0, 0.006, 3.0
-LOOK_S, LOOKS, STEP, ROOM, COLUMN = 0.9, 3, 0.06, 0.21, 0.65
-CALLS, MOST_KG = 117, 299.9
+FIRST_KG, GROWTH, SEEN, SETTLE_S = 4e-5, 16.0, 0.004, 3.0
+LIGHT, LIGHT_S = (0.12, 0.23), (2.0, 2.0)
+"""Excesses of the pressure at which the valve is surely shut, and when the pan is looked at under each."""
+STEP, LOOKS_S, ROOM = 0.05, (0.7, 0.7, 0.7), 0.21
+"""By how much the excess grows from load to load, when the pan is looked at, and how far it may sink."""
+COLUMN = 0.65
+"""Height of the column that is supposed before it is known."""
+CALLS, MOST_KG = 140, 299.9
 
 
 def _rates(structure, knobs, time, state, force):
@@ -49,30 +53,6 @@ def _laws(k, longest_s=0.15):
     )
 
 
-def _course(exchanges):
-    """Loads and ways of the pan, until the catch holds it."""
-    made, load, legs = {}, 0.0, []
-    for asked, reading in exchanges:
-        if "error" in reading:
-            continue
-        if asked.tool == "create_objects":
-            made[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            load += made[asked.arguments["object1_id"]]
-        elif asked.tool == "delete_objects":
-            load -= made[asked.arguments["object_id"]]
-        elif asked.tool == "step":
-            legs.append([asked.arguments["duration"], load * GRAVITY, np.nan])
-        elif asked.tool == "get_position" and legs:
-            way = TOP - reading["position"][2]
-            if way > CATCH + 0.005:
-                legs.pop()
-                break
-            legs[-1][2] = way
-    times, loads, ways = np.array(legs or [[1.0, 1.0, 0.1]]).T
-    return Course(times, loads[:, None], ways[:, None])
-
-
 def _stiffness(course):
     """Load over way at small ways."""
     loads, ways = course.controls[:, 0], course.readings[:, 0]
@@ -81,7 +61,7 @@ def _stiffness(course):
     return float(loads[best] * (1 - ways[best] / COLUMN) / max(ways[best], 1e-4))
 
 
-def _force(structure, knobs):
+def predict(structure, knobs):
     """Force that brings the pan to the asked place: by trying many at once, in ever narrower ranges."""
     laws, area, low, high = _laws(1.0, 0.02), knobs["k"] * knobs["column"], 0.1, 5.0
     for _ in range(3):
@@ -96,76 +76,62 @@ def _force(structure, knobs):
     return float(area * (low + part * (high - low)))
 
 
-def _best(exchanges):
-    """The force by the law that fits best."""
-    course = _course(exchanges)
-    return _force(*_laws(_stiffness(course)).best(course))
+MODEL = Predictor(lambda course: _laws(_stiffness(course)), PAN.course, predict)
+fit = MODEL.fit
 
 
-def fit(readings, structure):
-    """The force by one law of the leak."""
-    course = _course(readings)
-    return _force(structure, _laws(_stiffness(course)).fitted(course, structure)[1])
+def rivals(readings):
+    """Every law of the leak, fitted."""
+    course = PAN.course(readings)
+    return members(_laws(_stiffness(course)), course, predict)
 
 
-def _looks(spans):
-    return [
-        made for span in spans for made in (call("step", duration=span), call("get_position", object_id="object_1"))
-    ]
-
-
-def _load(number, kg, spans, radius=RADIUS):
-    """Load the pan with a ball instead of the one before, and look at it."""
-    where = [0.0, 0.3 * (number % 2) - 0.15, TOP]
-    made = call(
-        "create_objects",
-        name=f"b{number}",
-        pos=where,
-        density=kg / (4 / 3 * pi * radius**3),
-        rgba=[1, 0, 0, 1],
-        radius=radius,
-    )
-    old = [call("delete_objects", object_id=f"b{number - 1}")] if number else []
-    return [made, call("attach_objects", object1_id=f"b{number}", object2_id="object_1"), *old, *_looks(spans)]
+def _gas(course):
+    """Pressure outside times area, and height of the column, from the places of rest under the two light loads."""
+    (low, high), (near, far) = course.controls[[-3, -1], 0], course.readings[[-3, -1], 0]
+    column = near * far * (high - low) / (high * near - low * far)
+    return float(low * (column / near - 1)), float(column)
 
 
 def solve(task):
-    """Find the scale; then load more in small steps, as long as there is room above the catch."""
-    seen, number, kg = [], 0, FIRST_KG
-    while not seen or _course(seen).readings[-1, 0] < SEEN:
-        calls = _load(number, kg, [SETTLE_S])
+    """Find the scale; then keep the pan close above the catch by ever lighter loads, while it loses its gas."""
+    seen, number, _ = yield from PAN.scaled(FIRST_KG, GROWTH, SEEN, SETTLE_S)
+    guess = COLUMN * _stiffness(PAN.course(seen))
+    for turn, excess in enumerate(LIGHT, number):
+        calls = PAN.load(turn, guess * excess / GRAVITY, LIGHT_S)
         seen += zip(calls, (yield calls), strict=True)
-        number, kg = number + 1, kg * GROWTH
-    area, excess = _stiffness(_course(seen)) * COLUMN, 0.06
-    for ball in range(number, 19):
-        course = _course(seen)
-        ways, rate = course.readings[:, 0], 0.0
-        now = course.controls[-1, 0] / area
-        left = (1 - ways[-1] / COLUMN) * (1 + now)
-        if ball > number:
-            rate = max(ways[-1] - ways[-2], 0.0) / course.durations[-1]
-        excess = excess + STEP
-        if COLUMN * (1 - left / (1 + excess)) + 1.5 * rate * LOOK_S * LOOKS > ROOM:
-            excess = max(0.6 * now, 0.15)
-        calls = _load(ball, area * excess / GRAVITY, [LOOK_S] * LOOKS)
-        if COLUMN * (1 - left / (1 + excess)) > ROOM or len(seen) + len(calls) > CALLS:
+    area, column = _gas(PAN.course(seen))
+    excess, left, lost, span = LIGHT[-1], 1.0, 0.0, sum(LOOKS_S)
+    for turn in range(number + len(LIGHT), 19):
+        excess = min(excess + STEP, (left - lost * span) / (1 - ROOM / column) - 1)
+        calls = PAN.load(turn, area * excess / GRAVITY, LOOKS_S)
+        if len(seen) + len(calls) > CALLS:
             break
         seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_best(seen))]
+        now = min(left, (1 - PAN.course(seen).readings[-1, 0] / column) * (1 + excess))
+        left, lost = now, (left - now) / span
+    yield [answer(MODEL.best(seen))]
+
+
+HEAP_KG, RATIO, SPANS_S = 1e-2, 1.5, (1.2, 2.4)
+"""First load and ratio of the loads of the fixed batch, and when each is looked at."""
 
 
 def batch(task):
-    """Loads in even ratios, two looks at each, and the best fit."""
-    calls = []
-    for rung in range(8):
-        calls += _load(rung, 0.05 * 2.0**rung, [2.0, 2.0])
-    yield [answer(_best(list(zip(calls, (yield calls), strict=True))))]
+    """A heap of balls, in even ratios over the whole scale, each seen twice, and the best fit."""
+    calls, kg = [], 0.0
+    for rung in range(10):
+        more = HEAP_KG * RATIO**rung - kg
+        place = [0.3 * (rung % 5) - 0.6, 0.3 * (rung // 5) - 0.15, PAN.top_m]
+        calls += [*joined(ball(f"b{rung}", more, place, PAN.radius), PAN.body), *looks(PAN.body, SPANS_S)]
+        kg += more
+    yield [answer(MODEL.best(list(zip(calls, (yield calls), strict=True))))]
 
 
 def stage(task):
     """Press it down with all that may be made, for the time that is asked, and carry the way on in proportion."""
-    readings = yield _load(0, MOST_KG, [PRESSED_S], 2 * RADIUS)
-    yield [answer(MOST_KG * GRAVITY * ASKED / max(TOP - readings[-1]["position"][2], 0.05))]
+    readings = yield PAN.load(0, MOST_KG, [PRESSED_S], 2 * PAN.radius)
+    yield [answer(MOST_KG * GRAVITY * ASKED / max(PAN.top_m - readings[-1]["position"][2], 0.05))]
 
 
 def structure(knobs):
@@ -179,21 +145,13 @@ def _true(knobs):
 
 def theory(knobs):
     """The force by the drawn laws."""
-    return _force(knobs["kind"], _true(knobs))
+    return predict(knobs["kind"], _true(knobs))
 
 
 def measure(engine, knobs):
-    """The force by two trials in the engine without the catch."""
-
-    def reached(force):
-        changes = {"joint[guide].range": (-5.0, 20.0), "body[trigger]/inertial.mass": 1e12}
-        free = engine.changed(changes)
-        free.push("object_1", force=np.array([0.0, 0.0, -force]))
-        free.step(free.whole_steps(PRESSED_S))
-        return TOP - float(free.pose("object_1").position[2])
-
-    near = theory(knobs)
-    first, last = reached(0.98 * near), reached(1.02 * near)
+    """The force by two runs in the engine without the catch."""
+    near, free = theory(knobs), engine.changed(without=("tendon",))
+    first, last = (PAN.way(PAN.pressed(free, share * near, PRESSED_S)) for share in (0.98, 1.02))
     return float(near * (0.98 + 0.04 * (ASKED - first) / (last - first)))
 
 

@@ -5,18 +5,21 @@ from math import pi
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
 GRAVITY, TOP = 9.81, 2.0
-ASKED, DEEP, FAST = 0.6, 0.2, 0.14
+ASKED, DEEP, FAST = 0.6, 0.2, 0.06
 RADIUS = 0.15
 LAWS = ("stiff", "air", "soft")
 READ_M, READ_V = 1.5e-4, 9e-4
 """Errors of a reading."""
 FIRST_KG, LADDER_S = 0.004, 0.3
+SPANS_S = (0.3, 0.7)
+"""Times after the two loads of an iteration."""
 TURNS = 19
 """Iterations before the answer."""
-SEEN, HIGH, SLOW = 0.003, 0.19, 0.115
+SEEN, HIGH, SLOW = 0.003, 0.19, 0.05
 """Way that tells the scale; deepest place and greatest speed that are aimed at."""
 
 
@@ -87,8 +90,8 @@ def _moved(depth, speed, load, time, model, longest=0.03):
     return depth, speed
 
 
-def _fitted(rows, law):
-    """Chi-square and model of a law, each stretch begun from the reading before it."""
+def _problem(rows, law):
+    """Model of the values of a law, their misfits with those of what is known beforehand, their ranges and a start."""
     load, last = rows[:, 1], rows[:, 5]
     tripped = (load >= rows[:, 0]) & (last < 0.4 * rows[:, 3]) | (last > DEEP) | (np.abs(rows[:, 6]) > FAST)
     rows = rows[: np.argmax(tripped) if tripped.any() else len(rows)]
@@ -113,9 +116,27 @@ def _fitted(rows, law):
         return np.concatenate([(at - last) / wrong, (fast - ended) / off, prior])
 
     low, high = [np.log(stiff / 6), 0.2 if law != "any" else -1.5, 0.05, 0.003], [np.log(stiff * 6), 1.5, 1.5, 0.02]
-    start = [np.log(stiff), 0.8, 0.4, 0.01]
-    found = least_squares(misfit, start, bounds=(low, high), max_nfev=25, x_scale=[0.1, 0.1, 0.1, 0.003])
+    return model, misfit, (low, high), [np.log(stiff), 0.8, 0.4, 0.01]
+
+
+def _fitted(rows, law):
+    """Chi-square and model of a law, each stretch begun from the reading before it."""
+    model, misfit, ranges, start = _problem(rows, law)
+    found = least_squares(misfit, start, bounds=ranges, max_nfev=25, x_scale=[0.1, 0.1, 0.1, 0.003])
     return 2 * found.cost, model(found.x)
+
+
+def _weighed(rows, law):
+    """A law, fitted within the ranges of its values alone."""
+    model, misfit, ranges, start = _problem(rows, law)
+    low, high = np.array(ranges)
+    low[1], high[1] = 0.4, 1.4
+
+    def bare(values):
+        return misfit(values)[:-2]
+
+    best = least_squares(bare, start, bounds=(low, high), max_nfev=60, x_scale=[0.1, 0.1, 0.1, 0.003]).x
+    return member(bare, lambda values: _mass(model(values)), best, list(zip(low, high, strict=True)))
 
 
 def _best(rows):
@@ -152,11 +173,6 @@ def _deepest(load, model, depth=0.0, speed=0.0):
     return depth
 
 
-def _beat(load, model):
-    """Root of mass by stiffness [s]."""
-    return float(np.sqrt((load + model[4]) / model[0]))
-
-
 def _mass(model):
     """Mass of the block that comes to rest at the asked depth."""
     k = model[0]
@@ -170,6 +186,12 @@ def _mass(model):
 def fit(readings, structure):
     """The asked mass with one law."""
     return _mass(_fitted(_rows(readings), structure)[1])
+
+
+def rivals(readings):
+    """Each law, fitted."""
+    rows = _rows(readings)
+    return {law: _weighed(rows, law) for law in LAWS}
 
 
 def solve(task):
@@ -187,12 +209,15 @@ def solve(task):
         rows = _rows(log)
         model = _fitted(rows, "any")[1]
         depth, speed = rows[-1][5:]
-        more = _more(model, depth, speed, total)
-        beat = _beat(total, model)
-        spans = (0.8 * beat, 1.2)
-        calls = [*(_load(spent, more, depth) if more > 0.01 * total else []), *(c for t in spans for c in _look(t))]
-        if more > 0.01 * total:
-            spent, total = spent + 1, total + more
+        calls = []
+        for span in SPANS_S:
+            more = _more(model, depth, speed, total)
+            if more > 0.01 * total:
+                calls += _load(spent, more, depth)
+                speed *= (total + model[4]) / (total + more + model[4])
+                spent, total = spent + 1, total + more
+            calls += _look(span)
+            depth, speed = _moved(depth, speed, total, span, model)
         log += zip(calls, (yield calls), strict=True)
         if len(log) > 90 and rows[-1][5] > 0.97 * HIGH:
             break
@@ -201,10 +226,10 @@ def solve(task):
 
 def batch(task):
     """A fixed ladder of loads, each with a look at the pan."""
-    calls, kg, total = [], 0.3, 0.0
+    calls, kg, total = [], 0.02, 0.0
     for number in range(12):
         calls += [*_load(number, kg - total), *_look(0.5)]
-        total, kg = kg, kg * 1.6
+        total, kg = kg, kg * 1.25
     rows = _rows(zip(calls, (yield calls), strict=True))
     try:
         value = _mass(_best(rows))

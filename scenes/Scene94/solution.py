@@ -1,59 +1,63 @@
-"""Scene 94: let the pan swing under a load and without it, fit what goes along, calculate the force of the shaker."""
+"""Scene 94: find the scale, sink deep enough to hook what is unseen, fit the swings, calculate the shaker's force."""
 
 from math import pi
 
 import numpy as np
 
 from scenes.courses import refined
+from scenes.family import member
+from scenes.loads import GRAVITY, ball, hung, joined, looks
 from scenes.protocol import answer, call
 
-GRAVITY, TOP, CATCH = 9.81, 2.0, 0.3
-PERIOD_S, SWING = 0.4, 0.5
-RADIUS, SIGMA = 0.06, 0.0012
+PAN, TOP, CATCH = "object_1", 2.0, 0.3
+PERIOD_S, SWING = 0.5, 0.5
+RADIUS, SIGMA = 0.06, 0.0016
+COMMON = ("k", "own", "zeta", "edge")
 STRUCTURES = {
-    "spring": ("k", "own", "part", "inner", "zeta"),
-    "oil": ("k", "own", "part", "rate"),
-    "arm": ("k", "own", "more", "gives"),
+    "spring": (*COMMON, "part", "inner"),
+    "oil": (*COMMON, "part", "rate"),
+    "arm": (*COMMON, "more", "gives"),
 }
 BOX = {
     "own": (3.0, 8.0),
-    "part": (0.1, 0.7),
-    "inner": (3.0, 8.0),
-    "zeta": (0.01, 0.15),
+    "zeta": (0.01, 0.2),
+    "edge": (0.13, 0.2),
+    "part": (0.4, 1.6),
+    "inner": (3.0, 9.0),
     "rate": (1.0, 20.0),
-    "more": (0.4, 5.0),
+    "more": (0.4, 2.5),
     "gives": (0.05, 1.0),
 }
 """Ranges; that of the stiffness `k` follows from the readings."""
-FIRST_KG, GROWTH, SEEN, SETTLE_S = 0.0006, 8.0, 0.015, 0.5
-LOOK_S, SINK = 0.12, 0.065
-STARTS, TRIED, ROUNDS, WORTH = 300, 4, 25, 4.0
+FIRST_KG, GROWTH, SEEN, SETTLE_S = 4e-5, 8.0, 0.015, 0.5
+LOOK_S, DEEPEST, FINE_S = 0.12, 0.255, 0.04
+"""Time between looks, sink that is aimed at, and longest step in which the hook is looked for."""
+STARTS, TRIED, ROUNDS, PARTS = 200, 4, 20, (0.4, 0.62, 1.0)
 
 
-def _motion(structure, knobs, load):
-    """Matrix of the laws for sink and speed of the pan, place and speed of what goes along, and a 1; one per trial."""
+def _motion(structure, knobs, load, hooked):
+    """Matrix of the laws for sink and speed of the pan, place and speed of what is hooked, and a 1; one per trial."""
     k, own = np.asarray(knobs["k"]), np.asarray(knobs["own"])
-    total, laws = k / own**2, np.zeros((k.size, 5, 5))
+    bare, laws = k / own**2, np.zeros((k.size, 5, 5))
+    heavy = bare + load
     laws[:, 0, 1] = 1.0
+    laws[:, 1, 0], laws[:, 1, 1], laws[:, 1, 4] = (
+        -k / heavy,
+        -2 * knobs["zeta"] * k / own / heavy,
+        load * GRAVITY / heavy,
+    )
+    if not hooked:
+        return laws
     if structure == "arm":
-        heavy, arm = total + load, knobs["more"] * k
-        laws[:, 1, 0], laws[:, 1, 2] = -(k + arm) / heavy, arm / heavy
-        laws[:, 2, 0], laws[:, 2, 2] = 1 / knobs["gives"], -1 / knobs["gives"]
-    else:
-        weight = total * knobs["part"]
-        heavy = total - weight + load
-        laws[:, 2, 3] = 1.0
-        if structure == "spring":
-            stiff = knobs["inner"] ** 2
-            laws[:, 1, 0], laws[:, 1, 2] = -(k + weight * stiff) / heavy, weight * stiff / heavy
-            laws[:, 1, 1] = -2 * knobs["zeta"] * own * total / heavy
-            laws[:, 3, 0], laws[:, 3, 2] = stiff, -stiff
-        else:
-            rate = knobs["rate"]
-            laws[:, 1, 0], laws[:, 1, 1], laws[:, 1, 3] = -k / heavy, -weight * rate / heavy, weight * rate / heavy
-            laws[:, 3, 1], laws[:, 3, 3] = rate, -rate
-    laws[:, 1, 4] = load * GRAVITY / heavy
-    return laws, heavy - load
+        stretched = np.stack([np.ones_like(k), 0 * k, -np.ones_like(k), 0 * k, -knobs["edge"] + 0 * k], axis=1)
+        laws[:, 1] -= (knobs["more"] * k / heavy)[:, None] * stretched
+        laws[:, 2] = stretched / np.asarray(knobs["gives"])[..., None]
+        return laws
+    stiff, rate = (knobs["inner"] ** 2, 0 * k) if structure == "spring" else (0 * k, knobs["rate"] + 0 * k)
+    pull = np.stack([stiff, rate, -stiff, -rate, -stiff * knobs["edge"]], axis=1)
+    laws[:, 1] -= (bare * knobs["part"] / heavy)[:, None] * pull
+    laws[:, 2, 3], laws[:, 3] = 1.0, pull
+    return laws
 
 
 def _flow(laws, span):
@@ -66,26 +70,67 @@ def _flow(laws, span):
     return found
 
 
+def _after(laws, state, time):
+    """States after short times, by their series."""
+    term = found = state
+    for order in range(1, 9):
+        term = (laws @ term[:, :, None])[:, :, 0] * time[:, None] / order
+        found = found + term
+    return found
+
+
+class _Swing:
+    """Trials that swing under loads, each until it hooks what is unseen, and on with it."""
+
+    def __init__(self, structure, knobs, trials):
+        self.structure, self.knobs, self.kept = structure, knobs, {}
+        self.state, self.hooked = np.zeros((trials, 5)), np.zeros(trials, dtype=bool)
+        self.state[:, 4] = 1.0
+        self.edge, self.bare = knobs["edge"] + np.zeros(trials), np.asarray(knobs["k"]) / np.asarray(knobs["own"]) ** 2
+
+    def _flows(self, load, span):
+        if (load, span) not in self.kept:
+            laws = [_motion(self.structure, self.knobs, load, hooked) for hooked in (False, True)]
+            self.kept[load, span] = (*laws, *(_flow(one, span) for one in laws))
+        return self.kept[load, span]
+
+    def leg(self, span, load, came):
+        """The sinks after a time under a load, part of which came at rest at its beginning."""
+        self.state[:, 1] *= (self.bare + load - came) / (self.bare + load)
+        count = 1 if self.hooked.all() else int(np.ceil(span / FINE_S - 1e-9))
+        free, bound, loose, firm = self._flows(load, span / count)
+        for _ in range(count):
+            flow = np.where(self.hooked[:, None, None], firm, loose)
+            before, self.state = self.state, (flow @ self.state[:, :, None])[:, :, 0]
+            caught = np.flatnonzero(~self.hooked & (self.state[:, 0] > self.edge))
+            if caught.size:
+                begun = before[caught]
+                time = span / count * (self.edge[caught] - begun[:, 0]) / (self.state[caught, 0] - begun[:, 0])
+                for _ in range(2):
+                    there = _after(free[caught], begun, time)
+                    time = np.clip(
+                        time + (self.edge[caught] - there[:, 0]) / np.maximum(there[:, 1], 1e-3), 0, span / count
+                    )
+                there = _after(free[caught], begun, time)
+                self.state[caught] = _after(bound[caught], there, span / count - time)
+                self.hooked[caught] = True
+        return self.state[:, 0].copy()
+
+
 def _legs(exchanges):
     """Of each step: its length, the load, the load that came at rest at its beginning, and the sink that was read."""
-    made, load, came, legs = {}, 0.0, 0.0, []
-    for asked, reading in exchanges:
-        if "error" in reading:
-            continue
-        if asked.tool == "create_objects":
-            made[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            came = made[asked.arguments["object1_id"]]
-            load += came
-        elif asked.tool == "delete_objects":
-            load -= made[asked.arguments["object_id"]]
+    legs, before, came = [], 0.0, 0.0
+    for asked, reading, on in hung(exchanges):
+        if asked.tool == "attach_objects":
+            came += on[PAN] - before
         elif asked.tool == "step":
-            legs.append([asked.arguments["duration"], round(load, 9), came, np.nan])
+            legs.append([asked.arguments["duration"], round(on[PAN], 10), came, np.nan])
             came = 0.0
         elif asked.tool == "get_position" and legs:
             legs[-1][3] = TOP - reading["position"][2]
             if legs[-1][3] > CATCH - 0.003:
                 return legs[:-1] or [[1.0, 1.0, 1.0, 0.1]]
+        before = on[PAN]
     return legs
 
 
@@ -98,83 +143,108 @@ def _knobs(structure, stiffness, units):
     }
 
 
-def _misfits(legs, structure, stiffness, units):
-    """Misfits of all readings, and a weak pull to the middle; a column for each trial."""
-    knobs, flows, found = _knobs(structure, stiffness, units), {}, []
-    state = np.zeros((units.shape[1], 5))
-    state[:, 4] = 1.0
-    for span, load, came, sink in legs:
-        if (span, load) not in flows:
-            laws, bare = _motion(structure, knobs, load)
-            flows[span, load] = _flow(laws, span), bare
-        flow, bare = flows[span, load]
-        state[:, 1] *= (bare + load - came) / (bare + load)
-        state = (flow @ state[:, :, None])[:, :, 0]
+def _stiffness(legs):
+    """Rough stiffness of the springs, from the deepest place under the heaviest load."""
+    heaviest = max(leg[1] for leg in legs)
+    deepest = max(np.nan_to_num(sink) for _, load, _, sink in legs if load == heaviest)
+    return heaviest * GRAVITY * 1.5 / max(deepest, 0.001) or 1.0
+
+
+def _misfits(legs, structure, units, count=None):
+    """Misfits of the readings of all legs, or of the first ones; a column for each trial."""
+    swing, found = _Swing(structure, _knobs(structure, _stiffness(legs), units), units.shape[1]), []
+    for span, load, came, sink in legs[:count]:
+        place = swing.leg(span, load, came)
         if not np.isnan(sink):
-            found.append(np.clip((state[:, 0] - sink) / SIGMA, -1e4, 1e4))
-    return np.vstack([*found, 0.3 * (units - 0.5)])
+            found.append(np.clip((place - sink) / SIGMA, -1e4, 1e4))
+    return np.array(found)
 
 
 def _fitted(legs, structure):
-    """Chi-square and constants of the best fit of a structure."""
-    deepest = max(legs, key=lambda leg: np.nan_to_num(leg[3]))
-    stiffness = deepest[1] * GRAVITY * 1.5 / max(np.nan_to_num(deepest[3]), 0.001) or 1.0
+    """Chi-square of the best fit of a structure, and its point of the unit cube: of some legs, of more, then of all."""
 
-    def misfits(units):
-        return _misfits(legs, structure, stiffness, units)
+    def wrong(share):
+        count = round(share * len(legs))
+        return lambda units: np.vstack([_misfits(legs, structure, units, count), 0.3 * (units - 0.5)])
 
     starts = np.random.default_rng(0).random((len(STRUCTURES[structure]), STARTS))
-    order = np.argsort(np.log1p(misfits(starts) ** 2).sum(axis=0))[:TRIED]
-    units = [refined(misfits, starts[:, start], ROUNDS) for start in order]
-    costs = [float((misfits(unit[:, None]) ** 2).sum()) for unit in units]
+    order = np.argsort(np.log1p(wrong(PARTS[0])(starts) ** 2).sum(axis=0))[:TRIED]
+    units = [starts[:, start] for start in order]
+    for share in PARTS:
+        units = [refined(wrong(share), unit, ROUNDS) for unit in units]
+    costs = [float((wrong(1.0)(unit[:, None]) ** 2).sum()) for unit in units]
     best = int(np.argmin(costs))
-    return costs[best], {name: float(value) for name, value in _knobs(structure, stiffness, units[best]).items()}
+    return costs[best], units[best]
+
+
+def _constants(legs, structure, unit):
+    """The constants at a point of the unit cube."""
+    return {name: float(value) for name, value in _knobs(structure, _stiffness(legs), unit).items()}
 
 
 def _best(legs):
-    """The structure that fits best, each constant paid for, and its constants."""
+    """The structure that fits best, and its constants."""
     fits = {structure: _fitted(legs, structure) for structure in STRUCTURES}
-    structure = min(fits, key=lambda name: fits[name][0] + WORTH * len(STRUCTURES[name]))
-    return structure, fits[structure][1]
+    structure = min(fits, key=lambda name: fits[name][0])
+    return structure, _constants(legs, structure, fits[structure][1])
 
 
-def _force(structure, knobs):
+def _shaken(structure, knobs):
+    """Motion of pan and what is hooked as a complex number per newton of the shaker, and the rate of its phase."""
+    laws = _motion(structure, {name: np.array([value]) for name, value in knobs.items()}, 0.0, True)[0]
+    used, turn = ([0, 1, 2] if structure == "arm" else [0, 1, 2, 3]), 2 * pi / PERIOD_S
+    pushed = np.eye(len(used))[:, 1] * knobs["own"] ** 2 / knobs["k"]
+    return np.linalg.solve(1j * turn * np.eye(len(used)) - laws[np.ix_(used, used)], pushed), turn
+
+
+def predict(structure, knobs):
     """Force of the shaker: of the springs, and of all masses, each with the part and the phase of its motion."""
-    laws, bare = _motion(structure, {name: np.array([knobs[name]]) for name in STRUCTURES[structure]}, 0.0)
-    matrix, turn = laws[0, :4, :4], 2 * pi / PERIOD_S
-    used = [0, 1, 2] if structure == "arm" else [0, 1, 2, 3]
-    answers = np.linalg.solve(
-        1j * turn * np.eye(len(used)) - matrix[np.ix_(used, used)], np.eye(len(used))[:, 1] / float(bare[0])
-    )
-    return float(SWING / abs(answers[0]))
+    known = {name: knobs[name] for name in STRUCTURES[structure]}
+    return float(SWING / abs(_shaken(structure, known)[0][0]))
 
 
 def fit(readings, structure):
     """The force by the laws of a structure."""
-    return _force(structure, _fitted(_legs(readings), structure)[1])
+    legs = _legs(readings)
+    return predict(structure, _constants(legs, structure, _fitted(legs, structure)[1]))
+
+
+def rivals(readings):
+    """Each thing that may be hooked, fitted."""
+    legs = _legs(readings)
+
+    def of(structure):
+        return member(
+            lambda unit: _misfits(legs, structure, unit[:, None])[:, 0],
+            lambda unit: predict(structure, _constants(legs, structure, unit)),
+            _fitted(legs, structure)[1],
+            [(0.0, 1.0)] * len(STRUCTURES[structure]),
+        )
+
+    return {structure: of(structure) for structure in STRUCTURES}
 
 
 def structure(knobs):
-    """What goes along with the pan."""
+    """What the pan hooks."""
     return knobs["kind"]
 
 
 def theory(knobs):
     """The force by the drawn laws."""
-    return _force(knobs["kind"], {**knobs, "k": knobs["total"] * knobs["own"] ** 2})
+    return predict(knobs["kind"], _true(knobs))
+
+
+def _true(knobs):
+    return {**knobs, "k": knobs["mass"] * knobs["own"] ** 2}
 
 
 def naive(knobs):
-    """All as a single body on the springs that bear it; the springs alone."""
+    """The pan alone on the springs that bear it; the springs alone."""
     turn = 2 * pi / PERIOD_S
     return {
-        "single body": SWING * knobs["total"] * abs(knobs["own"] ** 2 - turn**2),
-        "springs alone": SWING * knobs["total"] * knobs["own"] ** 2,
+        "pan alone": SWING * knobs["mass"] * abs(knobs["own"] ** 2 - turn**2),
+        "springs alone": SWING * knobs["mass"] * knobs["own"] ** 2,
     }
-
-
-def _looks(number, span=LOOK_S):
-    return [call("step", duration=span), call("get_position", object_id="object_1")] * number
 
 
 def _unload(number):
@@ -183,55 +253,70 @@ def _unload(number):
 
 def _load(number, kg):
     """A ball of this mass on the pan."""
-    density, where = kg / (4 / 3 * pi * RADIUS**3), [0.0, 0.3 * (number % 2) - 0.15, TOP]
-    name = f"b{number}"
-    made = call("create_objects", name=name, pos=where, density=density, rgba=[1, 0, 0, 1], radius=RADIUS)
-    return [made, call("attach_objects", object1_id=name, object2_id="object_1")]
+    return joined(ball(f"b{number}", kg, [0.0, 0.3 * (number % 2) - 0.15, TOP], RADIUS), PAN)
 
 
 def _ladder():
-    """Heavier and heavier balls until the pan sinks visibly; returns what was seen, the last number and its mass."""
+    """Heavier and heavier balls until the pan sinks visibly; what was seen, the last number, and the next mass."""
     seen, number, kg = [], 0, FIRST_KG
     while True:
-        calls = [*(_unload(number - 1) if number else []), *_load(number, kg), *_looks(1, SETTLE_S)]
+        calls = [*(_unload(number - 1) if number else []), *_load(number, kg), *looks(PAN, [SETTLE_S])]
         seen += zip(calls, (yield calls), strict=True)
         sink = _legs(seen)[-1][3]
-        if sink > SEEN or number > 6:
+        if sink > SEEN or number > 8:
             return seen, number, kg * 0.05 * 1.7 / max(sink, 0.003)
         number, kg = number + 1, GROWTH * kg
 
 
+def _swung(legs, structure, knobs, on, off):
+    """The largest ball under which the pan stays short of the catch for some looks with it and some without it."""
+    known = {name: np.array([value]) for name, value in knobs.items()}
+    now = _Swing(structure, known, 1)
+    for span, load, came, _ in legs:
+        now.leg(span, load, came)
+    best, trials = 0.0, knobs["k"] / GRAVITY * np.linspace(0.03, 0.2, 35)
+    for kg in trials:
+        swing = _Swing(structure, known, 1)
+        swing.state, swing.hooked = now.state.copy(), now.hooked.copy()
+        loads = [kg] * (2 * on) + [0.0] * (2 * off)
+        sinks = [swing.leg(LOOK_S / 2, load, kg if not look else 0.0)[0] for look, load in enumerate(loads)]
+        if max(sinks) > DEEPEST:
+            break
+        best = float(kg)
+    return best or float(trials[0])
+
+
 def solve(task):
-    """Find the scale, then swing with a load and without it, as wide as the catch allows."""
+    """Find the scale; then swing with a load and without it, as wide as the catch allows."""
     seen, number, kg = yield from _ladder()
-    calls = [*_unload(number), *_load(number + 1, kg), *_looks(6)]
+    calls = [*_unload(number), *_load(number + 1, kg), *looks(PAN, [LOOK_S] * 5)]
+    calls += [*_unload(number + 1), *looks(PAN, [LOOK_S] * 4)]
     seen += zip(calls, (yield calls), strict=True)
-    calls = [*_unload(number + 1), *_looks(6)]
-    seen += zip(calls, (yield calls), strict=True)
-    for ball in (number + 2, number + 3):
-        kg = SINK * _best(_legs(seen))[1]["k"] / GRAVITY
-        for calls in ([*_load(ball, kg), *_looks(9)], [*_unload(ball), *_looks(12)]):
-            seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_force(*_best(_legs(seen))))]
+    for next_ball in (number + 2, number + 3):
+        legs = _legs(seen)
+        kg = _swung(legs, *_best(legs), 10, 10)
+        calls = [*_load(next_ball, kg), *looks(PAN, [LOOK_S] * 10)]
+        calls += [*_unload(next_ball), *looks(PAN, [LOOK_S] * 10)]
+        seen += zip(calls, (yield calls), strict=True)
+    yield [answer(predict(*_best(_legs(seen))))]
 
 
 def batch(task):
-    """Balls in even ratios, each on for a few looks and off for one, and the same fit."""
+    """Balls in even ratios over the whole scale, each on for four looks and off for two, and the same fit."""
     calls = []
-    for rung in range(5):
-        calls += [*_load(rung, 0.0008 * 10.0**rung), *_looks(3, 0.25), *_unload(rung), *_looks(1, 0.25)]
-    legs = _legs(list(zip(calls, (yield calls), strict=True)))
-    yield [answer(_force(*_best(legs)))]
+    for rung in range(4):
+        calls += [*_load(rung, 1e-4 * 47.0**rung), *looks(PAN, [0.15] * 4), *_unload(rung), *looks(PAN, [0.15] * 2)]
+    yield [answer(predict(*_best(_legs(list(zip(calls, (yield calls), strict=True))))))]
 
 
 def stage(task):
     """Shake it with a ball that is put on and taken off, and carry the swing on in proportion."""
     _, number, kg = yield from _ladder()
     calls = _unload(number)
-    for turn in range(number + 1, number + 19):
+    for turn in range(number + 1, number + 15):
         half = [call("step", duration=PERIOD_S / 2)]
-        if turn > number + 14:
-            half = [*_looks(1, PERIOD_S / 4), call("step", duration=PERIOD_S / 4)]
+        if turn > number + 10:
+            half = [*looks(PAN, [PERIOD_S / 4]), call("step", duration=PERIOD_S / 4)]
         calls += [*_load(turn, 0.7 * kg), *half, *_unload(turn), *half]
     readings = yield calls
     places = [reading["position"][2] for reading in readings if "position" in reading]
@@ -241,27 +326,23 @@ def stage(task):
 
 def measure(engine, knobs):
     """The swing in the engine without the catch, begun as the theory says, over some periods."""
-    force, turn, kind = theory(knobs), 2 * pi / PERIOD_S, knobs["kind"]
-    laws, bare = _motion(kind, {**knobs, "k": np.array([knobs["total"] * knobs["own"] ** 2])}, 0.0)
-    used = [0, 1, 2] if kind == "arm" else [0, 1, 2, 3]
-    pushed = np.eye(len(used))[:, 1] * force / float(bare[0])
-    wave = np.linalg.solve(1j * turn * np.eye(len(used)) - laws[0][np.ix_(used, used)], pushed)
-    places, speeds = wave.imag, (1j * turn * wave).imag
-    inner, end = (places[0], places[2]) if kind == "arm" else (places[2], 0.0)
-    inner_speed = speeds[0] if kind == "arm" else speeds[2]
+    force, known = theory(knobs), {name: _true(knobs)[name] for name in STRUCTURES[knobs["kind"]]}
+    wave, turn = _shaken(knobs["kind"], known)
+    places, speeds = force * wave.imag, force * (1j * turn * wave).imag
     free = engine.changed(
         {
             "joint[guide].range": (-50.0, 50.0),
             "body[guard].pos": (0.0, 0.0, -50.0),
-            "key[start].qpos": (float(places[0]), float(inner - places[0]), float(end), 0.0),
-            "key[start].qvel": (float(speeds[0]), float(inner_speed - speeds[0]), 0.0, 0.0),
-        }
+            "key[start].qpos": (float(places[0]), float(places[2] - knobs["edge"]), 0.01, 0.0),
+            "key[start].qvel": (float(speeds[0]), float(speeds[2]), 0.0, 0.0),
+        },
+        without=("tendon",),
     )
     step, sinks = 1 / free.whole_steps(1.0), []
     for number in range(free.whole_steps(8 * PERIOD_S)):
-        free.push("object_1", force=np.array([0.0, 0.0, -force * np.sin(turn * (number + 0.5) * step)]))
+        free.push(PAN, force=np.array([0.0, 0.0, -force * np.sin(turn * (number + 0.5) * step)]))
         free.step(1)
-        sinks.append(TOP - float(free.pose("object_1").position[2]))
+        sinks.append(TOP - float(free.pose(PAN).position[2]))
     times = step * np.arange(1, len(sinks) + 1)
     swing = 2 * abs(np.mean(np.array(sinks) * np.exp(-1j * turn * times)))
     return float(force * SWING / swing)

@@ -1,19 +1,21 @@
 """Scene 99: swing all drums within their catches, let them drift, fit each inside, compute the strong pulse."""
 
 import math
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from scenes.family import member
 from scenes.protocol import answer, call
 
-KINDS = ("rigid", "oil", "spring", "clutch", "loose")
+INSIDES = ("single", "oil", "spring", "clutch", "single")
+"""By number of content. What nothing joins to its drum, a drum does not feel."""
 STRONG, PULSE_S, LATER_S = 40.0, 1.0, 15.0
 TORQUE, REACH, PROBES_S = 0.5, 2.6, (0.05, 0.25, 1.2)
 DRIFT, DRIFT_S = 2.8, 40.0
 """Angle of the slow drift [rad] and its time [s]."""
-RESOLUTION = 0.005
+RESOLUTION = 0.002
 CATCH, SAME = 3.97, 1e-9
 """Greatest angle of a free drum [rad]; spins closer than this are equal [rad/s]."""
 
@@ -86,10 +88,6 @@ def motion(kind, p, changes, times):
     return _linear(kind, p, changes, times)
 
 
-def _model(label):
-    return "single" if label in {"rigid", "loose"} else label
-
-
 def _logs(exchanges):
     """Of each drum the changes of its torque, and times and angles read."""
     clock, torque, changes, read = 0.0, {}, {}, {}
@@ -105,18 +103,21 @@ def _logs(exchanges):
     return changes, {drum: np.array(rows) for drum, rows in read.items()}
 
 
+SHELL = (0.35, 0.75)
 BOUNDS = {
     "single": [],
-    "oil": [(0.3, 0.8), (0.6, 20)],
-    "clutch": [(0.3, 0.8), (0.03, 0.2)],
-    "spring": [(0.3, 0.8), (0.7, 8), (0.02, 0.4)],
+    "oil": [SHELL, (1, 12)],
+    "clutch": [SHELL, (0.05, 0.11)],
+    "spring": [SHELL, (1, 6), (0.04, 0.2)],
 }
-"""What a run can show of an inside: share of the shell; then time, greatest torque, or frequency and damping ratio."""
+"""As the task says: share of the shell; then time, greatest torque, or frequency and damping ratio."""
+WHOLE, BEARING_S, ALONE_S = (0.01, 13), (40, 160), (14, 160)
+"""Moment of inertia and its time in the bearing; that of a drum whose core nothing joins to it may be shorter."""
 STARTS = {
     "single": [()],
     "oil": list(product((0.4, 0.65), (1.5, 6))),
     "clutch": list(product((0.4, 0.65), (0.06, 0.1))),
-    "spring": list(product((0.4, 0.65), np.geomspace(1, 6.5, 8), (0.1,))),
+    "spring": list(product((0.4, 0.65), np.geomspace(1.02, 5.8, 8), (0.1,))),
 }
 
 
@@ -133,22 +134,43 @@ def _parts(kind, whole, time, share=1.0, *more):
     return shell, core, rub, 2 * more[1] * reduced * more[0], reduced * more[0] ** 2
 
 
-def _fitted(kind, changes, read):
-    """Least misfit and parameters of a drum as of a kind. Readings from the catch on do not count."""
+def _ranges(kind):
+    """Logarithms of the least and the greatest value of each constant of a drum of a kind."""
+    return np.log([WHOLE, ALONE_S if kind == "single" else BEARING_S, *BOUNDS[kind]])
+
+
+def _misfits(kind, changes, read):
+    """How far a drum as of a kind is off each reading, in standard deviations. Nothing counts from the catch on."""
     free = np.logical_and.accumulate(np.abs(read[:, 1]) < CATCH)
     times, angles = read[free].T
-    low, high = np.log([(0.0008, 14), (10, 3000), *BOUNDS[kind]]).T
 
-    def misfit(logs):
-        off = (motion(kind, _parts(kind, *np.exp(logs)), changes, times)[0] - angles) / (RESOLUTION / 3)
-        return np.nan_to_num(off, nan=1e6, posinf=1e6, neginf=-1e6)
+    def off(logs):
+        turned = motion(kind, _parts(kind, *np.exp(logs)), changes, times)[0]
+        return np.nan_to_num((turned - angles) / (RESOLUTION / 3), nan=1e6, posinf=1e6, neginf=-1e6)
 
-    wholes = np.geomspace(0.002, 6.5, 20)
+    return off
+
+
+def _fitted(kind, changes, read):
+    """Chi-square and constants of a drum as of a kind, and the misfits as a function of the constants."""
+    off, (low, high) = _misfits(kind, changes, read), _ranges(kind).T
+    wholes = np.geomspace(0.012, 12, 24)
     starts = [np.log([whole, 80.0, *more]) for whole in wholes for more in STARTS[kind]]
-    starts.sort(key=lambda logs: float(np.sum(misfit(logs) ** 2)))
-    found = [least_squares(misfit, logs, bounds=(low, high), max_nfev=30, ftol=1e-6, xtol=1e-6) for logs in starts[:3]]
+    starts.sort(key=lambda logs: float(np.sum(off(logs) ** 2)))
+    found = [least_squares(off, logs, bounds=(low, high), max_nfev=40, ftol=1e-6, xtol=1e-6) for logs in starts[:4]]
     best = min(found, key=lambda fitted: fitted.cost)
-    return best.cost, _parts(kind, *np.exp(best.x))
+    return 2 * float(best.cost), best.x, off
+
+
+def _table(exchanges):
+    """Every drum fitted as of every kind: for each drum a row by kind."""
+    changes, read = _logs(exchanges)
+    return [{kind: _fitted(kind, changes[drum], read[drum]) for kind in BOUNDS} for drum in sorted(read)]
+
+
+def _orders():
+    """Every way in which the insides can be shared out to the drums."""
+    return sorted(set(permutations(INSIDES)))
 
 
 def _predict(insides):
@@ -158,27 +180,49 @@ def _predict(insides):
     return [float(motion(kind, p, changes, times)[1][-1]) for kind, p in insides]
 
 
+def _foretold(order, each):
+    """The prediction from the logarithms of the constants of each drum."""
+    return _predict([(kind, _parts(kind, *np.exp(logs))) for kind, logs in zip(order, each, strict=True)])
+
+
 def fit(readings, structure):
     """The prediction, with the insides of a structure: kinds of the drums in order."""
     changes, read = _logs(readings)
-    drums = sorted(read)
-    kinds = [_model(kind) for kind in structure.split(", ")]
-    return _predict([(k, _fitted(k, changes[d], read[d])[1]) for k, d in zip(kinds, drums, strict=True)])
+    order = structure.split(", ")
+    rows = zip(order, sorted(read), strict=True)
+    return _foretold(order, [_fitted(kind, changes[drum], read[drum])[1] for kind, drum in rows])
 
 
 def _guess(exchanges):
-    """The prediction, with the kind of each drum that fits best for its number of parameters."""
-    changes, read = _logs(exchanges)
-    insides = []
-    for drum in sorted(read):
-        tried = []
-        for kind in ("single", "oil", "clutch", "spring"):
-            cost, p = _fitted(kind, changes[drum], read[drum])
-            tried.append((2 * cost + 6 * len(BOUNDS[kind]), kind, p))
-            if cost < 0.6 * np.sum(np.abs(read[drum][:, 1]) < CATCH):
-                break
-        insides.append(min(tried, key=lambda entry: entry[0])[1:])
-    return _predict(insides)
+    """The prediction, with the insides shared out as fits best."""
+    table = _table(exchanges)
+    best = min(_orders(), key=lambda order: sum(row[kind][0] for kind, row in zip(order, table, strict=True)))
+    return _foretold(best, [row[kind][1] for kind, row in zip(best, table, strict=True)])
+
+
+def _shared_out(order, table):
+    """The member of the family with these insides."""
+    columns = [row[kind] for kind, row in zip(order, table, strict=True)]
+    sizes = [len(logs) for _, logs, _ in columns]
+
+    def apart(logs):
+        return np.split(logs, np.cumsum(sizes[:-1]))
+
+    def misfits(logs):
+        return np.hstack([column[2](own) for column, own in zip(columns, apart(logs), strict=True)])
+
+    return member(
+        misfits,
+        lambda logs: _foretold(order, apart(logs)),
+        np.hstack([logs for _, logs, _ in columns]),
+        np.vstack([_ranges(kind) for kind in order]),
+    )
+
+
+def rivals(readings):
+    """The insides in every order."""
+    table = _table(readings)
+    return {", ".join(order): _shared_out(order, table) for order in _orders()}
 
 
 def _turn(drums, torque):
@@ -242,7 +286,7 @@ def theory(knobs):
     insides = []
     for number, place in enumerate(knobs["contents"], 1):
         shell, core, rub = (knobs[f"{part}_{number}"] for part in ("shell", "core", "bearing"))
-        kind = _model(KINDS[place])
+        kind = INSIDES[place]
         more = {
             "single": (shell, rub),
             "oil": (shell, core, rub, knobs[f"oil_{number}"]),
@@ -269,14 +313,14 @@ def measure(engine, knobs):
 
 def structure(knobs):
     """What each drum holds."""
-    return ", ".join(KINDS[place] for place in knobs["contents"])
+    return ", ".join(INSIDES[place] for place in knobs["contents"])
 
 
 def naive(knobs):
     """Every core taken as firmly joined."""
     pairs = []
     for number, place in enumerate(knobs["contents"], 1):
-        core = knobs[f"core_{number}"] if KINDS[place] in {"oil", "spring", "clutch"} else 0.0
+        core = knobs[f"core_{number}"] if INSIDES[place] != "single" else 0.0
         pairs.append((knobs[f"shell_{number}"] + core, knobs[f"bearing_{number}"]))
     return {"joined": _predict([("single", pair) for pair in pairs])}
 

@@ -10,7 +10,7 @@ from typing import Any
 import anyio
 
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.records import EpisodeKey, ToolCall
 from evaluator.report.agent_results import Run
@@ -33,7 +33,7 @@ def stored_run(folder: Path, *played: tuple[EpisodeKey, Turns]) -> RunFolder:
     run.write_run(RunRecord(created_at="2026-01-01T00:00:00+00:00", plan=plan, server=ServerRecord(option="host")))
 
     async def play() -> None:
-        laboratory = MemoryLaboratory()
+        laboratory = MemoryConnector()
         for key, turns in played:
             agent = ScriptedAgent("x", {None: tuple(map(tuple, turns))})
             versions = VERSIONS.model_copy(update={"pack": pack_hash(find_pack(key.scene))})

@@ -2,6 +2,7 @@
 
 from pydantic import JsonValue
 
+from evaluator.answers.chance import Chance
 from evaluator.failures.findings import Failure
 from evaluator.records import Episode, Grade, GradeRecord
 from evaluator.scores.dimensions import EpisodeScores, dimensions
@@ -9,6 +10,9 @@ from evaluator.scores.experiment_cost import cost_of
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scored_episode import ScoredEpisode
 from scenes import LabLimits
+
+CHANCE = Chance(0.0, 0.0)
+"""A blind guess is never right."""
 
 
 def scores_of(episode: Episode, grade: Grade, disabled_tools: frozenset[str] = frozenset()) -> EpisodeScores:
@@ -27,6 +31,7 @@ def scored(
     answer_key: JsonValue = 1.5,
     grader_version: str = "1",
     limits: LabLimits | None = None,
+    chance: Chance = CHANCE,
 ) -> ScoredEpisode:
     """A scored episode of a scene that no pack describes."""
     record = GradeRecord(
@@ -39,9 +44,11 @@ def scored(
     return ScoredEpisode(
         episode=episode,
         record=record,
+        scene_name="",
         category=category,
         problem_type=problem_type,
         scores=scores_of(episode, grade, disabled_tools),
+        chance=chance,
         experiment_cost=cost_of(episode, limits or LabLimits()),
         grounding=grounding_of(episode),
         failures=failures,

@@ -1,17 +1,19 @@
 """The public interface for Python programs: the names it has, and that they do what the commands do."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import evaluator
-from evaluator import UsageError, grade, load_run, play, score, summary
+from evaluator import UsageError, connect, episode_of_log, grade, load_run, play, score, select, summary
 from evaluator.agents.baselines import BlindAgent
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.commands.program import main
-from evaluator.records import Verdict
+from evaluator.records import Outcome, Verdict
 
 
 def test_the_public_names_are_sorted_exist_and_are_documented() -> None:
@@ -40,6 +42,47 @@ async def test_an_episode_is_played_graded_and_scored_without_files() -> None:
     (row,) = score([episode])
     assert row.category == "easy-single"
     assert summary([row]).overall.n_correct == 1
+
+
+async def test_episodes_share_a_laboratory_and_their_prompts_have_examples_if_asked_for(host_url: str) -> None:
+    async with connect(host_url) as laboratory:
+        played = [
+            await play(ReferenceAgent(), 7, seed=1, prompting=prompting, server=laboratory)
+            for prompting in ("zero-shot", "few-shot-cot")
+        ]
+    assert [episode.key.prompting for episode in played] == ["zero-shot", "few-shot-cot"]
+    assert len(played[0].prompt) < len(played[1].prompt)
+    assert {grade(episode).grade.strict for episode in played} == {Verdict.CORRECT}
+
+
+def logged(tool: str, start: float, **arguments: Any) -> dict[str, Any]:
+    """A call as the log of a host has it."""
+    return {"tool": tool, "arguments": arguments, "returned": True, "is_error": False, "content": {}, "text": "{}"} | {
+        "started_s": start,
+        "duration_s": 0.5,
+    }
+
+
+def test_a_log_of_calls_is_an_episode_that_can_be_graded() -> None:
+    calls = [logged("step", 1.0, duration=0.8), logged("answer", 2.0, answer=7.848)]
+    log = json.dumps({"ended": True, "calls": calls}).encode()
+    episode = episode_of_log(log, 7, max_calls=9)
+    assert (episode.outcome, episode.answer, len(episode.turns), episode.max_calls) == (Outcome.ANSWERED, 7.848, 2, 9)
+    assert episode.duration_s == pytest.approx(2.5)
+    assert grade(episode).grade.strict is Verdict.CORRECT
+    unanswered = json.dumps({"ended": False, "calls": calls[:1]}).encode()
+    assert episode_of_log(unanswered, 7, max_calls=9).outcome is Outcome.BUDGET_EXHAUSTED
+    with pytest.raises(UsageError, match="this is no log of calls"):
+        episode_of_log(b"{}", 7, max_calls=9)
+    with pytest.raises(UsageError, match="no scene 6"):
+        episode_of_log(log, 6, max_calls=9)
+
+
+def test_a_selection_has_scenes_and_seeds_by_the_words_of_the_command_line() -> None:
+    assert select().seeds == (0,)
+    chosen = select(scenes="7-9", seeds="1,3-4")
+    assert ([files.scene_id for files in chosen.packs], chosen.seeds, chosen.split) == ([7, 8, 9], (1, 3, 4), "")
+    assert select("test-ideas", scenes="8").split == "test-ideas@1"
 
 
 async def test_a_scene_that_does_not_exist_is_refused() -> None:

@@ -14,7 +14,7 @@ import anyio
 import pytest
 
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import ProcessLaboratory
+from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.loop import play_episode
 from evaluator.records import Episode, Grade
 from evaluator.scores.scoring import grade_record
@@ -82,7 +82,7 @@ def rehearsed(scene: int, seed: int, budget: int = 20) -> Episode:
 
     async def play() -> Episode:
         key = episode_key(scene, seed=seed, agent="rehearsed", budget=budget)
-        async with ProcessLaboratory(LABORATORY).open(scene, seed) as client:
+        async with ProcessConnector(LABORATORY).open(scene, seed) as client:
             return await play_episode(Rehearsed(), client, key, VERSIONS)
 
     return anyio.run(play)

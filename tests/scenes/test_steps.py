@@ -1,4 +1,4 @@
-"""Forces that grow step by step on a body in oil, the rows at rest, and strengths from places with errors."""
+"""Forces that grow step by step on a body in oil, the rows at rest, strengths from places with errors, late parts."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from scenes.courses import Array
-from scenes.protocol import Call, call
-from scenes.steps import PushSteps, fitted_strengths
+from scenes.protocol import Call, Exchanges, call
+from scenes.steps import LateParts, PushSteps, fitted_from, fitted_strengths
 
 STIFFNESS, OIL = 30.0, 40.0
 STEPS = PushSteps(
@@ -95,3 +95,52 @@ def test_errors_of_places_weigh_by_the_slope_and_negative_strengths_are_refused(
     assert strengths == pytest.approx([20, 900], rel=1e-6)
     assert cost < 1e-6
     assert fitted_strengths(columns, places, 20 * places - 100 * places**3, 1e-4, 4)[0] > 1e3
+
+
+def test_the_best_of_several_starts_is_followed_to_its_end() -> None:
+    def misfits(at: Array) -> Array:
+        return np.array([np.cos(3 * at[0]) + at[0] / 4, 0.1])  # several valleys; the deepest of them is at 1.05
+
+    cost, best = fitted_from(misfits, ([-1.5], [0.8], [2.9]), ([-2.0], [3.0]), [1.0])
+    alone = fitted_from(misfits, ([2.9],), ([-2.0], [3.0]), [1.0])[0]
+    assert cost == pytest.approx(float((misfits(best) ** 2).sum()))
+    assert cost <= alone
+
+
+LATE = LateParts(lambda part, points: points[0] - part[2], least=0.001, times=2)
+"""Parts that bear once the first coordinate is beyond their gap."""
+
+
+def test_parts_that_were_hardly_pressed_are_not_known() -> None:
+    constants = np.array([1.0, 2.0, 3.0, 0.5, 7.0, 0.01, 0.6, 8.0, 0.04])
+    points = np.array([[0.005, 0.02, 0.03, 0.042]])
+    assert LATE.known(constants, points).tolist() == [1, 2, 3, 0.5, 7.0, 0.01, 0.6, 0.0, 0.04]
+    assert constants[7] == 8.0
+
+
+def test_later_rounds_use_what_is_known_and_the_last_fit_is_returned() -> None:
+    told: list[tuple[str, list[float], float, float]] = []
+
+    def calls(structure: str, known: Array, trust: float, aim: float) -> list[Call]:
+        told.append((structure, known.tolist(), trust, aim))
+        return [call("get_position", object_id="object_1")]
+
+    def fit(exchanges: Exchanges) -> tuple[str, Array, Array]:
+        places = np.array([[reading["angle"] for _, reading in exchanges]])
+        return f"after {len(exchanges)}", np.array([1.0, 2.0, 3.0, 0.5, 7.0, 0.01]), places
+
+    seen: list[tuple[Call, dict[str, Any]]] = []
+    protocol = LATE.approached(seen, ((0.0, (1.0, 2.0)), (0.5, (3.0,)), (0.8, (4.0,))), np.ones(3), calls, fit)
+    asked, angles = next(protocol), iter((0.005, 0.02, 0.03, 0.04))
+    while True:
+        try:
+            asked = protocol.send([{"angle": next(angles)} for _ in asked])
+        except StopIteration as ended:
+            structure, constants = ended.value
+            break
+    assert told[:2] == [("", [1, 1, 1], 0.0, 1.0), ("", [1, 1, 1], 0.0, 2.0)]
+    assert told[2] == ("after 2", [1, 2, 3, 0.5, 0.0, 0.01], 0.5, 3.0)
+    assert told[3] == ("after 3", [1, 2, 3, 0.5, 7.0, 0.01], 0.8, 4.0)
+    assert structure == "after 4"
+    assert constants.tolist() == [1, 2, 3, 0.5, 7.0, 0.01]
+    assert len(seen) == 4

@@ -22,7 +22,7 @@ from evaluator.agents.external.environment import TOKEN, URL, child_environment
 from evaluator.agents.external.folders import episode_folders
 from evaluator.agents.external.system_users import SystemUser, SystemUsers
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
-from evaluator.episode.connect import HostLaboratory, Laboratory
+from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.errors import AgentError, UsageError
 from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
 from evaluator.redaction import Redaction
@@ -90,7 +90,9 @@ class ExternalAgent:
         limit = calls_allowed(scene, self.scenes_dir)
         return CALLS_PER_ITERATION * budget if limit is None else limit + 1
 
-    async def play(self, laboratory: Laboratory, key: EpisodeKey, versions: Versions, used: list[Usage]) -> Episode:
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
         """Let the program play one episode to its end.
 
         Args:
@@ -107,7 +109,7 @@ class ExternalAgent:
             UsageError: The laboratory has no address.
         """
         del used
-        if not isinstance(laboratory, HostLaboratory):
+        if not isinstance(laboratory, HostConnector):
             raise UsageError(NEEDS_ADDRESS)
         started_at, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
         max_calls = self.calls_for(key.scene, key.budget)

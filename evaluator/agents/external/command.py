@@ -49,7 +49,7 @@ def parse_external(
     if server != "host" and not server.startswith(("http://", "https://")):
         raise UsageError(NEEDS_ADDRESS)
     if home is not None and not home.is_dir():
-        raise UsageError(f"--home-from {home}: there is no such folder")
+        raise UsageError(f"--home-template {home}: there is no such folder")
     program = shutil.which(words[0])
     if program is None:
         raise UsageError(f"there is no program {words[0]!r}")

@@ -11,7 +11,7 @@ from mcp import Client
 from pydantic import BaseModel, JsonValue, ValidationError
 
 from evaluator.episode.bounds import unrecordable
-from evaluator.episode.connect import HostLaboratory, http_client, mcp_client
+from evaluator.episode.connect import HostConnector, http_client, mcp_client
 from evaluator.episode.loop import opening_prompt
 from evaluator.episode.player import ANSWER, Briefing
 from evaluator.episode.toolbox import Toolboxes
@@ -131,7 +131,7 @@ class WatchedEpisode:
 
 @contextlib.asynccontextmanager
 async def watch_episode(
-    host: HostLaboratory, scene: int, seed: int, max_calls: int, *, guarded: bool = False
+    host: HostConnector, scene: int, seed: int, max_calls: int, *, guarded: bool = False
 ) -> AsyncGenerator[WatchedEpisode]:
     """Open an episode for another program, and close it afterwards.
 

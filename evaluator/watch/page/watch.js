@@ -27,7 +27,7 @@
     return made;
   }
 
-  const named = (one) => `scene ${one.scene}, seed ${one.seed}, ${one.agent}, budget ${one.budget}`
+  const named = (one) => `scene ${one.name}, seed ${one.seed}, ${one.agent}, budget ${one.budget}`
     + (one.epoch > 1 ? `, epoch ${one.epoch}` : "");
 
   function verdict(one) {

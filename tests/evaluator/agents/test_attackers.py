@@ -10,7 +10,7 @@ from evaluator.agents.attackers.readings import unit
 from evaluator.agents.attackers.strategies import ATTACKERS
 from evaluator.answers.engine import prompt_of
 from evaluator.certify.driving import Drive, drive
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
 from evaluator.episode.loop import play_episode
 from evaluator.errors import UsageError
@@ -75,7 +75,7 @@ def test_an_attacker_reads_lists_options_and_sealed_objects(author: Author) -> N
 @pytest.mark.parametrize("name", ATTACKERS)
 async def test_an_attacker_keeps_the_limits_and_answers(name: str, author: Author) -> None:
     files = author.write(Category.HARD_SINGLE)
-    async with MemoryLaboratory(files.folder.parent).open(200, 1) as client:
+    async with MemoryConnector(files.folder.parent).open(200, 1) as client:
         episode = await play_episode(AttackerAgent(name), client, episode_key(200, seed=1), VERSIONS)
     assert episode.outcome is Outcome.ANSWERED
     refused = [exchange.text for turn in episode.turns for exchange in turn.exchanges if exchange.is_error]

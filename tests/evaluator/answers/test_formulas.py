@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluator.answers import symbolic
-from evaluator.answers.formula import FormulaError, Node, parse_formula, points_of, value_of
+from evaluator.answers.formula import parse_formula, points_of, value_of
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
 from evaluator.records import Verdict
+from physment_mcp.contract.expressions import ExpressionError, Node
 from scenes import AnswerKind, AnswerSpec
 from scenes.answer_spec import Variable
 
@@ -75,7 +76,7 @@ def test_a_formula_has_its_usual_value(text: str, value: float) -> None:
     ],
 )
 def test_what_is_no_formula_is_refused_with_its_reason(text: str, reason: str) -> None:
-    with pytest.raises(FormulaError, match=reason.replace("(", r"\(")):
+    with pytest.raises(ExpressionError, match=reason.replace("(", r"\(")):
         parse_formula(text, VARIABLES)
 
 
@@ -91,7 +92,7 @@ def test_a_formula_without_a_finite_value_is_wrong_at_once(text: str) -> None:
 
 @given(st.text(alphabet="x1.e+-*/^() m²√sinlog=", max_size=60))
 def test_any_text_is_read_or_refused(text: str) -> None:
-    with contextlib.suppress(FormulaError):
+    with contextlib.suppress(ExpressionError):
         value_of(parse_formula(text, VARIABLES), {"x": 2.0, "m": 3.0})
 
 

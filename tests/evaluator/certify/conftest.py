@@ -2,16 +2,16 @@
 
 import pytest
 
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 
 
 @pytest.fixture
-def laboratory() -> type[MemoryLaboratory]:
+def laboratory() -> type[MemoryConnector]:
     """The class of a laboratory that serves a folder of packs in memory."""
-    return MemoryLaboratory
+    return MemoryConnector
 
 
 @pytest.fixture
-def memory() -> MemoryLaboratory:
+def memory() -> MemoryConnector:
     """A laboratory that serves the suite in memory."""
-    return MemoryLaboratory()
+    return MemoryConnector()

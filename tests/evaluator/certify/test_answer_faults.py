@@ -133,22 +133,7 @@ def test_a_question_in_the_units_of_its_answer_has_no_fault(
     assert asking(author, files, task, [3, 4] if spec["kind"] == "numbers" else 3, **spec) == []
 
 
-NOT_CERTIFIED_ANEW = (217,)
-"""Scenes whose question names no unit yet: the packs that do are in the history and have no certificates."""
-
-
-@pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(
-            files.scene_id,
-            marks=pytest.mark.xfail(strict=True, reason="the mended pack is not certified yet")
-            if files.scene_id in NOT_CERTIFIED_ANEW
-            else (),
-        )
-        for files in list_packs()
-    ],
-)
+@pytest.mark.parametrize("scene", [files.scene_id for files in list_packs()])
 def test_every_scene_of_the_suite_asks_for_what_its_key_says(scene: int) -> None:
     assert list(answer_faults(read_pack(find_pack(scene)))) == []
 

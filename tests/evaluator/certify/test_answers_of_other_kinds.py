@@ -7,7 +7,7 @@ import pytest
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.certificate import certify, play_reference
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import SceneCertificate
 from evaluator.certify.subject import Subject
@@ -52,7 +52,7 @@ def formula(author: Author, files: PackFiles) -> PackFiles:
 
 
 async def proven(files: PackFiles) -> SceneCertificate:
-    return await certify(files, SEEDS, MemoryLaboratory(files.folder.parent))
+    return await certify(files, SEEDS, MemoryConnector(files.folder.parent))
 
 
 def reasons(certificate: SceneCertificate) -> str:
@@ -61,7 +61,7 @@ def reasons(certificate: SceneCertificate) -> str:
 
 async def test_a_scene_that_asks_for_a_formula_is_sound(formula: PackFiles) -> None:
     assert reasons(await proven(formula)) == ""
-    subject, memory = Subject.open(formula), MemoryLaboratory(formula.folder.parent)
+    subject, memory = Subject.open(formula), MemoryConnector(formula.folder.parent)
     for seed in range(SEEDS):
         played = await play_reference(subject, seed, memory)
         key = KeyRing(formula.folder.parent).key(formula.scene_id, seed)

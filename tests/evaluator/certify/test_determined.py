@@ -7,7 +7,7 @@ import pytest
 
 from evaluator.certify.certificate import certify, play_reference
 from evaluator.certify.determined import check_determined, undeclared
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES
 from evaluator.certify.subject import Subject
@@ -33,7 +33,7 @@ def files(author: Author) -> PackFiles:
 def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
     """The reference agent's episodes in the template."""
     files = Author(tmp_path_factory.mktemp("scenes")).write(Category.HARD_SINGLE)
-    subject, laboratory = Subject.open(files), MemoryLaboratory(files.folder.parent)
+    subject, laboratory = Subject.open(files), MemoryConnector(files.folder.parent)
 
     async def play() -> list[Episode]:
         return [await play_reference(subject, seed, laboratory) for seed in range(SEEDS)]
@@ -170,5 +170,5 @@ async def test_packs_without_a_family_are_listed_and_not_weighed(author: Author,
     assert undeclared([files]) == []
     author.edit(files, lambda pack: pack.pop("family"))
     assert undeclared([files]) == [files.scene_id]
-    certificate = await certify(files, 1, MemoryLaboratory(files.folder.parent))
+    certificate = await certify(files, 1, MemoryConnector(files.folder.parent))
     assert tuple(check.name for check in certificate.checks) == CERTIFICATES + PREDICTION_CERTIFICATES

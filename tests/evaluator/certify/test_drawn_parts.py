@@ -10,11 +10,6 @@ from evaluator.certify.drawn_parts import absent_laws_without_value, law_faults,
 from scenes import PackFiles, list_packs, read_pack
 
 OWN = [files for files in list_packs() if read_pack(files).predicts]
-UNEQUAL = {
-    76: "dry friction at some seeds",
-    98: "dry friction at some seeds",
-}
-"""Packs whose models have different numbers of parts, and why; lint calls `unequal_parts` once there are none."""
 
 
 def model(*laws: Any, more: str = "", joint: str = "", rest: str = "") -> str:
@@ -70,16 +65,6 @@ def test_the_laws_of_the_suite_tell_nothing_of_the_draw(files: PackFiles) -> Non
     assert list(law_faults(files, read_pack(files))) == []
 
 
-@pytest.mark.parametrize(
-    "files",
-    [
-        pytest.param(
-            files,
-            id=str(files.scene_id),
-            marks=pytest.mark.xfail(reason=UNEQUAL[files.scene_id]) if files.scene_id in UNEQUAL else (),
-        )
-        for files in OWN
-    ],
-)
+@pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))
 def test_the_parts_of_the_suite_tell_nothing_of_the_draw(files: PackFiles) -> None:
     assert list(unequal_parts(models_of(files, read_pack(files)))) == []

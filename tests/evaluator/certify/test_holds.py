@@ -10,7 +10,7 @@ from evaluator.answers.engine import Engine
 from evaluator.certify.catches import undeclared_catches
 from evaluator.certify.certificate import certify
 from evaluator.certify.holds import check_holds
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.loads import Ball, axle
 from evaluator.certify.records import Check, certificates_of
@@ -281,7 +281,7 @@ async def test_the_certificate_is_made_with_the_others(author: Author) -> None:
         pack["catches"] = [{"words": ["stops"], "holds": {"object_1_vx": [-12, 12]}}]
 
     author.edit(files, name_a_stop)
-    certificate = await certify(files, SEEDS, MemoryLaboratory(files.folder.parent))
+    certificate = await certify(files, SEEDS, MemoryConnector(files.folder.parent))
     assert "holds" in [check.name for check in certificate.checks]
     assert certificate.passed, [check for check in certificate.checks if not check.passed]
 

@@ -10,7 +10,7 @@ import pytest
 from evaluator.certify.attempts import check_unstageable
 from evaluator.certify.certificate import certify, play_reference
 from evaluator.certify.hypotheses import check_structure, check_tempting
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.instrument import check_instrument
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, FAMILY_CERTIFICATES, PREDICTION_CERTIFICATES, Check
@@ -42,7 +42,7 @@ def files(author: Author) -> PackFiles:
 def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
     """The reference agent's episodes in the template."""
     files = Author(tmp_path_factory.mktemp("scenes")).write(Category.HARD_SINGLE)
-    subject, laboratory = Subject.open(files), MemoryLaboratory(files.folder.parent)
+    subject, laboratory = Subject.open(files), MemoryConnector(files.folder.parent)
 
     async def play() -> list[Episode]:
         return [await play_reference(subject, seed, laboratory) for seed in range(SEEDS)]
@@ -57,7 +57,7 @@ def only_reason(check: Check) -> str:
 
 
 async def test_the_template_of_a_scene_with_a_prediction_has_all_certificates(files: PackFiles) -> None:
-    certificate = await certify(files, SEEDS, MemoryLaboratory(files.folder.parent))
+    certificate = await certify(files, SEEDS, MemoryConnector(files.folder.parent))
     assert [check for check in certificate.checks if not check.passed] == []
     names = tuple(check.name for check in certificate.checks)
     assert names == CERTIFICATES + PREDICTION_CERTIFICATES + FAMILY_CERTIFICATES
@@ -197,7 +197,7 @@ def test_limits_and_instruments_are_stated_and_needed(
 async def test_a_reference_that_is_refused_does_not_keep_the_limits(author: Author, files: PackFiles) -> None:
     author.edit(files, lambda pack: pack["limits"].update(force=9.5))
     subject = Subject.open(files)
-    played = [await play_reference(subject, 0, MemoryLaboratory(files.folder.parent))]
+    played = [await play_reference(subject, 0, MemoryConnector(files.folder.parent))]
     assert "seed 0: the reference was refused" in check_instrument(subject, played).reasons[0]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.episode.connect import Laboratory, connect
+from evaluator.episode.connect import EpisodeConnector, connect
 from evaluator.episode.passed_sockets import AVAILABLE
 from evaluator.errors import InfrastructureError
 
@@ -42,14 +42,14 @@ async def all_ended(parent: int) -> None:
             await anyio.sleep(0.02)
 
 
-async def killed_while_playing(laboratory: Laboratory) -> None:
+async def killed_while_playing(laboratory: EpisodeConnector) -> None:
     async with laboratory.open(7, 0) as client:
         (parent,) = forking()
         os.kill(max(children_of(parent)), signal.SIGKILL)
         await client.call_tool("step", {"duration": 0.5})
 
 
-async def time_after(laboratory: Laboratory, duration: float) -> object:
+async def time_after(laboratory: EpisodeConnector, duration: float) -> object:
     async with laboratory.open(7, 0) as client:
         result = await client.call_tool("step", {"duration": duration})
         return (result.structured_content or {})["sim_time"]

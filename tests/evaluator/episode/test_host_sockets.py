@@ -9,13 +9,13 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.episode.connect import HostLaboratory, LocalHost
+from evaluator.episode.connect import HostConnector, LocalHost
 from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.passed_sockets import ControlSocket, passed
 from evaluator.errors import InfrastructureError, UsageError
 
 
-async def kill_during_an_episode(local: LocalHost, laboratory: HostLaboratory) -> None:
+async def kill_during_an_episode(local: LocalHost, laboratory: HostConnector) -> None:
     async with laboratory.open(7, 0) as client:
         assert local._process is not None
         local._process.kill()

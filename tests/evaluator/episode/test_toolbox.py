@@ -12,7 +12,7 @@ from mcp import Client
 from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from tests.builders.records import call
 
@@ -98,7 +98,7 @@ async def test_a_server_with_an_older_protocol_is_asked_by_every_episode() -> No
 
 
 async def test_a_host_declares_its_tools_public(host_url: str) -> None:
-    laboratory, boxes = HostLaboratory(host_url), list[Toolbox]()
+    laboratory, boxes = HostConnector(host_url), list[Toolbox]()
     for scene in (7, 20):
         async with laboratory.open(scene, 0) as client:
             boxes.append(await laboratory.toolboxes.of(client))

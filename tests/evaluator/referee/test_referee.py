@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import AsyncGenerator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import pytest
 
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import HostLaboratory, mcp_client
+from evaluator.episode.connect import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.records import Episode, Verdict
 from evaluator.referee.episodes import Referee
@@ -60,7 +61,7 @@ class Trainer:
 
 @contextlib.asynccontextmanager
 async def refereeing(host_url: str, *, token: str | None = None, **options: Any) -> AsyncGenerator[Trainer]:
-    referee = Referee(HostLaboratory(host_url), KeyRing(), RECORD, **options)
+    referee = Referee(HostConnector(host_url), KeyRing(), RECORD, **options)
     served = app(referee, token)
     async with (
         served.router.lifespan_context(served),
@@ -100,6 +101,16 @@ async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host_url: s
     assert list(map(canonical, exchanges_of(recorded))) == list(map(canonical, exchanges_of(episode)))
     assert grade_record(recorded, KeyRing()).grade == grade_record(episode, KeyRing()).grade
     assert reply["calls"] == len(exchanges_of(episode))
+
+
+async def test_replies_have_the_fields_that_the_shared_client_reads(host_url: str) -> None:
+    client = referee_client()
+    async with refereeing(host_url) as trainer:
+        opened = await trainer.open()
+        given = (await trainer.reward(opened, GIVE_UP)).json()
+    assert opened.keys() == {one.name for one in fields(client.OpenedEpisode)}
+    assert given.keys() == {one.name for one in fields(client.Reward)}
+    assert [tool.keys() for tool in opened["tools"]] == [{"name", "description", "input_schema"}] * 26
 
 
 async def test_a_reward_is_given_once(host_url: str) -> None:

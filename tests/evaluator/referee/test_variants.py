@@ -12,7 +12,7 @@ import pytest
 
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import HostLaboratory, mcp_client
+from evaluator.episode.connect import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest
 from evaluator.referee.contract import Variant, WantedEpisode
@@ -117,7 +117,7 @@ async def refereeing(
         versions={"physment-mcp": "0"},
     )
     folder.create(resume=False)
-    referee = Referee(HostLaboratory(host_url, seed_of=seed_of), KeyRing(seed_of=seed_of), record, folder=folder)
+    referee = Referee(HostConnector(host_url, seed_of=seed_of), KeyRing(seed_of=seed_of), record, folder=folder)
     served = app(referee)
     async with (
         served.router.lifespan_context(served),

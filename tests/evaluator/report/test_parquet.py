@@ -74,15 +74,19 @@ def test_the_file_is_read_back_with_every_exchange(
     assert list(file.parent.iterdir()) == [file]
 
 
-@pytest.mark.parametrize("form", ["parquet", "inspect"])
-def test_a_missing_extra_is_named(played: RunFolder, form: str, capsys: pytest.CaptureFixture[str]) -> None:
-    library = {"parquet": "pyarrow", "inspect": "inspect_ai"}[form]
-    if find_spec(library) is not None:
-        pytest.skip(f"{library} is installed here")
+@pytest.mark.parametrize(
+    ("form", "package", "install"),
+    [("parquet", "pyarrow", "'physment-mcp[parquet]'"), ("inspect", "physment_inspect", "./integrations/inspect")],
+)
+def test_what_a_format_needs_is_named(
+    played: RunFolder, form: str, package: str, install: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if find_spec(package) is not None:
+        pytest.skip(f"{package} is installed here")
     capsys.readouterr()
     assert main(["export", str(played.path), "--to", form]) == 2
     said = capsys.readouterr().err
-    assert f"pip install 'physment-mcp[{form}]'" in said
+    assert f"pip install {install}" in said
     assert said.count("\n") == 1
 
 

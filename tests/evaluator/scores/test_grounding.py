@@ -51,7 +51,7 @@ def test_a_whole_trace_counted_by_hand() -> None:
 
 
 def test_a_return_supports_later_turns_only() -> None:
-    same = grounding_of(episode(turn("I will read -7.848 m/s.", VELOCITY)))
+    same = grounding_of(episode(turn("It reads -7.848 m/s.", VELOCITY)))
     assert same.share == 0
     assert after("I read -7.848 m/s.", VELOCITY).share == 1
 

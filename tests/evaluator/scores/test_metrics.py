@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evaluator.answers.chance import Chance
 from evaluator.records import (
     UNREAD,
     Exchange,
@@ -16,8 +17,9 @@ from evaluator.records import (
 )
 from evaluator.scores.dimensions import WEIGHTS, final_score, non_repetition
 from evaluator.scores.grouping import quadrant
-from evaluator.scores.metrics import held_out_accuracy, summarise
+from evaluator.scores.metrics import GroupSummary, held_out_accuracy, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.wording import floor_sentence
 from evaluator.statistics.intervals import wilson_interval
 from tests.builders.records import RIGHT, UNSCORED, WRONG, call, episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored, scores_of
@@ -115,6 +117,16 @@ def test_calls_to_disabled_tools_are_counted_apart() -> None:
     assert scores.v_enabled == 1
 
 
+def test_without_a_call_that_the_laboratory_ran_validity_and_diversity_are_undefined() -> None:
+    silent = episode(turn("I guess that it moves.", exchange("answer")))
+    rejected = episode(turn("I step, I step.", exchange(ran=False, error=True)), turn("So 1.", exchange("answer")))
+    for played in (silent, rejected):
+        scores = scores_of(played, RIGHT)
+        assert (scores.v, scores.v_enabled, scores.r) == (None, None, None)
+    refused = scores_of(episode(turn("I step, I step.", exchange(error=True)), turn("", exchange("answer"))), RIGHT)
+    assert (refused.v, refused.r) == (0.5, pytest.approx(1 / 3))
+
+
 def test_without_calls_words_or_assertions_the_dimensions_are_undefined() -> None:
     scores = scores_of(episode(turn(""), turn(" …\n"), outcome=Outcome.AGENT_ERROR), WRONG)
     assert (scores.g, scores.v, scores.r) == (None, None, None)
@@ -208,9 +220,10 @@ def test_a_whole_run_computed_by_hand() -> None:
     assert overall.strict_interval == wilson_interval(1, 3)
     assert overall.c == pytest.approx((0.5 + 1 + 0) / 3)
     assert overall.e == pytest.approx((0.9 + 0.95 + 0) / 3)
-    assert overall.g == 0
-    assert overall.v == pytest.approx((2 / 3 + 1) / 2)
-    assert overall.r == 1
+    # A single number is stated, too few for a share. Only the first episode has an experiment.
+    assert (overall.g, overall.n_numbers) == (None, 1)
+    assert overall.v == pytest.approx((2 / 3) / 3)
+    assert overall.r == pytest.approx(1 / 3)
     # Of four turns, the second of the first episode and the only one of the second say nothing.
     assert overall.silent_turns == pytest.approx(2 / 4)
     assert overall.unread_turns == 1
@@ -219,22 +232,22 @@ def test_a_whole_run_computed_by_hand() -> None:
         "e": 3,
         "g": 1,
         "g_plus": 1,
-        "v": 2,
-        "v_enabled": 2,
+        "v": 1,
+        "v_enabled": 1,
         "step_credit": 0,
-        "r": 2,
+        "r": 1,
         "g_prime": 3,
     }
     # Easy-single is 1/2 right, easy-multi 0: held out, the three episodes have 0, 0 and 1/2.
     assert overall.g_prime == pytest.approx(0.5 / 3)
     assert overall.final_score == pytest.approx(
-        100 * (0.40 * 0.5 + 0.15 * 1.85 / 3 + 0.10 * (5 / 9) + 0.10 * (2 / 3) + 0.10 * 0.5 / 3)
+        100 * (0.40 * 0.5 + 0.15 * 1.85 / 3 + 0.10 * (2 / 9) + 0.10 * (1 / 3) + 0.10 * 0.5 / 3)
     )
-    # Defined are all six in the first episode, all but G and R in the second, all but G and V in the third.
-    first = 0.40 * 0.5 + 0.15 * 0.9 + 0.10 * 2 / 3 + 0.10
-    second = (0.40 + 0.15 * 0.95 + 0.10) / 0.75
-    third = (0.10 + 0.10 * 0.5) / 0.75
-    assert overall.final_score_of_defined == pytest.approx(100 * (first + second + third) / 3)
+    assert overall.final_score_of_defined == pytest.approx((overall.final_score or 0) / 0.85)
+    # The first episode defines all but G′, the second C and E; the third has no right part.
+    first = (0.40 * 0.5 + 0.15 * 0.9 + 0.10 * 2 / 3 + 0.10) / 0.90
+    second = (0.40 + 0.15 * 0.95) / 0.55
+    assert overall.gated == pytest.approx(100 * (0.5 * first + second) / 3)
     assert overall.outcomes == {
         Outcome.ANSWERED: 2,
         Outcome.BUDGET_EXHAUSTED: 1,
@@ -250,6 +263,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         "n_correct": 0,
         "disabled_calls": 0,
         "unread_turns": 0,
+        "n_numbers": 0,
         "n_defined": dict.fromkeys(overall.n_defined, 0),
     }
     assert {name: group.n for name, group in summary.by_quadrant.items()} == {"easy-multi": 2, "easy-single": 2}
@@ -260,8 +274,8 @@ def test_a_whole_run_computed_by_hand() -> None:
 def test_a_dimension_that_no_episode_defines_is_undefined() -> None:
     overall = summarise([row(RIGHT, "easy-single"), row(RIGHT, "hard-single")]).overall
     assert (overall.g, overall.n_defined["g"]) == (None, 0)
-    assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10 + 0.10 + 0.10))
-    assert overall.final_score_of_defined == pytest.approx((overall.final_score or 0) / 0.85)
+    assert overall.final_score == pytest.approx(100 * (0.40 + 0.15 * 0.95 + 0.10))
+    assert overall.final_score_of_defined == pytest.approx((overall.final_score or 0) / 0.65)
 
 
 def test_normalised_accuracy_is_reported_with_strict_accuracy() -> None:
@@ -302,3 +316,35 @@ def test_numbers_stay_in_bounds_and_do_not_depend_on_the_order(data: st.DataObje
             assert share is None or 0 <= share <= 1
         assert group.final_score is None or 0 <= group.final_score <= 100
         assert sum(group.outcomes.values()) == group.n
+
+
+def test_skill_is_0_for_a_blind_guess_and_1_for_a_perfect_agent_with_the_interval_of_the_accuracy() -> None:
+    def of(grades: list[Grade], chance: float) -> GroupSummary:
+        key = itertools.count(7)
+        return summarise(
+            [scored(episode(key=episode_key(next(key))), grade, chance=Chance(chance, chance)) for grade in grades]
+        ).overall
+
+    half = of([RIGHT, WRONG, RIGHT, WRONG], 0.2)
+    assert (half.blind_accuracy, half.skill) == (pytest.approx(0.2), pytest.approx((0.5 - 0.2) / 0.8))
+    interval = wilson_interval(2, 4)
+    assert half.skill_interval is not None
+    assert half.skill_interval.low == pytest.approx((interval.low - 0.2) / 0.8)
+    assert half.skill_interval.high == pytest.approx((interval.high - 0.2) / 0.8)
+    assert of([RIGHT] * 4, 0.2).skill == pytest.approx(1)
+    assert of([RIGHT, WRONG, WRONG, WRONG, WRONG], 0.2).skill == pytest.approx(0)
+    assert of([RIGHT, RIGHT], 1.0).skill is None
+
+
+def test_an_agent_that_never_experiments_gets_the_score_of_a_guess_in_one_turn() -> None:
+    rows = [
+        scored(episode(key=episode_key(7, budget=5)), WRONG, "easy-single", chance=Chance(0.1, 0.2)),
+        scored(episode(key=episode_key(26, budget=5)), RIGHT, "hard-single", chance=Chance(0.3, 0.4)),
+    ]
+    overall = summarise(rows).overall
+    assert overall.blind_score == pytest.approx(100 * (0.40 * 0.3 + 0.15 * 0.8 + 0.10 * 0.2))
+    assert floor_sentence({"x": overall}) == (
+        "an agent that never experiments gets a Final Score of 26.0 on the same scenes, seeds and budgets"
+    )
+    alone = summarise(rows[:1]).overall
+    assert (alone.blind_score, floor_sentence({"x": alone})) == (None, "")

@@ -10,6 +10,7 @@ from jsonschema import Draft202012Validator
 
 from evaluator.commands.terminal import summary_lines
 from evaluator.records import EpisodeKey, Outcome
+from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.scores.grouping import NO_RUNG, modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
@@ -233,3 +234,14 @@ def test_the_command_starts_without_loading_scipy_stats_or_special() -> None:
     code = "import sys; from evaluator.commands.program import parsed; parsed(['run'])\n"
     code += "sys.exit(any(f'scipy.{x}' in sys.modules for x in ('stats', 'special')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_stored_summary_of_an_earlier_version_reads_and_keeps_its_numbers() -> None:
+    new = json.loads(summarise(rows(lambda key: key.scene % 2 == 0)).model_dump_json())
+    assert (new["format"], new.pop("scoring_version")) == (3, SCORING_VERSION)
+    for group in (new["overall"], *(one for name in new if name.startswith("by_") for one in new[name].values())):
+        for name in ("skill", "skill_interval", "blind_accuracy", "gated", "blind_score", "n_numbers"):
+            del group[name]
+    read = RunSummary.model_validate({**new, "format": 2})
+    assert (read.format, read.scoring_version, read.overall.skill) == (2, 1, None)
+    assert read.overall.final_score == new["overall"]["final_score"]

@@ -12,7 +12,7 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.episode.connect import HostLaboratory, ProcessLaboratory
+from evaluator.episode.connect import HostConnector, ProcessConnector
 from evaluator.errors import InfrastructureError
 from evaluator.records import Verdict
 from evaluator.seed_key import SeedKey
@@ -118,7 +118,7 @@ def test_a_run_is_resumed_only_with_its_own_key(
     folder = RunFolder(tmp_path / "run")
     whole = folder.episodes_file.read_bytes()
     folder.episodes_file.write_bytes(b"\n".join(whole.split(b"\n")[:2]) + b"\n")
-    assert played("--resume", "--trust-edited") == 0
+    assert played("--resume", "--allow-modified") == 0
     assert len(folder.episodes()) == 4
     key_file.write_text("1f" * 32, encoding="ascii")
     capsys.readouterr()
@@ -140,7 +140,7 @@ async def test_a_failure_of_the_server_does_not_tell_the_seed(
     seed_of = SeedKey.parse(KEY).seed
     seed = str(seed_of(7, 1))
     script = "import sys; sys.exit(f'no such variant: {sys.argv[1:]}')"
-    process = ProcessLaboratory(("python3", "-c", script, "{seed}"), seed_of)
+    process = ProcessConnector(("python3", "-c", script, "{seed}"), seed_of)
     with pytest.raises(InfrastructureError, match=re.escape("(variant 1)")) as failure:
         async with process.open(7, 1):
             pass
@@ -150,7 +150,7 @@ async def test_a_failure_of_the_server_does_not_tell_the_seed(
         web_server(400, said) as url,
         pytest.raises(InfrastructureError, match=re.escape("no draw of seed (variant 1)")),
     ):
-        async with HostLaboratory(url, seed_of=seed_of).open(7, 1):
+        async with HostConnector(url, seed_of=seed_of).open(7, 1):
             pass
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from evaluator.agents.recorded import RecordedAgent, load_recorded
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
@@ -52,7 +52,7 @@ def folder(tmp_path: Path, stored: Episode) -> RunFolder:
 
 
 async def replayed(agent: Agent, scenes_dir: Path | None = None) -> Episode:
-    async with MemoryLaboratory(scenes_dir).open(SCENE, 0) as client:
+    async with MemoryConnector(scenes_dir).open(SCENE, 0) as client:
         return await play_episode(agent, client, key(), VERSIONS)
 
 
@@ -101,7 +101,7 @@ async def test_a_scene_without_a_record_is_an_agent_error(stored: Episode) -> No
     assert "no transcript is stored for scene 7" in ((await replayed(RecordedAgent("replay:x", (other,)))).error or "")
     two = (stored, stored.model_copy(update={"key": key("another")}))
     agent = RecordedAgent("replay:x", tuple(episode.model_copy(update={"key": episode.key}) for episode in two))
-    async with MemoryLaboratory().open(SCENE, 0) as client:
+    async with MemoryConnector().open(SCENE, 0) as client:
         unnamed = await play_episode(agent, client, key("replay:x"), VERSIONS)
     assert "of someone, another" in (unnamed.error or "")
     assert (await replayed(agent)).outcome is Outcome.ANSWERED

@@ -11,7 +11,7 @@ from mcp import Client
 
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
-from evaluator.episode.connect import HostLaboratory, Laboratory
+from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
@@ -68,7 +68,7 @@ def keys(seeds: int) -> list[EpisodeKey]:
     return Plan(scenes=(7,), agents=("x",), budgets=(3,), seeds=tuple(range(seeds))).matrix()
 
 
-def playing(laboratory: Laboratory, *agents: Agent) -> LocalPlay:
+def playing(laboratory: EpisodeConnector, *agents: Agent) -> LocalPlay:
     """Plays episodes of these agents."""
     participants = {agent.name: AgentParticipant(agent) for agent in agents}
     return LocalPlay(laboratory, participants, lambda _scene: VERSIONS)
@@ -178,7 +178,7 @@ async def test_an_agent_that_can_never_play_is_asked_once_and_the_others_play(fo
     agent = Keyless()
     plan = Plan(scenes=(7,), agents=("keyless", "x"), budgets=(3,), seeds=(0, 1, 2))
     with anyio.fail_after(120):
-        runner = Runner(play=playing(HostLaboratory(host_url), agent, SCRIPT), folder=folder)
+        runner = Runner(play=playing(HostConnector(host_url), agent, SCRIPT), folder=folder)
         assert await runner.run(plan.matrix()) == "the provider refused the key"
     assert agent.asked == 1
     assert sorted((key.agent, key.seed) for key in folder.episodes()) == [("x", 0), ("x", 1), ("x", 2)]

@@ -63,10 +63,10 @@ def test_every_edit_is_found_by_grade_report_merge_and_resume(
     assert played(folder.path, host_url, "--resume") != 0
     assert "is not what the run wrote" in capsys.readouterr().err
     for words in commands:
-        assert main([*words, "--trust-edited"]) == 0
+        assert main([*words, "--allow-modified"]) == 0
     for page in (folder.report_file, tmp_path / "merged" / "report.html", tmp_path / "out" / "report.html"):
         assert "NOT as they were sealed" in page.read_text(encoding="utf-8")
-    assert played(folder.path, host_url, "--resume", "--trust-edited") == 0
+    assert played(folder.path, host_url, "--resume", "--allow-modified") == 0
     seal = folder.read_seal()
     assert seal is not None
     assert len(seal.edited) == 1

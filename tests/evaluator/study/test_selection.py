@@ -105,7 +105,7 @@ def test_agents_are_found_by_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["", "Reference", "oracle-once", "oracle-once:", "scripted", "model"])
 def test_an_unknown_agent_is_refused_with_a_list_of_the_known_ones(name: str) -> None:
-    with pytest.raises(UsageError, match="there is no such agent; the agents are reference, random, blind"):
+    with pytest.raises(UsageError, match="there is no such agent; the agents are reference, grammar, random, blind"):
         participants_of(RunConfig(agents=(name,)))
 
 

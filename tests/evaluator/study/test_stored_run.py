@@ -16,11 +16,12 @@ import anyio
 import pytest
 
 from evaluator.agents.recorded import RecordedAgent
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.records import Episode, Exchange, ToolCall, Turn
 from evaluator.report.pictures import pictures
 from evaluator.run_record import RunRecord
+from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.store import RunFolder
 from evaluator.study.provenance import server_record
 from evaluator.study.replay import differences, replay, without_added
@@ -71,8 +72,9 @@ def test_grading_it_gives_the_same_grades_and_the_same_numbers(
     assert {key: record.grade for key, record in now.items()} == {key: record.grade for key, record in before.items()}
     assert not list(stored.path.glob("grades.*.jsonl"))
     old, new = (json.loads(run.summary_file.read_text(encoding="utf-8")) for run in (RunFolder(STORED), stored))
-    assert (old["format"], new["format"]) == (1, 2)
-    # Format 2 takes means over the episodes that define a dimension, and counts calls of disabled tools in V.
+    assert (old["format"], new["format"]) == (1, 3)
+    # Format 2 counts calls of disabled tools in V; in format 3 episodes that do not define V or R count 0 in them.
+    assert (old.get("scoring_version"), new["scoring_version"]) == (None, SCORING_VERSION)
     unchanged = {"n", "n_scored", "n_correct", "strict_accuracy", "normalised_accuracy", "c", "e", "outcomes"}
     for agent, group in old["by_agent"].items():
         assert {name: new["by_agent"][agent][name] for name in unchanged} == {name: group[name] for name in unchanged}
@@ -140,7 +142,7 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
     for folder, half in ((stored, slice(0, 4)), (today, slice(4, 8))):
         lines = folder.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
         folder.episodes_file.write_text("".join(sorted(lines)[half]), encoding="utf-8")
-    merged = ["--out", str(tmp_path / "merged"), "--trust-edited"]
+    merged = ["--out", str(tmp_path / "merged"), "--allow-modified"]
     assert main(["merge", str(stored.path), str(today.path), *merged]) == 0
     assert len(RunFolder(tmp_path / "merged").episodes()) == 8
 
@@ -188,7 +190,7 @@ def present() -> str:
     """The tool contract of today."""
 
     async def asked() -> str:
-        async with MemoryLaboratory(PACKS).open(7, 0) as client:
+        async with MemoryConnector(PACKS).open(7, 0) as client:
             return (await server_record(client, option="")).tool_schema_hash
 
     return anyio.run(asked)
@@ -216,7 +218,7 @@ async def test_only_under_another_tool_contract_may_a_return_have_more_fields_th
     (episode,) = [episode for key, episode in today.episodes().items() if (key.scene, key.agent) == (7, "reference")]
     agent = RecordedAgent("replay:stored", (first_velocity(episode, change),))
     known = frozenset(present if contract == "present" else contract for contract in contracts)
-    (found,) = await replay(agent, MemoryLaboratory(PACKS), contracts=known)
+    (found,) = await replay(agent, MemoryConnector(PACKS), contracts=known)
     added = OTHER in contracts and change is with_less
     assert [difference.what for difference in found.differences] == ([] if added else [different])
     assert found.added == ({different: 1} if added else {})

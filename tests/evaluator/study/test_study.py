@@ -14,7 +14,7 @@ from evaluator.errors import UsageError
 from evaluator.records import Usage
 from evaluator.run_record import Plan
 from evaluator.store import RunFolder
-from evaluator.study.config import with_config
+from evaluator.study.config import with_config, with_new_names
 from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
@@ -117,6 +117,24 @@ def test_a_study_file_sets_options_and_the_command_line_wins(tmp_path: Path) -> 
     assert words == ["--max-cost=2.5", "--resume", "--scenes=7-9", *words[3:]]
     assert words[3:] == ["--agent", "reference", "--budgets", "20", "--", "--scenes"]
     assert with_config(["--scenes", "7"], OPTIONS) == ["--scenes", "7"]
+
+
+def test_old_names_of_options_are_taken_with_a_note(tmp_path: Path) -> None:
+    file, notes = tmp_path / "study.toml", list[str]()
+    file.write_text('home-from = "logins"\n', encoding="utf-8")
+    words = with_config(["--config", str(file), "--trust-edited", "--", "--home-from"], OPTIONS)
+    assert with_new_names(words, notes.append) == ["--home-template=logins", "--allow-modified", "--", "--home-from"]
+    assert notes == [
+        "--home-from is called --home-template now; version 0.3 will not know the old name",
+        "--trust-edited is called --allow-modified now; version 0.3 will not know the old name",
+    ]
+
+
+def test_a_command_takes_an_old_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(tmp_path / "none"), "--trust-edited"]) == 2
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("physment-eval: --trust-edited is called --allow-modified now")
+    assert "--trust-edited" not in second
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from typing import Any
 
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
-from evaluator.episode.connect import ProcessLaboratory
+from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.records import Episode, EpisodeKey, Exchange, Grade, ToolCall, Versions
@@ -75,7 +75,7 @@ class _Rehearsal:
 async def rehearse(scene: int) -> Played:
     """Play a scene with the evaluator's own client on stdio: the play that clients are compared with."""
     key = EpisodeKey(scene=scene, seed=0, agent="rehearsed", budget=20)
-    async with ProcessLaboratory(LABORATORY).open(scene, 0) as client:
+    async with ProcessConnector(LABORATORY).open(scene, 0) as client:
         episode = await play_episode(Rehearsed(), client, key, Versions(physment="0", protocol="0", pack="0"))
     return played(scene, exchanges_of(episode), prompt=episode.prompt)
 

@@ -17,7 +17,7 @@ from typing import Any
 import anyio
 
 from evaluator.certify.certificate import play_reference
-from evaluator.certify.in_memory import MemoryLaboratory
+from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
 from evaluator.library import grade
 from evaluator.records import Verdict
@@ -32,7 +32,7 @@ def measured(files: PackFiles, seeds: int) -> dict[str, Any]:
     try:
         subject = Subject.open(files)
         found["keys"] = [subject.measured(subject.draw(seed)) for seed in range(seeds)]
-        episode = anyio.run(play_reference, subject, 0, MemoryLaboratory(files.folder.parent))
+        episode = anyio.run(play_reference, subject, 0, MemoryConnector(files.folder.parent))
         verdict = grade(episode).grade
         found |= {"right": verdict.strict is Verdict.CORRECT, "why": episode.error or verdict.reason}
     except Exception as error:  # noqa: BLE001 - the pack's code runs on an engine it may never have met

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from physment_mcp.serving.messages import fault_of
+from physment_mcp.serving.http_guard import fault_of
 from tests.harness.fuzz.frames import draw_frame, over_http, over_stdio, play
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the state of the host is found in /proc")

@@ -15,11 +15,11 @@ import pytest
 import uvicorn
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from physment_mcp.serving.connections import BodyGate, Connections, EpisodesFirst
-from physment_mcp.serving.listening import PatientServer, bounded_protocol
+from physment_mcp.serving.http_guard import HttpGuard
+from physment_mcp.serving.listening import Connections, PatientServer, bounded_protocol
 
 PATIENCE_S = 30.0
 """How long a test waits for what must happen [s]."""
@@ -36,7 +36,7 @@ def served(connections: Connections, request_s: float = 0.3) -> Generator[Dial]:
     """An application behind the gate on a free port; gives a function that connects to it."""
     listener = socket.create_server(("127.0.0.1", 0))
     config = uvicorn.Config(
-        BodyGate(echo, most=1000, within_s=0.3),
+        HttpGuard(echo, lambda _path: True, names=["x"], most=1000, within_s=0.3),
         http=bounded_protocol(connections, request_s),
         log_config=None,
         lifespan="off",
@@ -242,10 +242,10 @@ async def test_many_requests_outside_episodes_let_those_of_an_episode_pass() -> 
     async def note(scope: Scope, _receive: Receive, _send: Send) -> None:
         served.append(scope["path"])
 
-    gate = EpisodesFirst(note, lambda path: path == "/episode")
+    gate = HttpGuard(note, lambda path: path == "/episode")
 
     async def ask(path: str) -> None:
-        await gate({"type": "http", "path": path}, _nothing, _nothing)
+        await gate(_scope(path), _no_body, _nothing)
 
     async with anyio.create_task_group() as tasks:
         for number in range(100):
@@ -264,15 +264,23 @@ async def test_a_request_that_takes_long_outside_episodes_keeps_no_other_out() -
             await opening.wait()
         served.append(scope["path"])
 
-    gate = EpisodesFirst(open_or_note, lambda _path: False)
+    gate = HttpGuard(open_or_note, lambda _path: False)
     with anyio.fail_after(60):
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(gate, {"type": "http", "path": "/episodes"}, _nothing, _nothing)
+            tasks.start_soon(gate, _scope("/episodes"), _no_body, _nothing)
             await anyio.wait_all_tasks_blocked()
-            await gate({"type": "http", "path": "/healthz"}, _nothing, _nothing)
+            await gate(_scope("/healthz"), _no_body, _nothing)
             opening.set()
     assert served == ["/healthz", "/episodes"]
 
 
 async def _nothing(*_: object) -> Any:
     return None
+
+
+def _scope(path: str) -> Scope:
+    return {"type": "http", "path": path, "headers": [(b"host", b"localhost")]}
+
+
+async def _no_body() -> Message:
+    return {"type": "http.request"}

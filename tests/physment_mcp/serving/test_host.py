@@ -18,7 +18,7 @@ import pytest
 from mcp import Client
 
 from physment_mcp.serving import host as serving_host
-from physment_mcp.serving.host import MAX_BODY
+from physment_mcp.serving.http_guard import MAX_BODY
 from tests.builders.laboratory import Command, OpenHost, WritePack
 
 BASE = "http://127.0.0.1"

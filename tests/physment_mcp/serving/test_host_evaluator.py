@@ -10,7 +10,7 @@ import httpx2
 import pytest
 from mcp import Client
 
-from evaluator.episode.connect import TOKEN_VARIABLE, HostLaboratory, LocalHost, connect
+from evaluator.episode.connect import TOKEN_VARIABLE, HostConnector, LocalHost, connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError
@@ -59,7 +59,7 @@ async def test_the_evaluator_sends_its_token_to_a_host_that_requires_it(
     ],
 )  # fmt: skip
 def test_the_token_is_sent_to_no_other_host(url: str, told: bool) -> None:
-    assert bool(HostLaboratory("http://lab.example", "ours")._authorization(url)) == told
+    assert bool(HostConnector("http://lab.example", "ours")._authorization(url)) == told
 
 
 @pytest.mark.parametrize("token", ["", "theirs"])

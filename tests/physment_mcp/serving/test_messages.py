@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from physment_mcp.serving.messages import fault_of
+from physment_mcp.serving.http_guard import fault_of
 
 
 @pytest.mark.parametrize(

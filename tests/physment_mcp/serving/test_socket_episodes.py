@@ -13,7 +13,7 @@ from typing import Any
 import anyio
 import pytest
 
-from physment_mcp.serving.socket_episodes import MAX_LINE
+from physment_mcp.serving.http_guard import MAX_BODY
 from tests.builders.laboratory import Command, OpenHost
 
 ENVELOPE = {
@@ -138,7 +138,7 @@ async def test_episodes_on_sockets_and_over_http_share_one_limit(control: Any, i
         assert (await new().ask(REQUEST))["status"] == 429
 
 
-@pytest.mark.parametrize("line", [b"x" * (MAX_LINE + 1) + b"\n", b"x" * 4 * MAX_LINE])
+@pytest.mark.parametrize("line", [b"x" * (MAX_BODY + 1) + b"\n", b"x" * 4 * MAX_BODY])
 async def test_a_line_that_is_too_long_ends_its_episode_and_no_other(
     control: Any, inside: OpenHost, line: bytes
 ) -> None:

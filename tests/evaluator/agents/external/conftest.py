@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 
 PRELUDE = """
 import json
@@ -26,8 +26,8 @@ anyio.run(play)
 
 
 @pytest.fixture
-def host(host_url: str) -> HostLaboratory:
-    return HostLaboratory(host_url)
+def host(host_url: str) -> HostConnector:
+    return HostConnector(host_url)
 
 
 @pytest.fixture

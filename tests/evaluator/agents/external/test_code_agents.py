@@ -8,7 +8,7 @@ from pathlib import Path
 import anyio
 
 from evaluator.agents.external.command import parse_external
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 from evaluator.records import Episode, Outcome
 from tests.builders.paths import DOCS
 from tests.builders.records import VERSIONS, episode_key
@@ -24,12 +24,12 @@ def files(folder: Path) -> dict[str, str]:
     return shown
 
 
-async def played(host: HostLaboratory, folder: Path) -> Episode:
+async def played(host: HostConnector, folder: Path) -> Episode:
     agent = parse_external([sys.executable, str(folder / "code_agent.py"), "{mcp_config}"], "host", None)
     return await agent.play(host, episode_key(agent=agent.name), VERSIONS, [])
 
 
-async def test_its_code_measures_computes_and_answers_and_is_recorded(host: HostLaboratory, tmp_path: Path) -> None:
+async def test_its_code_measures_computes_and_answers_and_is_recorded(host: HostConnector, tmp_path: Path) -> None:
     assert set(files(tmp_path)) == {"interpreter.py", "code_agent.py"}
     with anyio.fail_after(300):
         episode = await played(host, tmp_path)
@@ -42,7 +42,7 @@ async def test_its_code_measures_computes_and_answers_and_is_recorded(host: Host
     assert abs(float(str(episode.answer)) - 7.848) < 0.1
 
 
-async def test_its_code_is_told_refusals_and_survives_its_own_errors(host: HostLaboratory, tmp_path: Path) -> None:
+async def test_its_code_is_told_refusals_and_survives_its_own_errors(host: HostConnector, tmp_path: Path) -> None:
     shown = files(tmp_path)
     blocks = [
         "lab('get_velocity', object_id='nothing')",

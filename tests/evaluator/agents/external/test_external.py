@@ -17,7 +17,7 @@ from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
 from evaluator.agents.external.environment import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
-from evaluator.episode.connect import HostLaboratory, LocalHost, ProcessLaboratory, connect
+from evaluator.episode.connect import HostConnector, LocalHost, ProcessConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records import Episode, Outcome
 from scenes import find_pack, read_public
@@ -40,7 +40,7 @@ def agent_of(words: list[str], **options: float) -> ExternalAgent:
     return parse_external(words, "host", None, **options)  # pyright: ignore[reportArgumentType] - numbers of both kinds
 
 
-async def play(host: HostLaboratory, words: list[str], budget: int = 20, **options: float) -> Episode:
+async def play(host: HostConnector, words: list[str], budget: int = 20, **options: float) -> Episode:
     agent = agent_of(words, **options)
     key = episode_key(agent=agent.name, budget=budget)
     with anyio.fail_after(120):
@@ -50,7 +50,7 @@ async def play(host: HostLaboratory, words: list[str], budget: int = 20, **optio
 
 
 async def test_a_real_client_solves_a_scene_and_the_record_is_what_the_laboratory_logged(
-    host: HostLaboratory, client: Words
+    host: HostConnector, client: Words
 ) -> None:
     episode = await play(host, client(SOLVE))
     assert episode.outcome is Outcome.ANSWERED
@@ -64,7 +64,7 @@ async def test_a_real_client_solves_a_scene_and_the_record_is_what_the_laborator
     assert "iterations" not in episode.prompt
 
 
-async def test_calls_beyond_the_budget_are_refused_and_not_counted(host: HostLaboratory, client: Words) -> None:
+async def test_calls_beyond_the_budget_are_refused_and_not_counted(host: HostConnector, client: Words) -> None:
     body = """
 for _ in range(5):
     result = await client.call_tool("step", {"duration": 0.1})
@@ -80,7 +80,7 @@ print(late.is_error)
     assert "its 3 calls are used up" in said[3]
 
 
-async def test_an_answer_that_the_laboratory_refuses_does_not_count(host: HostLaboratory, client: Words) -> None:
+async def test_an_answer_that_the_laboratory_refuses_does_not_count(host: HostConnector, client: Words) -> None:
     tries = """
 await client.call_tool("answer", {"answer": "x" * 20_000})
 await client.call_tool("answer", {"answer": "short"})
@@ -89,14 +89,14 @@ await client.call_tool("answer", {"answer": "short"})
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.ANSWERED, "short", 2)
 
 
-async def test_a_program_that_ends_without_an_answer_is_an_agent_error(host: HostLaboratory, client: Words) -> None:
+async def test_a_program_that_ends_without_an_answer_is_an_agent_error(host: HostConnector, client: Words) -> None:
     episode = await play(host, client('await client.call_tool("step", {"duration": 0.1})'))
     assert (episode.outcome, episode.answer, len(episode.turns)) == (Outcome.AGENT_ERROR, None, 1)
     assert episode.error is not None
     assert "ended without an answer after 1 of 200 calls" in episode.error
 
 
-async def test_a_crash_is_recorded_with_the_last_line_of_its_error_output(host: HostLaboratory, program: Words) -> None:
+async def test_a_crash_is_recorded_with_the_last_line_of_its_error_output(host: HostConnector, program: Words) -> None:
     episode = await play(host, program("print('hello'); raise SystemExit('thinking\\nout of credit\\n')"))
     assert (episode.outcome, episode.turns[0].exchanges) == (Outcome.AGENT_ERROR, ())
     assert episode.error is not None
@@ -104,13 +104,13 @@ async def test_a_crash_is_recorded_with_the_last_line_of_its_error_output(host: 
     assert episode.turns[0].reasoning == "hello"
 
 
-async def test_a_crash_after_the_answer_does_not_void_the_answer(host: HostLaboratory, client: Words) -> None:
+async def test_a_crash_after_the_answer_does_not_void_the_answer(host: HostConnector, client: Words) -> None:
     episode = await play(host, client('await client.call_tool("answer", {"answer": "x"})\nraise SystemExit(3)'))
     assert (episode.outcome, episode.answer, episode.error) == (Outcome.ANSWERED, "x", None)
 
 
 async def test_a_program_that_runs_on_after_its_answer_is_stopped_and_the_answer_counts(
-    host: HostLaboratory, client: Words
+    host: HostConnector, client: Words
 ) -> None:
     body = 'print("done", flush=True)\nawait client.call_tool("answer", {"answer": 1})\nawait anyio.sleep(600)'
     agent = replace(agent_of(client(body)), grace_s=0.1)
@@ -121,7 +121,7 @@ async def test_a_program_that_runs_on_after_its_answer_is_stopped_and_the_answer
 
 
 async def test_a_program_that_hangs_is_stopped_with_its_child_processes(
-    host: HostLaboratory, program: Words, tmp_path: Path
+    host: HostConnector, program: Words, tmp_path: Path
 ) -> None:
     note = tmp_path / "pids"
     source = f"""
@@ -140,7 +140,7 @@ time.sleep(600)
     await gone(*map(int, note.read_text(encoding="utf-8").split()))
 
 
-async def test_child_processes_are_ended_with_the_program(host: HostLaboratory, program: Words, tmp_path: Path) -> None:
+async def test_child_processes_are_ended_with_the_program(host: HostConnector, program: Words, tmp_path: Path) -> None:
     note = tmp_path / "pid"
     source = f"""
 import subprocess, sys
@@ -152,12 +152,12 @@ open({str(note)!r}, "w").write(str(child.pid))
     await gone(int(note.read_text(encoding="utf-8")))
 
 
-def open_episodes(host: HostLaboratory) -> int:
+def open_episodes(host: HostConnector) -> int:
     return httpx2.get(f"{host.base_url}/healthz").json()["episodes"]
 
 
 async def test_an_interruption_ends_the_program_and_closes_the_episode(
-    program: Words, tmp_path: Path, host: HostLaboratory
+    program: Words, tmp_path: Path, host: HostConnector
 ) -> None:
     before, note = open_episodes(host), tmp_path / "pid"
     words = program(f"import os, time; open({str(note)!r}, 'w').write(str(os.getpid())); time.sleep(600)")
@@ -196,7 +196,7 @@ def _lives(pid: int) -> bool:
 
 
 async def test_the_prompt_comes_on_stdin_if_the_command_has_no_placeholder_for_it(
-    host: HostLaboratory, program: Words
+    host: HostConnector, program: Words
 ) -> None:
     source = "import sys; print(sys.argv[1:], sys.stdin.read())"
     episode = await play(host, program(source, "--url={mcp_url}", "{braces}"))
@@ -207,7 +207,7 @@ async def test_the_prompt_comes_on_stdin_if_the_command_has_no_placeholder_for_i
 
 
 async def test_a_program_finds_an_empty_folder_a_configuration_and_no_trace_of_the_packs(
-    host: HostLaboratory, program: Words
+    host: HostConnector, program: Words
 ) -> None:
     source = """
 import json, os, sys
@@ -238,7 +238,7 @@ def test_variables_that_reveal_where_the_packs_are_are_left_out(tmp_path: Path) 
     assert child_environment({}, None) == {"PATH": os.defpath}
 
 
-async def test_only_the_end_of_a_long_output_is_kept(host: HostLaboratory, program: Words) -> None:
+async def test_only_the_end_of_a_long_output_is_kept(host: HostConnector, program: Words) -> None:
     source = "import sys\nfor i in range(200_000): print(i)\nprint('the end')\nsys.stderr.write('y' * 10**6)"
     episode = await play(host, program(source))
     said = episode.turns[0].reasoning
@@ -247,7 +247,7 @@ async def test_only_the_end_of_a_long_output_is_kept(host: HostLaboratory, progr
 
 
 async def test_nothing_is_carried_over_from_one_episode_to_the_next(
-    host: HostLaboratory, program: Words, tmp_path: Path
+    host: HostConnector, program: Words, tmp_path: Path
 ) -> None:
     source = """
 import json, os, pathlib, tempfile
@@ -273,7 +273,7 @@ for place in places:
 
 async def test_a_host_that_cannot_be_reached_is_an_infrastructure_error(program: Words) -> None:
     with pytest.raises(InfrastructureError, match="cannot be reached"):
-        await play(HostLaboratory("http://127.0.0.1:9"), program("pass"))
+        await play(HostConnector("http://127.0.0.1:9"), program("pass"))
 
 
 async def test_a_host_killed_during_an_episode_is_an_infrastructure_error_and_the_program_is_ended(
@@ -298,7 +298,7 @@ async def test_a_laboratory_without_an_address_is_refused(program: Words) -> Non
     agent = agent_of(program("pass"))
     key = episode_key(agent=agent.name, budget=5)
     with pytest.raises(UsageError, match="needs a laboratory with an address"):
-        await agent.play(ProcessLaboratory(("x",)), key, VERSIONS, [])
+        await agent.play(ProcessConnector(("x",)), key, VERSIONS, [])
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ except urllib.error.HTTPError as error:
     print(error.code)
 """
     async with connect("host", None) as laboratory:
-        assert isinstance(laboratory, HostLaboratory)
+        assert isinstance(laboratory, HostConnector)
         assert laboratory.token is not None
         assert laboratory.token not in repr(laboratory)
         episode = await play(laboratory, program(source))
@@ -393,7 +393,7 @@ def test_the_limit_of_calls_is_the_scenes_or_follows_the_budget_unless_it_is_set
 
 
 async def test_arguments_that_the_laboratory_refuses_as_too_large_are_left_out_with_the_reason(
-    host: HostLaboratory, client: Words
+    host: HostConnector, client: Words
 ) -> None:
     body = """
 deep = []
@@ -422,7 +422,7 @@ async def test_a_host_without_call_logs_is_an_infrastructure_error(
     program: Words, web_server: Callable[[int, bytes], AbstractContextManager[str]], status: int, body: bytes, said: str
 ) -> None:
     with web_server(status, body) as address, pytest.raises(InfrastructureError, match=said):
-        await play(HostLaboratory(address), program("pass"))
+        await play(HostConnector(address), program("pass"))
 
 
 async def test_a_malformed_log_is_an_infrastructure_error(

@@ -74,6 +74,6 @@ def test_a_program_meets_other_seeds_at_each_budget_and_epoch_unless_it_is_told_
 
 
 def test_a_home_to_start_with_must_be_a_folder(tmp_path: Path) -> None:
-    words = ("--agent", "external", "--home-from", str(tmp_path / "none"), "--", sys.executable, "{mcp_url}")
+    words = ("--agent", "external", "--home-template", str(tmp_path / "none"), "--", sys.executable, "{mcp_url}")
     with pytest.raises(UsageError, match="there is no such folder"):
         external_agent(parsed(*words))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evaluator.agents.external.command import parse_external
-from evaluator.episode.connect import HostLaboratory
+from evaluator.episode.connect import HostConnector
 from evaluator.episode.player import ToolDescription
 from evaluator.protocols.typed import parse_line
 from evaluator.records import Outcome
@@ -23,7 +23,7 @@ PAGE = (DOCS / "how-to" / "external-agents.md").read_text(encoding="utf-8")
 
 
 async def test_the_smallest_agent_on_the_page_solves_its_scene(
-    host: HostLaboratory, program: Callable[..., list[str]]
+    host: HostConnector, program: Callable[..., list[str]]
 ) -> None:
     (source,) = re.findall(r"```python file=my_agent\.py\n(.*?)```", PAGE, re.DOTALL)
     agent = parse_external(program(source, "{mcp_url}"), "host", None)

@@ -17,7 +17,7 @@ from evaluator.agents.external.environment import TOKEN, URL
 from evaluator.agents.external.system_users import SystemUser, SystemUsers, system_users
 from evaluator.agents.external.watched import watch_episode
 from evaluator.commands.run_options import read_options
-from evaluator.episode.connect import HostLaboratory, LocalHost
+from evaluator.episode.connect import HostConnector, LocalHost
 from evaluator.errors import UsageError
 from evaluator.records import Episode, Outcome
 from tests.builders.records import VERSIONS, episode_key
@@ -45,13 +45,13 @@ def sealed(words: list[str], users: SystemUsers | None = None) -> ExternalAgent:
     return agent if users is None else replace(agent, users=users)
 
 
-async def play(host: HostLaboratory, agent: ExternalAgent) -> Episode:
+async def play(host: HostConnector, agent: ExternalAgent) -> Episode:
     with anyio.fail_after(120):
         return await agent.play(host, episode_key(agent=agent.name), VERSIONS, [])
 
 
 async def test_a_sealed_program_finds_address_and_token_in_a_file_and_in_its_environment(
-    host: HostLaboratory, program: Words
+    host: HostConnector, program: Words
 ) -> None:
     episode = await play(host, sealed(program(READS_CONFIG)))
     assert (episode.outcome, episode.answer) == (Outcome.ANSWERED, 5)
@@ -77,7 +77,7 @@ async def test_the_address_alone_reaches_no_guarded_episode() -> None:
 
 
 @pytest.mark.parametrize("header", [{}, {"Authorization": "Bearer wrong"}])
-async def test_requests_without_the_token_are_refused_with_401(host: HostLaboratory, header: dict[str, str]) -> None:
+async def test_requests_without_the_token_are_refused_with_401(host: HostConnector, header: dict[str, str]) -> None:
     import httpx2
 
     async with watch_episode(host, 7, 0, 5, guarded=True) as episode, httpx2.AsyncClient(headers=header) as http:
@@ -150,7 +150,7 @@ UID = 64_123
 
 @as_root
 async def test_a_program_runs_as_its_user_in_folders_of_its_own_and_leaves_no_process(
-    host: HostLaboratory, tmp_path: Path
+    host: HostConnector, tmp_path: Path
 ) -> None:
     source = """
 import json, os, pathlib, subprocess, sys

@@ -1,0 +1,175 @@
+"""The hidden constants of a draw: their neighbours, and how far they determine the answer."""
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator.certify.probing import NotMeasurable
+from evaluator.certify.subject import Draw, Subject
+from physment_mcp.errors import SceneError
+from scenes import KnobValue, Scalar, drawn_mjcf
+from scenes.draw import evaluate
+from scenes.pack import Knob
+from scenes.protocol import AnswerValue
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-3
+"""Share of its range by which a constant is shifted for the gradient of the answer."""
+_SAMPLES = 100
+"""Plausible sets of constants by which the probability of a choice is estimated."""
+
+
+@dataclass(frozen=True)
+class Constants:
+    """The hidden values of an episode: continuous ones, counted in their ranges, and discrete ones."""
+
+    subject: Subject
+    knobs: Mapping[str, KnobValue]
+    """The drawn values, without derived ones."""
+    names: tuple[str, ...]
+    """The continuous ones."""
+
+    @classmethod
+    def of(cls, subject: Subject, seed: int) -> "Constants":
+        """The constants of the draw of a seed."""
+        drawn = subject.draw(seed).knobs
+        knobs = subject.pack.knobs
+        return cls(
+            subject, {name: drawn[name] for name in knobs}, tuple(name for name, knob in knobs.items() if span(knob))
+        )
+
+    def values(
+        self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None
+    ) -> dict[str, KnobValue]:
+        """All values, derived ones included.
+
+        Args:
+            shifts: Continuous constant → share of its range by which it is shifted.
+            discrete: Other values of discrete ones.
+        """
+        values = {**self.knobs, **(discrete or {})}
+        for name, by in (shifts or {}).items():
+            values[name] = shifted(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])), by)
+        for name, expression in self.subject.pack.derive.items():
+            values[name] = evaluate(self.subject.files, f"derive.{name}", expression, values)
+        return values
+
+    def mjcf(self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None) -> str:
+        """The model with these values."""
+        return drawn_mjcf(self.subject.files, self.subject.pack, self.values(shifts, discrete), canonical=False)
+
+    def answer(
+        self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None
+    ) -> list[Scalar]:
+        """The parts of the answer for these values.
+
+        Raises:
+            NotMeasurable: They have no answer.
+        """
+        values = self.values(shifts, discrete)
+        theory = self.subject.solution.theory
+        try:
+            if theory is not None:
+                found = theory(values)
+            else:
+                model = drawn_mjcf(self.subject.files, self.subject.pack, values, canonical=False)
+                found = cast("AnswerValue", self.subject.measured(Draw(values, model)))
+        except (ArithmeticError, LookupError, ValueError, SceneError) as error:
+            raise NotMeasurable(f"the answer cannot be computed beside the drawn values: {error!r}") from error
+        return list(found) if isinstance(found, list | tuple) else [found]
+
+    @functools.cached_property
+    def key(self) -> list[Scalar]:
+        """The answer at the drawn values."""
+        return self.answer()
+
+    @functools.cached_property
+    def _asked(self) -> tuple[tuple[int, ...], Array, Array]:
+        """The numeric parts of the answer, their gradients (parts, constants), and their tolerances."""
+        chosen = self.subject.spec.options
+        parts = tuple(n for n, part in enumerate(self.key) if not chosen and isinstance(part, int | float))
+        gradient = np.zeros((len(parts), len(self.names)))
+        for column, name in enumerate(self.names):
+            above, below = self.answer({name: _STEP}), self.answer({name: -_STEP})
+            gradient[:, column] = [
+                (float(above[part]) - float(below[part])) / (2 * _STEP)  # a number at a neighbour too
+                for part in parts
+            ]
+        spec = self.subject.spec
+        sizes = np.array([abs(float(self.key[part])) for part in parts])
+        tolerance = np.maximum(spec.abs_tol + spec.rel_tol * sizes, 1e-12)
+        if not np.isfinite(gradient).all():
+            raise NotMeasurable("the answer has no gradient at the drawn values")
+        return parts, gradient, tolerance
+
+    def bounds(self, fisher: Array) -> list[float]:
+        """Smallest standard error of each asked number, over its tolerance."""
+        parts, gradient, tolerance = self._asked
+        if not parts or not self.names:
+            return [0.0 for _ in parts]
+        variance = np.einsum("pi,ij,pj->p", gradient, np.linalg.inv(fisher), gradient)
+        return [float(bound) for bound in np.sqrt(np.maximum(variance, 0.0)) / tolerance]
+
+    def choice_probability(self, fisher: Array) -> float | None:
+        """Probability of the right words, by constants that the readings leave plausible; None if all is numbers."""
+        if len(self._asked[0]) == len(self.key):
+            return None
+        if not self.names:
+            return 1.0
+        root = np.linalg.cholesky(np.linalg.inv(fisher))
+        normal = np.random.default_rng(0).standard_normal((_SAMPLES, len(self.names)))
+        right = 0
+        for row in normal @ root.T:
+            found = self.answer(self._within(row))
+            right += all(
+                str(got) == str(want)
+                for part, (got, want) in enumerate(zip(found, self.key, strict=True))
+                if part not in self._asked[0]
+            )
+        return right / _SAMPLES
+
+    def _within(self, shifts: Sequence[float]) -> dict[str, float]:
+        """Shifts that keep every constant in its range."""
+        kept: dict[str, float] = {}
+        for name, shift in zip(self.names, shifts, strict=True):
+            at = unit(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])))
+            kept[name] = float(np.clip(at + shift, 0.0, 1.0)) - at
+        return kept
+
+    def others(self) -> Iterator[tuple[str, dict[str, KnobValue]]]:
+        """Each change of one discrete value, with its name; of a permutation, each exchange of two of its values."""
+        for name, knob in self.subject.pack.knobs.items():
+            drawn = self.knobs[name]
+            for value in knob.choice or ():
+                if value != drawn:
+                    yield f"{name} = {value}", {name: value}
+            if knob.permutation is not None and isinstance(drawn, tuple):
+                for first in range(len(drawn)):
+                    for second in range(first + 1, len(drawn)):
+                        swapped = list(drawn)
+                        swapped[first], swapped[second] = swapped[second], swapped[first]
+                        yield f"{name} = {tuple(swapped)}", {name: tuple(swapped)}
+
+
+def span(knob: Knob) -> tuple[float, float] | None:
+    """The range of a continuous constant; None for a discrete one."""
+    return knob.uniform or knob.log_uniform
+
+
+def unit(knob: Knob, value: float) -> float:
+    """Where a value lies in its range, from 0 to 1, in the logarithm where it is drawn so."""
+    low, high = cast("tuple[float, float]", span(knob))
+    if knob.uniform is not None:
+        return (value - low) / (high - low)
+    return float(np.log(value / low) / np.log(high / low))
+
+
+def shifted(knob: Knob, value: float, by: float) -> float:
+    """A value that is shifted by a share of its range."""
+    low, high = cast("tuple[float, float]", span(knob))
+    return value + (high - low) * by if knob.uniform is not None else value * (high / low) ** by

@@ -1,0 +1,172 @@
+"""Plays the calls of a stored episode again with chosen hidden values, and reads without rounding and noise.
+
+Every reading comes with its derivatives by the errors of the instruments, so that its standard deviation, and the
+covariance of all readings at one moment, are known whatever a tool computes from what it reads.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator.answers.engine import READING_TOOLS, session_of
+from evaluator.records import Episode, Exchange
+from physment_mcp.errors import RefusedCall
+from physment_mcp.limits import readout_of
+from physment_mcp.session import Session
+from physment_mcp.tools.calls import call
+from physment_mcp.tools.edit import FIND_OBJECTS
+from physment_mcp.world.readout import Quantity, Readout
+from scenes import PackFiles
+from scenes.protocol import ANSWER
+
+Array = NDArray[np.float64]
+Source = tuple[Quantity, str, int]
+"""What an error belongs to: the quantity, what it is read from, and the number of the time step."""
+Error = tuple[Source, int]
+"""One component of the error of a source."""
+
+_CLOCKS = frozenset({"sim_time", "lab_time_left", "calls_left", "steps"})
+"""Fields that tell the time and nothing of the scene."""
+_SMALL = 1e-3
+"""Size of a chosen error, in standard deviations: small, because an energy is no linear function of a velocity."""
+_READING = frozenset(tool.name for tool in READING_TOOLS)
+
+
+class NotMeasurable(Exception):
+    """The evidence of an episode cannot be computed; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Probe(Readout):
+    """Instruments without rounding and noise that note what is read, and can be given a chosen error."""
+
+    asked: dict[Source, int] = field(default_factory=dict[Source, int])
+    """Sources that were read, with their number of components."""
+    errors: dict[Source, Array] = field(default_factory=dict[Source, Array])
+    """The error that a source is read with; none where it is not named."""
+
+    def noise(self, quantity: Quantity, source: str, step: int, count: int) -> Array:
+        """The chosen error of a reading; see `Readout.noise`."""
+        self.asked[quantity, source, step] = count
+        return self.errors.get((quantity, source, step), np.zeros(count))
+
+    def rounded(self, quantity: Quantity, value: Array) -> Array:
+        """The value itself: the error of rounding is part of `sigma`."""
+        del quantity
+        return value
+
+    def on_grid(self, place: Array) -> Array:
+        """The place to which an object is really put, which is rounded as in the episode."""
+        return Readout(self.fineness, self.seed).rounded("position", place)
+
+    def sigma(self, quantity: Quantity) -> float:
+        """Standard deviation of one component: noise, and the error of rounding, which is uniform."""
+        fine = self.fineness.get(quantity)
+        return 0.0 if fine is None else float(np.hypot(fine.noise, fine.resolution / np.sqrt(12)))
+
+
+class Read(NamedTuple):
+    """What a call returned."""
+
+    place: int
+    """Number of the call in the episode, from 0."""
+    time: float
+    """When it was made [s]."""
+    values: Array
+    """The numbers of its result."""
+    slopes: Mapping[Error, Array]
+    """For each error of an instrument, by how much one standard deviation of it changes the values."""
+
+
+def calls_of(episode: Episode) -> Iterator[tuple[int, Exchange]]:
+    """The calls of an episode that reached the laboratory and were not refused, each with the number of its turn."""
+    for number, turn in enumerate(episode.turns, start=1):
+        for exchange in turn.exchanges:
+            if exchange.returned and not exchange.is_error and exchange.call.tool != ANSWER:
+                yield number, exchange
+
+
+def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> list[Read]:
+    """Play the calls of an episode in a model.
+
+    Args:
+        files: The pack.
+        mjcf: The model with hidden values in it.
+        episode: The episode.
+        slopes: Whether to find the derivatives by the errors of the instruments too.
+
+    Raises:
+        NotMeasurable: A call that the laboratory accepted is refused here.
+    """
+    session = session_of(files, mjcf, any_calls=True)
+    public = readout_of(session.scene.public)
+    probe = Probe(public.fineness, public.seed)
+    session.world.read_with(probe)
+    found: list[Read] = []
+    for place, (_, exchange) in enumerate(calls_of(episode)):
+        tool, arguments = exchange.call.tool, dict(exchange.call.arguments)
+        probe.asked.clear()
+        try:
+            result = call(session, tool, arguments).model_dump()
+        except RefusedCall as refusal:
+            raise NotMeasurable(f"{tool} was accepted in the episode and is refused in a replay: {refusal}") from None
+        again = _again(session, tool, arguments, result)
+        if again is not None:
+            by_error = _slopes(probe, again) if slopes else {}
+            found.append(Read(place, session.world.time, _array(result), by_error))
+    return found
+
+
+def _again(
+    session: Session, tool: str, arguments: dict[str, Any], result: dict[str, Any]
+) -> Callable[[], Array] | None:
+    """What reads the same once more at this moment; None for a call that tells nothing.
+
+    Nothing is revealed twice, so what `find_objects` told of each object is read from the session.
+    """
+    if tool in _READING:
+        return lambda: _array(call(session, tool, arguments).model_dump())
+    if tool == FIND_OBJECTS.name:
+        revealed = [str(item["object_id"]) for item in result["revealed"]]
+        return lambda: _array([session.describe(session.find(object_id)) for object_id in revealed])
+    return None
+
+
+def _array(result: Any) -> Array:
+    return np.array(list(numbers(result)))
+
+
+def _slopes(probe: Probe, read: Callable[[], Array]) -> dict[Error, Array]:
+    """By how much each error of an instrument, one standard deviation large, changes a reading."""
+    found: dict[Error, Array] = {}
+    for source, count in dict(probe.asked).items():
+        sigma = probe.sigma(source[0])
+        for component in range(count if sigma > 0 else 0):
+            ends: list[Array] = []
+            for by in (_SMALL, -_SMALL):
+                probe.errors[source] = by * sigma * np.eye(count)[component]
+                ends.append(read())
+            del probe.errors[source]
+            found[source, component] = (ends[0] - ends[1]) / (2 * _SMALL)
+    return found
+
+
+def numbers(value: Any) -> Iterator[float]:
+    """The numbers of a result in their order, without clocks and truth values."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():  # pyright: ignore[reportUnknownVariableType]
+            if name not in _CLOCKS:
+                yield from numbers(part)
+    elif isinstance(value, list | tuple):
+        for part in value:  # pyright: ignore[reportUnknownVariableType]
+            yield from numbers(part)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield float(value)
+
+
+def joined(reads: Sequence[Read]) -> Array:
+    """All values of several calls, one after the other."""
+    return np.concatenate([read.values for read in reads]) if reads else np.zeros(0)

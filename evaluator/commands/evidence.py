@@ -1,0 +1,144 @@
+"""`physment-eval evidence`: what the experiments of stored episodes could tell."""
+
+import argparse
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from rich.text import Text
+
+from evaluator.certify.evidence import measured
+from evaluator.certify.parallel import in_processes
+from evaluator.certify.subject import Subject
+from evaluator.commands.argument_types import count_of, seed_key
+from evaluator.commands.base import Commands, run_async, wide_console
+from evaluator.commands.finishing import current_evidence
+from evaluator.commands.terminal import printable
+from evaluator.errors import UsageError
+from evaluator.records import (
+    CERTAIN,
+    SUFFICIENT,
+    Episode,
+    EpisodeKey,
+    EvidenceRecord,
+    EvidenceVerdict,
+    Outcome,
+    Verdict,
+)
+from evaluator.report.evidence import evidence_counts
+from evaluator.store import RunFolder
+from evaluator.study.forking import CONDITIONS, line_hashes, meeting
+from evaluator.study.held_back import is_withheld, seeds_of
+from evaluator.study.played_worlds import refuse_other_worlds
+from scenes import PackError, find_pack
+
+_DESCRIPTION = f"""\
+Measure what the experiments of stored episodes could tell, whoever reasons about them. The calls of an episode are
+played again with slightly different hidden values; how far its readings change bounds how well any inference could
+know the answer (Cramér and Rao). The evidence suffices if the smallest standard error of each asked number is at most
+{SUFFICIENT:g} of its tolerance, a choice is right with a probability of {CERTAIN:.0%}, and the readings exclude
+structures that answer otherwise. With the grade, each episode is one of four:
+
+  {EvidenceVerdict.EARNED:<48} right, on sufficient evidence
+  {EvidenceVerdict.GUESSED:<48} right, although the readings leave the answer open
+  {EvidenceVerdict.INFERENCE_FAILED:<48} wrong, although the readings decide it
+  {EvidenceVerdict.EXPERIMENT_INSUFFICIENT:<48} wrong, and the readings leave it open
+
+  physment-eval evidence runs/mine                             every episode that was not measured yet
+  physment-eval evidence runs/mine --episodes scene=28,seed=3  some of them
+
+--episodes takes conditions, separated by commas: {", ".join(CONDITIONS)}. Each episode becomes a line of
+DIR/evidence.jsonl as soon as it is measured, so an interrupted command goes on where it was. It runs the solution.py of
+each scene: name only folders of scenes that you trust.
+"""
+
+
+def add(commands: Commands) -> None:
+    """Declare `evidence`."""
+    command = commands.add_parser(
+        "evidence", description=_DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    command.set_defaults(run=_evidence)
+    command.add_argument("folder", type=Path, metavar="DIR", help="run folder")
+    command.add_argument("--episodes", default="", metavar="NAME=VALUE,…", help="which episodes (default: all)")
+    command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs (default: the suite)")
+    seed_key(command)
+    command.add_argument(
+        "--workers",
+        type=count_of("processes"),
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes (default: one per core)",
+    )
+    command.add_argument("--json", action="store_true", help="print the evidence as JSON lines instead of a table")
+
+
+def _evidence(args: argparse.Namespace) -> int:
+    folder = RunFolder(args.folder)
+    if not folder.episodes_file.exists():
+        raise UsageError(f"{args.folder} holds no episodes to measure")
+    episodes = [one for one in folder.episodes().values() if one.outcome is not Outcome.INFRASTRUCTURE_ERROR]
+    if folder.run_file.exists():
+        refuse_other_worlds(folder.read_run(), args.scenes_dir)
+    if args.episodes:
+        episodes = meeting(episodes, args.episodes, "--episodes", folder)
+    hashes, seed_of = line_hashes(folder), seeds_of(folder, args.seed_key)
+    there = current_evidence(folder)
+    wanted = [episode for episode in episodes if episode.key not in there]
+    withheld = folder.run_file.exists() and is_withheld(folder)
+
+    def work(episode: Episode) -> Callable[[], EvidenceRecord]:
+        seed = seed_of(episode.key.scene, episode.key.seed)
+        return partial(_measured, episode, seed, hashes[episode.key], args.scenes_dir)
+
+    console = wide_console()
+    with folder.held(), Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("evidence", total=len(wanted))
+
+        def on_done(episode: Episode, measured: EvidenceRecord) -> None:
+            found = _without_names(measured) if withheld else measured
+            folder.append_evidence(found)
+            there[episode.key] = found
+            progress.advance(task)
+
+        run_async(partial(in_processes, wanted, work, args.workers, on_done))
+    chosen = [there[episode.key] for episode in episodes]
+    if args.json:
+        for found in chosen:
+            print(found.model_dump_json())
+    else:
+        verdicts = {key: grade.grade.strict for key, grade in folder.grades().items()}
+        _print(console, chosen, verdicts)
+    return 0
+
+
+def _measured(episode: Episode, seed: int, line_sha256: str, scenes_dir: Path | None) -> EvidenceRecord:
+    """The evidence of one episode; runs in a worker process."""
+    try:
+        subject = Subject.open(find_pack(episode.key.scene, scenes_dir))
+    except PackError as error:
+        return EvidenceRecord(key=episode.key, episode=line_sha256, not_measurable=str(error))
+    return measured(subject, seed, episode, line_sha256)
+
+
+def _without_names(found: EvidenceRecord) -> EvidenceRecord:
+    """Evidence that does not name rivals: while seeds are held back, their names tell what was not drawn."""
+    unnamed = [rival.model_copy(update={"name": f"rival {n}"}) for n, rival in enumerate(found.rivals, start=1)]
+    return found.model_copy(update={"rivals": tuple(unnamed)})
+
+
+def _print(console: Console, chosen: Sequence[EvidenceRecord], verdicts: Mapping[EpisodeKey, Verdict]) -> None:
+    """A row for each agent: the verdicts, and how many calls sufficient evidence took."""
+    table = Table("agent", *EvidenceVerdict, "not measurable", "calls until it sufficed (median)", "calls after")
+    for agent in sorted({found.key.agent for found in chosen}):
+        counts = evidence_counts([found for found in chosen if found.key.agent == agent], verdicts)
+        calls = ("–" if calls is None else f"{calls:g}" for calls in (counts.until, counts.after))
+        table.add_row(Text(printable(agent)), *map(str, counts.verdicts.values()), str(counts.not_measurable), *calls)
+    console.print(table)
+    for reason, count in Counter(found.not_measurable for found in chosen if found.not_measurable).most_common():
+        console.print(f"{count} not measurable: {printable(reason)}", markup=False, highlight=False)

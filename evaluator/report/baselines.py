@@ -1,0 +1,134 @@
+"""The baseline run that ships with the package: what agents get that do not understand, on the scenes of a report.
+
+`episodes.jsonl.xz` and `run.json` are a run folder, compressed; `scores.jsonl.xz` is what reports need of it.
+`physment-eval keep-baselines` writes all three.
+"""
+
+import functools
+import lzma
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from evaluator.answers.chance import Chance
+from evaluator.records import EpisodeKey, Record
+from evaluator.report.tables import DIMENSIONS, Cell, Noted, Score, Table, share_of
+from evaluator.run_record import RunRecord
+from evaluator.scores.dimensions import SCORING_VERSION, WEIGHTS, EpisodeScores
+from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
+from evaluator.scores.scored_episode import ScoredEpisode
+from evaluator.scores.wording import counted_of
+from evaluator.statistics.intervals import proportion
+
+FOLDER = Path(__file__).with_name("baseline_run")
+EPISODES, SCORES, RUN = "episodes.jsonl.xz", "scores.jsonl.xz", "run.json"
+"""The files in it."""
+
+
+class BaselineScore(Record):
+    """What reports need of an episode of the baseline run."""
+
+    key: EpisodeKey
+    category: str
+    is_correct: bool
+    scores: EpisodeScores
+    chance: Chance
+
+    @classmethod
+    def of(cls, row: ScoredEpisode) -> "BaselineScore":
+        """The scores of an episode, without what it did."""
+        return cls(key=row.key, category=row.category, is_correct=row.is_correct, scores=row.scores, chance=row.chance)
+
+
+class BaselineRun(NamedTuple):
+    """The baseline run, as reports read it."""
+
+    record: RunRecord
+    scores: Sequence[BaselineScore]
+
+
+@functools.cache
+def baseline_run(folder: Path = FOLDER) -> BaselineRun | None:
+    """The baseline run; None if there is none, or if its scores are of another version of scoring.
+
+    Args:
+        folder: Where its files are.
+    """
+    if not (folder / RUN).is_file():
+        return None
+    lines = lzma.decompress((folder / SCORES).read_bytes()).splitlines()
+    if int(lines[0]) != SCORING_VERSION:
+        return None
+    record = RunRecord.model_validate_json((folder / RUN).read_bytes())
+    return BaselineRun(record, [BaselineScore.model_validate_json(line) for line in lines[1:]])
+
+
+def write_scores(file: Path, rows: Iterable[ScoredEpisode]) -> None:
+    """Write what reports need of the baseline run: the version of scoring, then a line for each episode."""
+    lines = [str(SCORING_VERSION), *(BaselineScore.of(row).model_dump_json() for row in rows)]
+    file.write_bytes(packed("\n".join(lines).encode()))
+
+
+def packed(content: bytes) -> bytes:
+    """Content, compressed as small as may be."""
+    return lzma.compress(content, preset=9 | lzma.PRESET_EXTREME)
+
+
+def baseline_table(packs: Mapping[str, str], run: BaselineRun | None = None) -> Table | None:
+    """The baselines on the scenes of a report; None if no scene has the pack that they were played on.
+
+    Args:
+        packs: Scene → hash of the content of the pack that was played.
+        run: The baseline run; by default the one that ships with the package.
+    """
+    run = run or baseline_run()
+    if run is None:
+        return None
+    known = run.record.content_hashes()
+    common = {int(scene) for scene, pack in packs.items() if known.get(scene) == pack}
+    rows = [row for row in run.scores if row.key.scene in common]
+    if not rows:
+        return None
+    agents = [name for name in run.record.plan.agents if any(row.key.agent == name for row in rows)]
+    seeds, budgets = (", ".join(map(str, values)) for values in (run.record.plan.seeds, run.record.plan.budgets))
+    columns = ("agent", "strict", "Skill", "Gated", *_PRINTED, "Final Score", "FS*")
+    return Table(
+        "baselines",
+        f"Baselines that ship with the package, on {len(common)} of {len(packs)} scenes",
+        columns,
+        [[agent, *_cells([row for row in rows if row.key.agent == agent])] for agent in agents],
+        note=f"Played at seed {seeds} and budget {budgets}, on the packs of this report. batch, the best fixed list of"
+        " calls, is played where a scene has one; constant, the best constant answer, where keys follow from draws by"
+        " theory.",
+    )
+
+
+_PRINTED = {title: name for title, name in DIMENSIONS.items() if name in WEIGHTS}
+
+
+def _cells(rows: Sequence[BaselineScore]) -> list[Cell]:
+    own = held_out((row.key.agent, row.category, float(row.is_correct)) for row in rows)
+    blind = held_out((row.key.agent, row.category, row.chance.strict) for row in rows)
+    places = [(row.key.agent, row.category) for row in rows]
+    points = [
+        ScorePoint(row.scores, row.chance, row.key.budget, own.get(place), blind.get(place))
+        for row, place in zip(rows, places, strict=True)
+    ]
+    found, right = group_scores(points), proportion((row.key.scene, row.is_correct) for row in rows)
+    worth = found.blind_accuracy or 0.0
+    ends = skill_interval(right.interval, worth)
+    return [
+        share_of(right),
+        Noted(skill(right.share, worth), "" if ends is None else f"{ends.low:.2f} to {ends.high:.2f}"),
+        _score(found.gated),
+        *(
+            Noted(getattr(found, name), counted_of(name, found.n_defined, found.n_numbers, len(rows)))
+            for name in _PRINTED.values()
+        ),
+        _score(found.final_score),
+        _score(found.final_score_of_defined),
+    ]
+
+
+def _score(value: float | None) -> Score | None:
+    return None if value is None else Score(value)

@@ -1,0 +1,196 @@
+"""A task of Harbor (schema 1.4): a variant is played once by the reference protocol, and its files are written.
+
+Three containers, of which an agent can enter one: `main` is the agent's and has nothing of ours; `laboratory` has the
+drawn model of this variant and no answer; the verifier's has the answer keys, and starts after the agent's has ended.
+"""
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from evaluator import EpisodeConnector, ReferenceAgent, StoreError, ToolCall, UsageError, Verdict, grade, play
+from physment_mcp import __version__, open_episode
+from scenes import PackError, export_packs, find_pack, read_public
+
+_PROGRAMS = Path(__file__).with_name("programs")
+SERVICE = "laboratory"
+"""Name of the container of the laboratory, and its name in the network of the task."""
+_EVIDENCE = "/laboratory/calls.json"
+"""The log of calls: where the laboratory may write it, and where the verifier finds it."""
+_CALLS = 200
+"""Tool calls that an agent may make where the scene has no limit: as many as an external agent with 20 iterations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """A variant as it was played once."""
+
+    scene: int
+    seed: int
+    prompt: str
+    """The opening prompt."""
+    max_calls: int
+    """Tool calls that an agent may make."""
+    solution: tuple[ToolCall, ...]
+    """The calls of the reference protocol, in order, the last one being its answer."""
+
+
+async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_dir: Path | None) -> Rehearsal:
+    """Let the reference protocol play a variant, and read the prompt that other agents get.
+
+    Args:
+        laboratory: Where.
+        scene: Which scene.
+        seed: Which variant of it.
+        scenes_dir: Folder of whole packs; None for the suite.
+
+    Raises:
+        UsageError: There is no such scene, it has no key, or the protocol does not solve this variant.
+        InfrastructureError: The laboratory failed.
+    """
+    played = await play(ReferenceAgent(scenes_dir), scene, seed=seed, server=laboratory, scenes_dir=scenes_dir)
+    if grade(played, scenes_dir).grade.strict is not Verdict.CORRECT:
+        raise UsageError(f"the reference protocol does not solve scene {scene} at seed {seed}, so it is no fair task")
+    solution = tuple(exchange.call for turn in played.turns for exchange in turn.exchanges)
+    max_calls = _most_calls(len(solution), scene, scenes_dir)
+    prompt = open_episode(scene, seed, max_calls=max_calls, scenes_dir=scenes_dir).prompt
+    return Rehearsal(scene, seed, prompt, max_calls, solution)
+
+
+def _most_calls(solution: int, scene: int, scenes_dir: Path | None) -> int:
+    """The limit of the scene and the answer; without a limit never fewer than the solution, in whole hundreds."""
+    limits = read_public(find_pack(scene, scenes_dir)).limits
+    if limits is not None and limits.calls is not None:
+        return limits.calls + 1
+    return max(_CALLS, -(-solution // 100) * 100)
+
+
+def write_task(rehearsal: Rehearsal, task: Path, scenes_dir: Path | None) -> None:
+    """Write the folder of a task.
+
+    Args:
+        rehearsal: The variant.
+        task: The folder, which is made. Its name becomes part of the names of containers, which an agent can look up,
+            so it must not tell the seed.
+        scenes_dir: Folder of whole packs; None for the suite.
+
+    Raises:
+        UsageError: Its scene cannot be exported.
+        StoreError: It cannot be written.
+    """
+    episode = {"scene": rehearsal.scene, "seed": rehearsal.seed, "max_calls": rehearsal.max_calls}
+    texts = {
+        "instruction.md": _instruction(rehearsal),
+        "task.toml": _TASK.format(name=task.name, scene=rehearsal.scene, evidence=_EVIDENCE, service=SERVICE),
+        "environment/Dockerfile": _MAIN,
+        "environment/docker-compose.yaml": _COMPOSE.format(service=SERVICE),
+        "environment/laboratory/Dockerfile": _LABORATORY.format(version=__version__),
+        "environment/laboratory/episode.json": json.dumps(episode) + "\n",
+        "solution/calls.json": json.dumps([call.model_dump() for call in rehearsal.solution]) + "\n",
+        "tests/Dockerfile": _VERIFIER.format(version=__version__),
+        "tests/episode.json": json.dumps(episode) + "\n",
+    }
+    programs = {
+        "environment/laboratory": ("start.sh", "collect.py"),
+        "solution": ("solve.sh", "play.py"),
+        "tests": ("test.sh",),
+    }
+    try:
+        for name, text in texts.items():
+            (task / name).parent.mkdir(parents=True, exist_ok=True)
+            (task / name).write_text(text, encoding="utf-8")
+        for part, names in programs.items():
+            for name in names:
+                shutil.copy(_PROGRAMS / name, task / part / name)
+        export_packs(task / "environment/laboratory/scenes", [rehearsal.seed], [rehearsal.scene], scenes_dir)
+    except PackError as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        raise StoreError(f"{task} cannot be written: {error.strerror}") from error
+
+
+def _instruction(rehearsal: Rehearsal) -> str:
+    return (
+        f"{rehearsal.prompt.rstrip()}\n\n# Budget\n\nThe laboratory is the MCP server `physment`. You may make"
+        f" {rehearsal.max_calls} tool calls, refused ones included. The task is done when `answer` has been called"
+        " once; if it has not been called when you end, the task counts as failed.\n"
+    )
+
+
+_TASK = """\
+schema_version = "1.4"
+artifacts = [{{ source = "{evidence}", service = "{service}" }}]
+
+[task]
+name = "physment/{name}"
+description = "Find out by experiment in a MuJoCo laboratory what the scene asks."
+keywords = ["physics", "mcp", "experiment"]
+
+[metadata]
+scene = {scene}
+
+[agent]
+timeout_sec = 1800.0
+
+[environment]
+build_timeout_sec = 900.0
+
+[[environment.mcp_servers]]
+name = "physment"
+transport = "streamable-http"
+url = "http://{service}:8000/episodes/0/mcp"
+
+[verifier]
+timeout_sec = 300.0
+environment_mode = "separate"
+
+[verifier.environment]
+network_mode = "no-network"
+
+[[verifier.collect]]
+service = "{service}"
+command = "python3 /laboratory/collect.py {evidence}"
+"""
+_COMPOSE = """\
+services:
+  main:
+    depends_on:
+      {service}:
+        condition: service_healthy
+  {service}:
+    build:
+      context: ./{service}
+    # A laboratory that was started again would be a new one, with all its calls unused.
+    restart: "no"
+    healthcheck:
+      test:
+        - CMD
+        - python3
+        - -c
+        - import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/healthz', timeout=2)
+      interval: 2s
+      timeout: 5s
+      retries: 60
+"""
+_MAIN = """\
+# The agent's container: Python for the solution, and nothing of the laboratory.
+FROM python:3.12-slim
+WORKDIR /work
+"""
+_LABORATORY = """\
+# Only the laboratory, and the model of one variant. The image has no answers.
+FROM physment-laboratory:{version}
+COPY --chown=65532:65532 . /laboratory
+ENV PATH=/opt/laboratory/bin:$PATH
+ENTRYPOINT []
+CMD ["sh", "/laboratory/start.sh"]
+"""
+_VERIFIER = """\
+# The evaluator with the answer keys. Root, as Harbor writes the log and reads the rewards in folders of its own.
+FROM physment-evaluator:{version}
+COPY . /tests
+ENV PATH=/opt/evaluator/bin:$PATH
+USER root
+ENTRYPOINT []
+"""

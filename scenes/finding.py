@@ -1,0 +1,45 @@
+"""The pack of a scene id: in a folder of packs, or of a world that is made from its record; and its split."""
+
+from pathlib import Path
+
+from scenes.errors import PackError, WorldError
+from scenes.folder import PackFiles, default_folder, listed_pack
+from scenes.splits import Split
+from scenes.world_names import is_world, place_of, reference_of
+
+
+def find_pack(scene_id: int, folder: Path | None = None) -> PackFiles:
+    """The pack with this id.
+
+    Args:
+        scene_id: The number of a scene, or that of a world.
+        folder: Folder of packs and worlds; the suite by default.
+
+    Raises:
+        PackError: There is no such pack; the message lists the ids of all packs.
+    """
+    folder = folder or default_folder()
+    if not is_world(scene_id) or (folder / f"Scene{scene_id}").is_dir():  # an exported world is there as a pack
+        return listed_pack(scene_id, folder)
+    try:
+        from scenes.worlds.expansion import find_world  # noqa: PLC0415 - it loads numpy and scipy, which takes 0.3 s
+    except ModuleNotFoundError as error:  # as in the bundle for Claude Desktop
+        raise PackError(folder, f"{reference_of(scene_id)}: worlds are not installed here") from error
+    return find_world(scene_id, folder)
+
+
+def is_in_split(scene_id: int, split: Split, folder: Path | None = None) -> bool:
+    """Whether a split has a scene. It has a world if the structure of the world is in the split of the same name.
+
+    Raises:
+        PackError: There is no record of the world.
+    """
+    if not is_world(scene_id):
+        return scene_id in split.scenes
+    from scenes.worlds.folders import find_record  # noqa: PLC0415 - it loads numpy and scipy
+
+    folder = folder or default_folder()
+    try:
+        return find_record(*place_of(scene_id), folder).split == split.name
+    except WorldError as error:
+        raise PackError(folder, str(error)) from error

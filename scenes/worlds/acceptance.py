@@ -1,0 +1,315 @@
+"""Draws worlds and accepts those that pass the certificates that need no engine.
+
+A drawn world is accepted if every part matters, a fit of its course can converge, its answers follow from readings, and
+nobody finds them without. Constants of a part that does not matter are drawn again; after that, the whole world.
+"""
+
+import random
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.courses import Course
+from scenes.errors import WorldError
+from scenes.fitting import Array, refined
+from scenes.worlds.asking import drawn, nearby
+from scenes.worlds.confusion import mistakable, unexplained
+from scenes.worlds.drawing import draw_constants, draw_structure
+from scenes.worlds.experiment import Situation, laws_of_fit, on_unit, simulated
+from scenes.worlds.levels import Difficulty
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.rivals import rival_of
+from scenes.worlds.terms import Structure
+
+Flags = NDArray[np.bool_]
+
+FORCE = 5.0
+"""Greatest force [N] or torque [N·m] in every world, so that the limit tells nothing of the mass."""
+ASKED = 3
+"""Questions of a world."""
+MATTERS = 3.0
+"""Tolerances by which an answer must change without a part."""
+IDENTIFIABLE = 0.35
+"""Greatest smallest error of an answer, in tolerances."""
+_LEAST_LOOKS, _MOST_NOISE = 12, 0.05
+_QUICK_S, _FINE_S = 0.06, 0.01
+"""Longest steps of the integration of candidates and of keys [s]."""
+_REDRAWN = 8
+_SENSITIVE = 1.0
+"""Greatest distance of two integrations of the course, in standard deviations of the readings."""
+_ROUNDS = 8
+_SHIFT = 1e-4
+_SHARPER_LOOKS, _SHARPER_NOISE = 1.4, 1.7
+"""By how much looks and noise change when readings do not exclude a rival."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnWorld:
+    """A world with its questions and their key."""
+
+    structure: Structure
+    constants: Mapping[str, float]
+    told: Situation
+    questions: tuple[Question, ...]
+    key: tuple[float, ...]
+    bounds: tuple[float, ...]
+    """Smallest standard error of each answer by the readings of the certificate's course, in tolerances."""
+
+
+class Refused(Exception):
+    """A draw fails a certificate; the message names it."""
+
+
+@dataclass(slots=True)
+class Maker:
+    """Draws worlds of one difficulty from a random stream until one is accepted."""
+
+    difficulty: Difficulty
+    rng: random.Random
+    split: str | None = None
+    """Split of its structure; None for any."""
+    refusals: Counter[str] = field(default_factory=Counter[str])
+    """Why draws were refused, and how often."""
+
+    def world(self, most: int = 400) -> DrawnWorld:
+        """The first draw that is accepted.
+
+        Raises:
+            WorldError: None of so many draws is.
+        """
+        for _ in range(most):
+            try:
+                with np.errstate(all="ignore"):
+                    return self._drawn()
+            except Refused as refusal:
+                self.refusals[str(refusal)] += 1
+            except np.linalg.LinAlgError:
+                self.refusals["singular"] += 1
+        reasons = ", ".join(f"{why} {count}" for why, count in self.refusals.most_common(3))
+        raise WorldError(f"none of {most} draws was accepted ({reasons}); ask for fewer parts or more readings")
+
+    def _drawn(self) -> DrawnWorld:
+        structure = draw_structure(self.difficulty, self.rng, self.split)
+        told = Situation(structure.apparatus, structure.radius, FORCE, self.difficulty.looks, self.difficulty.noise)
+        constants = draw_constants(structure, self.rng)
+        asked = drawn(structure, constants, told, self.difficulty, self.rng)
+        matter, key = self._repaired(structure, constants, asked)
+        _refuse_wild(structure, constants, told, simulated(structure, constants, told, None))
+        information = _Information(structure, constants, told, asked)
+        spread = information.spread(told.looks)
+        chosen = _chosen(asked, matter & _sane(key) & (spread < IDENTIFIABLE), spread)
+        told = information.tightened(self.difficulty.bound, chosen)
+        questions = tuple(asked[number] for number in chosen)
+        bounds = _Information(structure, constants, told, questions).spread(told.looks)
+        if bounds.max() > IDENTIFIABLE:
+            raise Refused("not identifiable")
+        final = answers(structure, constants, questions, _FINE_S)[:, 0]
+        world = DrawnWorld(structure, constants, told, questions, _numbers(final), _numbers(bounds))
+        _refuse_guessable(world, self.rng)
+        world = _determined(world, self.difficulty)
+        _refuse_useless(world, simulated(structure, constants, world.told, 1))
+        _refuse_unsolved(world, simulated(structure, constants, world.told, 2), self.rng)
+        _refuse_mistakable(world, simulated(structure, constants, world.told, 1), self.rng)
+        return world
+
+    def _repaired(
+        self, structure: Structure, constants: dict[str, float], asked: Sequence[Question]
+    ) -> tuple[Flags, Array]:
+        """Draw the constants of parts that do not matter again; returns which question each part matters for."""
+        for _ in range(_REDRAWN):
+            key = answers(structure, constants, asked, _QUICK_S)[:, 0]
+            matter = _matters(structure, constants, asked, key)
+            useless = [part for part, row in zip(structure.parts, matter, strict=True) if not (row & _sane(key)).any()]
+            if not useless:
+                return matter, key
+            at, number = useless[0]
+            mark = f"{at}" if number is None else f"{at}m{number}"
+            names = [name for name in structure.ranges if name.removesuffix(mark).isalpha() and name.endswith(mark)]
+            constants |= draw_constants(structure, self.rng, names)
+        raise Refused("a part does not matter")
+
+
+def _numbers(found: Array) -> tuple[float, ...]:
+    return tuple(float(f"{number:.6g}") for number in found)
+
+
+def _sane(key: Array) -> Flags:
+    return np.isfinite(key) & (np.abs(key) > 0.25) & (np.abs(key) < 60)
+
+
+def _less(
+    structure: Structure, constants: Mapping[str, float], part: tuple[int, int | None]
+) -> tuple[Structure, dict[str, float]]:
+    """The structure without a part, and the constants that remain by their new names."""
+    fewer, renamed = structure.without(*part)
+    return fewer, {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
+
+
+def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], key: Array) -> Flags:
+    """Whether each part changes the answer to each question, before any fit."""
+    rows: list[Flags] = []
+    for part in structure.parts:
+        fewer, rest = _less(structure, constants, part)
+        changed: Array = answers(fewer, rest, asked, _QUICK_S)[:, 0]
+        rows.append(np.abs(_finite(changed) - key) > MATTERS * tolerance(key))
+    return np.array(rows)
+
+
+def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> None:
+    """Refuse a course that leaves the floor, or that small errors change: no fit of it could converge."""
+    if not np.isfinite(course.readings).all():
+        raise Refused("thrown out")
+    if told.apparatus is not Apparatus.WHEEL:
+        width = 2 if told.apparatus.flat else 1
+        places = course.readings.reshape(len(course.readings), told.bodies, 2, width)[:, :, 0]
+        if (np.linalg.norm(places, axis=2) > told.radius).mean() > 0.15:
+            raise Refused("thrown out")
+    laws = laws_of_fit(structure, told)
+    unit = on_unit(laws, constants)[:, None]
+    apart = laws.misfits(course, structure.label, unit, by_legs=False)[: course.readings.size]
+    if float(np.sqrt((apart**2).mean())) > _SENSITIVE:
+        raise Refused("too sensitive")
+
+
+class _Information:
+    """What a course tells of the answers. Source: Cramér and Rao."""
+
+    def __init__(
+        self, structure: Structure, constants: Mapping[str, float], told: Situation, asked: Sequence[Question]
+    ) -> None:
+        laws, course = laws_of_fit(structure, told), simulated(structure, constants, told, None)
+        unit = on_unit(laws, constants)
+        around = np.column_stack([unit[:, None], unit[:, None] + _SHIFT * np.eye(len(unit))])
+        misfits = laws.misfits(course, structure.label, around, by_legs=False)
+        self._told = told
+        self._slope: Array = (misfits[:, 1:] - misfits[:, :1]) / _SHIFT
+        self._prior: Array = self._slope[course.readings.size :]
+        found = answers(structure, laws.constants(structure.label, around), asked, 0.03)
+        self._gradient: Array = (found[:, 1:] - found[:, :1]) / _SHIFT
+        self._tolerance = tolerance(found[:, 0])
+
+    def spread(self, looks: int) -> Array:
+        """Smallest standard error of each answer after so many looks, in tolerances."""
+        rows = np.vstack([self._slope[: looks * len(self._told.sigma)], self._prior])
+        variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
+        return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
+
+    def tightened(self, bound: float, chosen: Sequence[int]) -> Situation:
+        """The situation with the fewest looks, and then the most noise, that leave the answers as sure as wanted."""
+        told = self._told
+        looks = next(
+            (count for count in range(_LEAST_LOOKS, told.looks, 4) if self.spread(count)[chosen].max() <= bound),
+            told.looks,
+        )
+        noise = max(
+            told.noise, min(_MOST_NOISE, told.sigma[0] * bound / max(float(self.spread(looks)[chosen].max()), 1e-6))
+        )
+        return replace(told, looks=looks, noise=float(f"{noise:.2g}"))
+
+
+def _finite(found: Array) -> Array:
+    """The numbers, with a very large one in place of each that is none."""
+    return np.where(np.isfinite(found), found, 1e9)
+
+
+def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int]:
+    """Numbers of the questions that are asked: each part matters for one, and kinds differ where they can."""
+    chosen: list[int] = []
+    able = [bool(column.any()) for column in matter.T]
+    while len(chosen) < ASKED:
+        kinds = {asked[number].kind for number in chosen}
+        others = [n for n in range(len(asked)) if able[n] and n not in chosen]
+        fresh = [n for n in others if asked[n].kind not in kinds] or others
+        if not fresh:
+            raise Refused("not identifiable")
+        chosen.append(max(fresh, key=lambda n: (matter[:, [*chosen, n]].any(axis=1).sum(), -spread[n])))
+    if not matter[:, chosen].any(axis=1).all():
+        raise Refused("three questions miss a part")
+    return chosen
+
+
+def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
+    """Refuse a world of which two answers are found without experiments, or from the nearest situation allowed."""
+    structure, constants, asked = world.structure, world.constants, world.questions
+    key = np.array(world.key)
+    numbers = np.array([not question.options for question in asked])  # another draw has the same terms
+    guesses = nearby(structure, constants, asked, world.told)
+    for number in range(2):
+        other = draw_constants(structure, rng) | {"m": constants["m"]}
+        guesses[f"another draw {number}"] = answers(structure, other, asked, 0.03)[:, 0]
+    for name, guess in guesses.items():
+        if np.count_nonzero(numbers & (np.abs(_finite(guess) - key) <= tolerance(key))) > 1:
+            raise Refused(f"guessable by {name}")
+
+
+def _determined(world: DrawnWorld, difficulty: Difficulty) -> DrawnWorld:
+    """The world with as many more looks, and as much less noise, as its readings need to exclude rivals.
+
+    Raises:
+        Refused: A rival fits with all looks and the least noise of the difficulty.
+    """
+    structure, constants, told = world.structure, world.constants, world.told
+    while rival_of(
+        structure, constants, told, world.questions, np.array(world.key), simulated(structure, constants, told, 1)
+    ):
+        looks = min(difficulty.looks, -(-int(told.looks * _SHARPER_LOOKS) // 2) * 2)
+        noise = max(difficulty.noise, float(f"{told.noise / _SHARPER_NOISE:.2g}"))
+        if (looks, noise) == (told.looks, told.noise):
+            raise Refused("a rival fits")
+        told = replace(told, looks=looks, noise=noise)
+    bounds = _Information(structure, constants, told, world.questions).spread(told.looks)
+    return replace(world, told=told, bounds=_numbers(bounds))
+
+
+def _refuse_useless(world: DrawnWorld, course: Course) -> None:
+    """Refuse a world whose answers hardly change if a part is left out and the rest is fitted to the readings."""
+    key = np.array(world.key)
+    for part in world.structure.parts:
+        fewer, rest = _less(world.structure, world.constants, part)
+        laws = laws_of_fit(fewer, world.told)
+        unit = _fit(fewer, world.told, course, on_unit(laws, rest))
+        refit = laws.constants(fewer.label, unit[:, None])
+        found = answers(fewer, refit, world.questions, 0.03)[:, 0]
+        if not unexplained(fewer, laws.constants(fewer.label, unit), world.told, course):
+            found = np.where([bool(question.options) for question in world.questions], key, found)
+        if not (np.abs(_finite(found) - key) > MATTERS * tolerance(key)).any():
+            raise Refused("a part does not matter after a fit")
+
+
+def _fit(structure: Structure, told: Situation, course: Course, unit: Array, rounds: int = _ROUNDS) -> Array:
+    laws = laws_of_fit(structure, told)
+
+    def misfits(units: Array) -> Array:
+        return laws.misfits(course, structure.label, units, by_legs=False)
+
+    return refined(misfits, np.clip(unit, -0.1, 1.1), rounds)
+
+
+def _refuse_mistakable(world: DrawnWorld, course: Course, rng: random.Random) -> None:
+    """Refuse a world of which another option of a question explains the readings as well."""
+    for question in world.questions:
+        if question.options and mistakable(world.structure, world.constants, world.told, question, course, rng):
+            raise Refused("another option explains the readings")
+
+
+def _refuse_unsolved(world: DrawnWorld, course: Course, rng: random.Random) -> None:
+    """Refuse a world that the reference which knows its structure cannot solve from other readings."""
+    structure, key = world.structure, np.array(world.key)
+    laws = laws_of_fit(structure, world.told)
+    unit = on_unit(laws, world.constants)
+    unit = _fit(structure, world.told, course, unit + 0.05 * np.array([rng.gauss(0, 1) for _ in unit]), 12)
+    found = answers(structure, laws.constants(structure.label, unit[:, None]), world.questions, 0.03)[:, 0]
+    if not (np.abs(found - key) <= tolerance(key)).all():
+        raise Refused("not solved with the structure known")
+
+
+def bounds_of(
+    structure: Structure, constants: Mapping[str, float], told: Situation, questions: Sequence[Question]
+) -> tuple[float, ...]:
+    """Smallest standard error of each answer by the readings of the certificate's course, in tolerances."""
+    with np.errstate(all="ignore"):
+        return _numbers(_Information(structure, constants, told, questions).spread(told.looks))

@@ -1,0 +1,155 @@
+"""Draws questions of the kinds that a difficulty names, and says what somebody would answer who did not experiment."""
+
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scenes.fitting import Array
+from scenes.worlds.drawing import options_with
+from scenes.worlds.experiment import Situation
+from scenes.worlds.levels import Difficulty, kinds_for
+from scenes.worlds.questions import Question, answers
+from scenes.worlds.terms import Structure
+
+LATEST_S = 10.0
+"""How much later than the laboratory's time a late question begins [s]."""
+OPTIONS = 4
+"""Options of a `which` question."""
+_CANDIDATES, _KINDS = 24, 3
+"""Questions that are drawn, and of how many kinds."""
+_MOST = {"which": 1, "push": 4}
+"""Most candidates of a kind: one option is asked for, and forces that are sought take the most time."""
+_FLAT = ("dx", "dy", "vx", "vy", "speed")
+_LINE = ("dq", "u")
+_LEAST_SIZE = 0.5
+"""Least way of a `push` question [m, rad]."""
+
+
+def drawn(
+    structure: Structure,
+    constants: Mapping[str, float],
+    told: Situation,
+    difficulty: Difficulty,
+    rng: random.Random,
+) -> list[Question]:
+    """Candidates of some kinds that a difficulty allows and the apparatus knows.
+
+    Args:
+        structure: Which terms act.
+        constants: Their constants, by which a `push` question asks for something that can be brought about.
+        told: The laboratory.
+        difficulty: Names the kinds.
+        rng: The random stream.
+    """
+    kinds = kinds_for(told.apparatus, difficulty.kinds)
+    kinds = rng.sample(kinds, min(len(kinds), _KINDS))
+    found: list[Question] = []
+    plain = [kind for kind in kinds if kind not in _MOST] or ["push"]
+    for number in range(_CANDIDATES):
+        kind = kinds[number % len(kinds)]
+        if number >= len(kinds) * _MOST.get(kind, _CANDIDATES):
+            kind = plain[number % len(plain)]
+        if kind == "which":
+            found.append(_which(structure, rng))
+        elif kind == "push":
+            found.append(_push(structure, constants, told, difficulty, rng))
+        else:
+            found.append(_question(structure, told, difficulty, kind, rng))
+    return found
+
+
+def _way(width: int, size: float, rng: random.Random) -> list[float]:
+    """A vector of a size and of any direction."""
+    if width == 1:
+        return [round(size * rng.choice((-1, 1)), 2)]
+    turn = rng.uniform(0, 2 * np.pi)
+    return [round(size * float(np.cos(turn)), 2), round(size * float(np.sin(turn)), 2)]
+
+
+def _question(structure: Structure, told: Situation, difficulty: Difficulty, kind: str, rng: random.Random) -> Question:
+    width, bodies = 2 if told.apparatus.flat else 1, structure.bodies
+    situation = rng.choice(("strong", "late")) if kind == "apart" else kind
+    place = [number for _ in range(bodies) for number in _way(width, rng.uniform(0.5, 0.6 * told.radius), rng)]
+    speed, push, clock = [0.0] * width * bodies, [0.0] * width * bodies, 0.0
+    first = slice(0, width)
+    strong = difficulty.strong
+    if situation == "strong":
+        place[first] = _way(width, rng.uniform(0.0, 0.4 * told.radius), rng)
+        push[first] = _way(width, told.force * rng.uniform(0.8 * strong, 1.2 * strong), rng)
+    elif situation == "far":
+        place[first] = _way(width, told.radius + rng.uniform(1.2, 2.8), rng)
+        push[first] = _way(width, told.force * rng.uniform(0.0, 0.8), rng)
+    else:
+        clock = float(np.ceil(told.looks * 0.45) + LATEST_S)
+        speed[first] = _way(width, rng.uniform(3.5, 6.0), rng)
+        push[first] = _way(width, told.force * rng.uniform(0.0, 0.8), rng)
+    what = "apart" if kind == "apart" else rng.choice(_FLAT if told.apparatus.flat else _LINE)
+    return Question(
+        kind, tuple(place), tuple(speed), tuple(push), clock, rng.choice((1.5, 2.0, 2.5)), what, rng.randint(1, bodies)
+    )
+
+
+def _push(
+    structure: Structure,
+    constants: Mapping[str, float],
+    told: Situation,
+    difficulty: Difficulty,
+    rng: random.Random,
+) -> Question:
+    """A question for a force, drawn so that the answer is beyond the limit."""
+    situation = _question(structure, told, difficulty, "strong", rng)
+    width = 2 if told.apparatus.flat else 1
+    way = [0.0] * len(situation.push)
+    way[rng.randrange(width)] = rng.choice((-1.0, 1.0))
+    asked = replace(situation, kind="push", push=tuple(way), what="push", body=1)
+    reached = _reached(structure, constants, asked, float(np.linalg.norm(situation.push)))
+    return replace(asked, size=round(reached, 2) if reached > _LEAST_SIZE else _LEAST_SIZE)  # also if it has no value
+
+
+def _reached(structure: Structure, constants: Mapping[str, float], asked: Question, force: float) -> float:
+    """How far a force brings the body of a `push` question."""
+    axis = next(axis for axis, part in enumerate(asked.push) if part)
+    what = ("dx", "dy")[axis] if structure.apparatus.flat else "dq"
+    held = replace(asked, what=what, push=tuple(force * part for part in asked.push))
+    return asked.push[axis] * float(answers(structure, constants, [held], 0.03)[0, 0])
+
+
+def _which(structure: Structure, rng: random.Random) -> Question:
+    nothing = (0.0,) * structure.controls
+    asked = rng.choice(structure.terms).form
+    options = options_with(structure, asked, OPTIONS, rng)
+    return Question("which", nothing, nothing, nothing, 0.0, 0.0, "which", options=options)
+
+
+def nearby(
+    structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], told: Situation
+) -> dict[str, Array]:
+    """Answers of somebody who brings about the nearest situation that is allowed, and the same in proportion.
+
+    NaN for a `which` question, which no single situation answers.
+    """
+    nearest: list[float] = []
+    scaled: list[float] = []
+    for question in asked:
+        if question.options:
+            nearest.append(np.nan)
+            scaled.append(np.nan)
+        elif question.what == "push":
+            nearest.append(told.force)
+            scaled.append(told.force * question.size / _reached(structure, constants, question, told.force))
+        else:
+            found = float(answers(structure, constants, [_staged(question, told)], 0.03)[0, 0])
+            nearest.append(found)
+            scaled.append(found * max(1.0, float(np.linalg.norm(question.push)) / told.force))
+    return {"nearest situation": np.array(nearest), "in proportion": np.array(scaled)}
+
+
+def _staged(asked: Question, told: Situation) -> Question:
+    """The nearest situation that can be brought about."""
+    strength, far = float(np.linalg.norm(asked.push)), float(np.linalg.norm(asked.place))
+    push = tuple(part * min(1.0, told.force / max(strength, 1e-9)) for part in asked.push)
+    place = tuple(part * min(1.0, told.radius / max(far, 1e-9)) for part in asked.place)
+    speed = tuple(part * 0.5 for part in asked.speed)
+    return replace(asked, push=push, place=place, speed=speed, clock=0.0)

@@ -1,0 +1,271 @@
+"""Parts that a law may lack: which of them promise to explain what it leaves, by the score test.
+
+For each form of the grammar, alone and with each modulation, constants are sampled, and `weak_form` tells what such a
+term would do to each leg. A term promises as much as it takes off the squared misfits beside all constants of the law.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.fitting import Array
+from scenes.worlds.drawing import compatible
+from scenes.worlds.parts import Form, Modulation, Range
+from scenes.worlds.terms import Structure, Term
+from scenes.worlds.weak_form import Whitened, named, to_unit, to_value
+
+PART = 7.0
+"""What a form or a modulation must gain in chi-square beside the price of its constants, since there are many."""
+_CONSTANT = 4.0
+"""The price of a constant in the score test."""
+_SAMPLES = (40, 160)
+"""Constants of a term that are tried: so many for each constant but its size, and most."""
+_MODULATIONS = 2
+"""Most modulations of a term."""
+_TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A structure with the constants that fit best."""
+
+    structure: Structure
+    unit: Array
+    """Its constants, as a point of the unit cube."""
+    chi_square: float
+    """Sum of the squared misfits."""
+    score: float
+    """Minus twice the logarithm of its evidence, but for a constant."""
+    misfits: Array
+    slope: Array
+    """Derivatives of the misfits by the constants."""
+
+    def parts(self) -> list[tuple[Term, Array]]:
+        """The terms with the points of their constants."""
+        found: list[tuple[Term, Array]] = []
+        at = self.structure.bodies
+        for term in self.structure.terms:
+            size = len(term.ranges(0))
+            found.append((term, self.unit[at : at + size]))
+            at += size
+        return found
+
+    @property
+    def masses(self) -> Array:
+        """The points of the masses."""
+        return self.unit[: self.structure.bodies]
+
+
+def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
+    """Minus twice the logarithm of the evidence of a structure (Laplace), but for a constant."""
+    count = sum(1 + len(term.modulations) for term in structure.terms)
+    return float(misfits @ misfits + np.linalg.slogdet(slope.T @ slope / (2 * math.pi))[1]) + PART * count
+
+
+@dataclass
+class _Library:
+    """What terms with sampled constants do to each leg; an entry for each form alone and with each modulation."""
+
+    terms: list[Term]
+    units: list[Array]
+    """Sampled constants of each term; a column for each sample."""
+    entry: NDArray[np.int_]
+    """To which entry each column belongs."""
+    sample: NDArray[np.int_]
+    columns: Array
+    """Whitened changes of the ends of the legs, for a size of 1."""
+
+
+@dataclass
+class Candidates:
+    """Terms and modulations to add to laws, by misfits of the same legs.
+
+    Attributes:
+        whitened: The legs.
+        forms: Forms that may occur.
+        factors: Modulations that may occur.
+        rng: Gives samples of constants.
+    """
+
+    whitened: Whitened
+    forms: Sequence[Form]
+    factors: Sequence[Modulation]
+    rng: np.random.Generator
+    _kept: dict[str, _Library] = field(default_factory=dict[str, _Library])
+
+    def more(self, node: Fit, barred: frozenset[str], most: int) -> list[tuple[Structure, Array]]:
+        """The structures with a term or a modulation more that promise most."""
+        offers = [*self._terms(node, barred), *self._modulations(node, barred)]
+        offers.sort(key=lambda offer: -offer[0])
+        return [(structure, unit) for _, structure, unit in offers[:most]]
+
+    def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
+        """Terms to add, with what they promise to gain."""
+        library, parts = self._columns(node), node.parts()
+        gains, sizes = self._gains(node, library.columns, library)
+        used = {name for term in node.structure.terms for name in term.modulations}
+        forms = [term.kind for term in node.structure.terms]
+        for entry, term in enumerate(library.terms):
+            if (
+                barred & {term.form, *term.modulations}
+                or used & set(term.modulations)
+                or not compatible(node.structure.apparatus, [*forms, term.kind])
+            ):
+                continue
+            columns = np.flatnonzero(library.entry == entry)
+            at = columns[int(np.argmax(gains[columns]))]
+            unit = library.units[entry][:, library.sample[at]].copy()
+            if _linear(term.kind):
+                unit[0] = to_unit(_size(term.kind), sizes[at])
+            price = _CONSTANT * len(unit) + PART * (1 + len(term.modulations))
+            yield float(gains[at]) - price, *changed(node, [*parts, (term, unit)])
+
+    def _modulations(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
+        """Modulations to add to a term, with what they promise to gain."""
+        parts = node.parts()
+        used = {name for term, _ in parts for name in term.modulations}
+        constants = named(node.structure, node.unit[:, None])
+        for at, (term, unit) in enumerate(parts):
+            if len(term.modulations) >= _MODULATIONS:
+                continue
+            for part in self.factors:
+                if part.name in used | barred or term.kind.group not in part.fits:
+                    continue
+                names = (*term.modulations, part.name)
+                more = Term(term.form, tuple(sorted(names)))
+                samples = self._samples(len(part.constants))
+                fresh = np.column_stack([_sampled(b, samples, self.rng) for b in part.constants.values()]).T
+                units = _with_modulation(term, unit, part.name, fresh)
+                columns = self._column(more, constants, _values(more, units), samples)
+                columns = self.whitened.matrix @ columns
+                gains, _ = self._gains(node, columns, None)
+                best = int(np.argmax(gains))
+                rest = parts[:at] + parts[at + 1 :]
+                price = _CONSTANT * len(part.constants) + PART
+                yield float(gains[best]) - price, *changed(node, [*rest, (more, units[:, best])])
+
+    def _gains(self, node: Fit, columns: Array, library: _Library | None) -> tuple[Array, Array]:
+        """What each column takes off chi-square beside all constants of a law, and in which size."""
+        rows = len(columns)
+        basis = np.linalg.qr(node.slope[:rows])[0]
+        left = node.misfits[:rows] - basis @ (basis.T @ node.misfits[:rows])
+        along = columns.T @ left
+        length = (columns**2).sum(axis=0) - ((basis.T @ columns) ** 2).sum(axis=0)
+        length = np.maximum(length, 1e-6 * (columns**2).sum(axis=0) + _TINY)
+        sizes = along / length
+        if library is not None:
+            limits = np.array([_limits(term.kind) for term in library.terms])
+            sizes = np.clip(sizes, limits[library.entry, 0], limits[library.entry, 1])
+        return 2 * sizes * along - sizes**2 * length, sizes
+
+    def _columns(self, node: Fit) -> _Library:
+        """The library, made when it is first needed, with the masses of that law."""
+        if "library" in self._kept:
+            return self._kept["library"]
+        constants = named(node.structure, node.unit[:, None])
+        terms, units, columns = list(self._entries()), list[Array](), list[Array]()
+        counts = list[int]()
+        for term in terms:
+            samples = self._samples(len(term.ranges(0)) - _linear(term.kind))
+            unit = np.array([_sampled(bounds, samples, self.rng) for bounds in term.ranges(0).values()])
+            values = _values(term, unit)
+            if _linear(term.kind):
+                values[next(iter(values))] = np.ones(samples)
+            columns.append(self._column(term, constants, values, samples))
+            units.append(unit)
+            counts.append(samples)
+        found = _Library(
+            terms,
+            units,
+            np.repeat(np.arange(len(terms)), counts),
+            np.concatenate([np.arange(count) for count in counts]),
+            self.whitened.matrix @ np.hstack(columns),
+        )
+        return self._kept.setdefault("library", found)
+
+    def _column(self, term: Term, masses: Mapping[str, Any], values: dict[str, Any], samples: int) -> Array:
+        """What a term does to the legs for sampled constants."""
+        own = {name: np.broadcast_to(masses[name], samples) for name in ("m", "m2") if name in masses}
+        with np.errstate(all="ignore"):
+            return np.nan_to_num(self.whitened.legs.columns(term, own | values, samples))
+
+    def _entries(self) -> Iterator[Term]:
+        for form in self.forms:
+            yield Term(form.name)
+            for part in self.factors:
+                if form.group in part.fits:
+                    yield Term(form.name, (part.name,))
+
+    @staticmethod
+    def _samples(constants: int) -> int:
+        return max(1, min(_SAMPLES[0] * constants, _SAMPLES[1]))
+
+
+def changed(node: Fit, parts: Sequence[tuple[Term, Array]]) -> tuple[Structure, Array]:
+    """A structure with the masses of a fit and these terms, and its point."""
+    parts = sorted(parts, key=lambda part: part[0])
+    structure = Structure(node.structure.apparatus, tuple(term for term, _ in parts), node.structure.radius)
+    return structure, np.concatenate([node.masses, *(unit for _, unit in parts)])
+
+
+def _values(term: Term, units: Array) -> dict[str, Any]:
+    """The constants of a term at points of the unit cube."""
+    return {name: to_value(bounds, unit) for (name, bounds), unit in zip(term.ranges(0).items(), units, strict=True)}
+
+
+def plainer(term: Term, unit: Array, gone: int) -> tuple[Term, Array]:
+    """A term without a modulation."""
+    names = list(term.ranges(0))
+    kept = [at for at, name in enumerate(names) if not name.endswith(f"0m{gone}")]
+    return Term(term.form, (*term.modulations[:gone], *term.modulations[gone + 1 :])), unit[kept]
+
+
+def _with_modulation(term: Term, unit: Array, name: str, fresh: Array) -> Array:
+    """The constants of a term with a modulation more; a column for each sample of those of the modulation."""
+    blocks = [np.repeat(unit[: len(term.kind.constants), None], fresh.shape[1], axis=1)]
+    at = len(term.kind.constants)
+    own: list[tuple[str, Array]] = [(name, fresh)]
+    for other, part in zip(term.modulations, term.factors, strict=True):
+        size = len(part.constants)
+        own.append((other, np.repeat(unit[at : at + size, None], fresh.shape[1], axis=1)))
+        at += size
+    return np.vstack([*blocks, *(block for _, block in sorted(own, key=lambda pair: pair[0]))])
+
+
+def _linear(form: Form) -> bool:
+    """Whether the force is in proportion to the first constant."""
+    return not next(iter(form.constants)).startswith("q")
+
+
+def _size(form: Form) -> Range:
+    return next(iter(form.constants.values()))
+
+
+def _limits(form: Form) -> tuple[float, float]:
+    """Smallest and largest size of a term."""
+    if not _linear(form):
+        return 1.0, 1.0
+    bounds = _size(form)
+    return (-bounds.high if bounds.scale == "sign" else bounds.low), bounds.high
+
+
+def _sampled(bounds: Range, count: int, rng: np.random.Generator) -> Array:
+    """Points of the box, by the range from which the constant is drawn."""
+    share, sign = rng.random(count), np.where(rng.random(count) < 0.5, -1.0, 1.0)
+    low, high = bounds.low, bounds.high
+    match bounds.scale:
+        case "log":
+            value = low * (high / low) ** share
+        case "sign":
+            value = sign * low * (high / low) ** share
+        case "ratio":
+            value = np.where(sign > 0, low + (0.45 - low) * share, 1.9 + (high - 1.9) * share)
+        case "disc":
+            value = sign * high * (0.25 + 0.75 * share)
+        case _:
+            value = low + (high - low) * share
+    return np.asarray(to_unit(bounds, value))

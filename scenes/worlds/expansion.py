@@ -1,0 +1,98 @@
+"""From records to packs on disk, each made once and kept.
+
+With a certificate it is a whole pack. Without one it is as an exported pack: the public half and the model alone.
+"""
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from scenes.errors import PackError, WorldError
+from scenes.folder import PackFiles
+from scenes.public import PublicPack, exported_json, exported_mjcf
+from scenes.world_names import place_of, reference_of
+from scenes.worlds.folders import find_certificate, find_record, find_worlds
+from scenes.worlds.packs import mjcf_of, pack_of
+from scenes.worlds.records import Certificate, WorldRecord, as_line
+from scenes.worlds.reference import SOLUTION
+
+
+def expand(record: WorldRecord, folder: Path, certificate: Certificate | None = None) -> PackFiles:
+    """Write the pack of a world into a folder, unless it is there.
+
+    Args:
+        record: The world.
+        folder: Where packs of worlds are kept.
+        certificate: Gives the key; None for a laboratory on another machine, which gets none.
+
+    Raises:
+        WorldError: The folder cannot be written, or the certificate is that of another record.
+    """
+    if certificate is not None and certificate.record != record.digest:
+        raise WorldError(f"the certificate of world {record.level}:{record.index} is that of another record")
+    files = PackFiles(record.scene_id, folder / f"Scene{record.scene_id}")
+    pack = pack_of(record, certificate)
+    model = mjcf_of(record)
+    if certificate is None:
+        public = PublicPack.of(files.scene_id, pack).model_dump_json(by_alias=True)
+        texts = {exported_json(files): public, exported_mjcf(files, 0): model}
+    else:
+        solution = SOLUTION.format(reference=reference_of(files.scene_id), line=as_line(record))
+        texts = {files.json: pack.model_dump_json(by_alias=True), files.mjcf: model, files.solution: solution}
+    try:
+        files.folder.mkdir(parents=True, exist_ok=True)
+        for path, text in texts.items():
+            _write_whole(path, text)
+    except OSError as error:
+        raise WorldError(f"{folder} cannot keep the packs of worlds: {error.strerror}") from error
+    return files
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file, which no other process sees half written."""
+    written = text.encode()
+    with contextlib.suppress(OSError):
+        if path.read_bytes() == written:
+            return
+    descriptor, name = tempfile.mkstemp(dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(written)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def find_world(scene_id: int, folder: Path) -> PackFiles:
+    """The pack of a world, from the records in a folder of packs or worlds.
+
+    Raises:
+        PackError: There is no such world, or its pack cannot be kept.
+    """
+    try:
+        record = find_record(*place_of(scene_id), folder)
+        certificate = find_certificate(record, folder)
+        kept = _cache() / f"{record.digest}-{certificate.digest if certificate else 'public'}"
+        return expand(record, kept, certificate)
+    except WorldError as error:
+        raise PackError(folder, str(error)) from error
+
+
+def world_ids(text: str, folder: Path) -> list[int]:
+    """The scene ids of the worlds that a reference names.
+
+    Raises:
+        PackError: It is malformed, or one of the worlds does not exist.
+    """
+    try:
+        return [record.scene_id for record in find_worlds(text, folder)]
+    except WorldError as error:
+        raise PackError(folder, str(error)) from error
+
+
+def _cache() -> Path:
+    """Where packs of worlds are kept. Source: the XDG Base Directory Specification."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "physment" / "worlds"

@@ -1,0 +1,198 @@
+"""Experiments in a world: which pushes to hold, the course that they give, and fits of a structure to it.
+
+`Excitation` decides pushes from readings alone, so that the reference holds the same ones in the laboratory that a
+certificate holds in theory.
+"""
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scenes.courses import Course, Laws
+from scenes.fitting import Array
+from scenes.worlds.drawing import searched
+from scenes.worlds.equations import moved, rates_of
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.terms import Structure
+
+LOOK_S, LOOKS = 0.45, 2
+"""Laboratory time between two readings [s], and readings in one leg, in which the pushes stay the same."""
+RESOLUTION = 0.001
+"""Resolution of places and velocities [m, rad, m/s, rad/s]."""
+SEARCH_S = 0.09
+"""Longest step of the integration of a fit [s]."""
+COURSE_S = 0.03
+"""The same of a course that stands for a laboratory."""
+TURNS = 18
+"""Most iterations of a course."""
+_SLOWED = 0.6
+"""Share of its velocity that a body is expected to keep in a leg whose end is not read before the next one."""
+_REACH = 0.7
+"""Share of the radius within which targets lie."""
+_LINE_REACH = 3.0
+"""Farthest target of a wheel [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What an experimenter is told: the apparatus, its limits and its instruments."""
+
+    apparatus: Apparatus
+    radius: float
+    """Where the wall or the buffers begin [m]; of no meaning for a wheel."""
+    force: float
+    """Greatest force on a body [N], or torque on a wheel [N·m]."""
+    looks: int
+    """Readings that the calls and the time allow."""
+    noise: float
+    """Standard deviation of places [m, rad]; of velocities it is twice as much in 1/s."""
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of each reading, rounding included."""
+        return np.hypot(self.noises, RESOLUTION / math.sqrt(12))
+
+    @property
+    def noises(self) -> Array:
+        """Standard deviation of the noise of each reading."""
+        width = 2 if self.apparatus.flat else 1
+        return np.tile(np.repeat([self.noise, 2 * self.noise], width), self.bodies)
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies that can be pushed."""
+        return 2 if self.apparatus is Apparatus.PAIR else 1
+
+    @property
+    def legs(self) -> int:
+        """Number of legs of a course."""
+        return self.looks // LOOKS
+
+    @property
+    def turns(self) -> tuple[int, ...]:
+        """Numbers of the legs that are planned at a time, since an episode has few iterations."""
+        size = -(-self.legs // TURNS)
+        return tuple(min(size, self.legs - begun) for begun in range(0, self.legs, size))
+
+
+@dataclass(slots=True)
+class Excitation:
+    """Leads each body to random places with pushes of many sizes, and sometimes lets it coast."""
+
+    situation: Situation
+    seed: int = 1
+    _rng: np.random.Generator = field(init=False)
+    _leads: list["_Lead"] = field(init=False)
+    _leg: int = 0
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        self._leads = [_Lead() for _ in range(self.situation.bodies)]
+
+    def pushes(self, read: Array, legs: int) -> list[Array]:
+        """The pushes of the next legs [N, N·m], from the last reading of each state."""
+        told, width = self.situation, 2 if self.situation.apparatus.flat else 1
+        expected, found = read.reshape(told.bodies, 2, width).copy(), list[Array]()
+        for _ in range(legs):
+            coasts = self._leg % 7 == 5
+            self._leg += 1
+            parts: list[Array] = []
+            for lead, (place, speed) in zip(self._leads, expected, strict=True):
+                want = lead.towards(place, speed, self._reach, self._rng)
+                free = coasts and float(np.linalg.norm(place)) < 0.7 * self._reach
+                parts.append(np.zeros(width) if free else told.force * want)
+            found.append(np.round(np.concatenate(parts), 3))
+            expected[:, 1] *= _SLOWED
+            expected[:, 0] += LOOKS * LOOK_S * expected[:, 1]
+        return found
+
+    @property
+    def _reach(self) -> float:
+        return _LINE_REACH if self.situation.apparatus is Apparatus.WHEEL else _REACH * self.situation.radius
+
+
+@dataclass(slots=True)
+class _Lead:
+    """The way of one body to its target."""
+
+    target: Array | None = None
+    gain: float = 0.0
+    legs: int = 0
+
+    def towards(self, place: Array, speed: Array, reach: float, rng: np.random.Generator) -> Array:
+        """The push, as a share of the greatest one."""
+        if self.target is None or self.legs > 2 or float(np.linalg.norm(self.target - place)) < 0.15 * reach:
+            turn = rng.uniform(0, 2 * math.pi)
+            way = np.array([math.cos(turn), math.sin(turn)][: len(place)])
+            self.target = reach * math.sqrt(rng.uniform(0.02, 1)) * (way if len(place) == 2 else np.sign(way))
+            self.gain, self.legs = rng.uniform(0.15, 0.5), 0
+        self.legs += 1
+        want = self.gain * (self.target - place) - 0.25 * speed
+        return want * min(1.0, 0.98 / max(1e-9, float(np.linalg.norm(want))))
+
+
+def simulated(
+    structure: Structure,
+    constants: Mapping[str, float],
+    told: Situation,
+    noise_seed: int | None,
+    longest_s: float = COURSE_S,
+) -> Course:
+    """The course that theory gives.
+
+    Args:
+        structure: Which terms act.
+        constants: Their constants.
+        told: Limits and instruments.
+        noise_seed: Seed of the noise of readings, which are rounded too; None for exact readings.
+        longest_s: Longest step of the integration [s].
+    """
+    rng = None if noise_seed is None else np.random.default_rng(noise_seed)
+    plan, rates = Excitation(told), rates_of(structure, walled=True)
+    state, time, sigma = np.array(structure.start)[:, None], 0.0, told.noises
+    read = state[: structure.read, 0]
+    held, seen = list[Array](), list[Array]()
+    for legs in told.turns:
+        for pushes in plan.pushes(read, legs):
+            for _ in range(LOOKS):
+                state = moved(rates, constants, time, state, pushes[:, None], LOOK_S, longest_s)
+                time += LOOK_S
+                read = state[: structure.read, 0]
+                if rng is not None:
+                    read = np.round((read + sigma * rng.normal(size=len(read))) / RESOLUTION) * RESOLUTION
+                held.append(pushes)
+                seen.append(read)
+    return Course(np.full(len(seen), LOOK_S), np.array(held), np.array(seen))
+
+
+@functools.lru_cache(1024)
+def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH_S) -> Laws:
+    """What fits a structure to a course in a situation."""
+    rates = rates_of(structure, walled=True)
+
+    def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:
+        return rates(knobs, time, state, controls)
+
+    return Laws(
+        rates=of_course,
+        structures={structure.label: tuple(structure.ranges)},
+        box={name: searched(bounds) for name, bounds in structure.ranges.items()},
+        start=structure.start,
+        sigma=tuple(told.sigma),
+        longest_s=longest_s,
+    )
+
+
+def on_unit(laws: Laws, constants: Mapping[str, float]) -> Array:
+    """The point of the unit cube at which the constants have these values."""
+    found: list[float] = []
+    for name in next(iter(laws.structures.values())):
+        low, high = laws.box[name]
+        value = constants[name]
+        share = math.log(max(value, 1e-9) / low) / math.log(high / low) if low > 0 else (value - low) / (high - low)
+        found.append(share)
+    return np.array(found)

@@ -1,0 +1,122 @@
+"""The dial: what a world of a level has. Every attribute can be set alone."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+from scenes.errors import WorldError
+from scenes.worlds.parts import Apparatus
+
+GRAMMAR: Final = 1
+"""Version of the grammar and of its draw; records of older versions stay readable."""
+LEVELS = range(1, 11)
+
+_SINGLE = (Apparatus.PUCK, Apparatus.WHEEL, Apparatus.GLIDER)
+_ALL = (*_SINGLE, Apparatus.PAIR)
+
+
+@dataclass(frozen=True, slots=True)
+class Difficulty:
+    """The attributes of the dial."""
+
+    apparatuses: tuple[Apparatus, ...]
+    """What there may be to push."""
+    terms: int
+    """Number of terms; on a wheel or a rail at most four."""
+    modulations: int
+    """Number of modulations, at most two of a term."""
+    hidden: int
+    """Most hidden bodies."""
+    noise: float
+    """Smallest standard deviation of a place [m, rad]; of a velocity it is twice as much in 1/s."""
+    looks: int
+    """Readings of each state that the laboratory allows; a reading takes 0.45 s of laboratory time."""
+    strong: float
+    """Forces that questions ask about, as a multiple of the allowed one."""
+    kinds: tuple[str, ...] = ("strong", "far", "late")
+    """Kinds of the questions; a world asks three, of different kinds if it can."""
+    bound: float = 0.25
+    """Smallest error of an informed answer, in tolerances, to which the noise is raised."""
+
+    def changed(self, **attributes: Any) -> "Difficulty":
+        """With other attributes.
+
+        Raises:
+            WorldError: There is no such attribute, or its value is out of range.
+        """
+        known = {field.name for field in fields(self)}
+        if unknown := sorted(set(attributes) - known):
+            raise WorldError(f"a world has no attribute {unknown[0]!r}; there are {', '.join(sorted(known))}")
+        found = replace(self, **attributes)
+        for name, (low, high) in _BOUNDS.items():
+            if not low <= getattr(found, name) <= high:
+                raise WorldError(f"{name} must be from {low:g} to {high:g}, not {getattr(found, name):g}")
+        if not found.kinds or not set(found.kinds) <= set(KINDS):
+            raise WorldError(f"kinds must be some of {', '.join(KINDS)}")
+        if not found.apparatuses:
+            raise WorldError("apparatuses must be some of puck, pair, wheel, glider")
+        for apparatus in found.apparatuses:
+            if not set(kinds_for(apparatus, found.kinds)) - {"which"}:
+                raise WorldError(f"kinds must be more: those would leave a {apparatus} without a number to predict")
+        return found
+
+    def changed_by(self, settings: Iterable[str]) -> "Difficulty":
+        """With attributes as a command line writes them: `terms=4`, `noise=0.01`, `kinds=strong,late`.
+
+        Raises:
+            WorldError: As for `changed`, or a value cannot be read.
+        """
+        attributes: dict[str, Any] = {}
+        for setting in settings:
+            name, _, value = setting.partition("=")
+            read = _READ.get(name, float)
+            try:
+                attributes[name] = read(value)
+            except ValueError as error:
+                raise WorldError(f"{setting}: write NAME=VALUE, such as terms=4 or kinds=strong,late") from error
+        return self.changed(**attributes)
+
+
+_PLAIN = ("strong", "far", "late")
+KINDS = (*_PLAIN, "apart", "push", "which")
+"""Kinds of questions, which `scenes.worlds.questions.Question` explains."""
+
+
+def kinds_for(apparatus: Apparatus, kinds: Iterable[str]) -> list[str]:
+    """Those kinds that mean something for an apparatus: no place is far for a wheel, and one body is not apart."""
+    none = {"far"} if apparatus is Apparatus.WHEEL else set[str]()
+    return [kind for kind in kinds if kind not in none and (kind != "apart" or apparatus is Apparatus.PAIR)]
+
+
+_READ: Mapping[str, Callable[[str], Any]] = {
+    **dict.fromkeys(("terms", "modulations", "hidden", "looks"), int),
+    "kinds": lambda text: tuple(text.split(",")),
+    "apparatuses": lambda text: tuple(map(Apparatus, text.split(","))),
+}
+"""How the values of attributes are read; the others are floats."""
+_BOUNDS = {"terms": (1, 6), "modulations": (0, 6), "hidden": (0, 3), "noise": (1e-4, 0.1), "looks": (12, 200),
+           "strong": (1.1, 5.0), "bound": (0.0, 0.35)}  # fmt: skip
+
+_TABLE = {
+    1: Difficulty(_SINGLE, 1, 0, 0, 0.002, 30, 1.8),
+    2: Difficulty(_SINGLE, 2, 0, 0, 0.002, 34, 1.8),
+    3: Difficulty(_SINGLE, 2, 1, 0, 0.002, 40, 1.9, (*_PLAIN, "push")),
+    4: Difficulty(_ALL, 3, 1, 0, 0.003, 46, 2.0, (*_PLAIN, "apart", "push")),
+    5: Difficulty(_ALL, 3, 2, 1, 0.003, 52, 2.0, KINDS),
+    6: Difficulty(_ALL, 4, 2, 1, 0.003, 58, 2.2, KINDS),
+    7: Difficulty((Apparatus.PUCK, Apparatus.PAIR), 4, 3, 1, 0.004, 66, 2.2, KINDS),
+    8: Difficulty((Apparatus.PUCK, Apparatus.PAIR), 5, 3, 1, 0.004, 74, 2.4, KINDS),
+    9: Difficulty((Apparatus.PUCK, Apparatus.PAIR), 5, 4, 2, 0.004, 82, 2.4, KINDS),
+    10: Difficulty((Apparatus.PUCK, Apparatus.PAIR), 6, 5, 2, 0.005, 90, 2.6, KINDS),
+}
+
+
+def difficulty_of(level: int) -> Difficulty:
+    """The attributes of a level.
+
+    Raises:
+        WorldError: There is no such level.
+    """
+    if level not in _TABLE:
+        raise WorldError(f"there is no level {level}; levels are 1 to {LEVELS[-1]}")
+    return _TABLE[level]

@@ -1,0 +1,88 @@
+"""The parts of which a world's laws are made: forms of accelerations, and modulations that multiply them.
+
+A part is written once, in the language of `laws`. `#` in a text stands for the place of the part in its world, so that
+two parts of one kind do not share constants. A form gives an acceleration; `scenes.worlds.terms` multiplies it with the
+mass of its body and by its modulations. Local names are those of the body on which it acts:
+
+- on a floor `x y` [m], `vx vy` [m/s], and `px py`, the applied force over the mass [m/s²];
+- on a hinge or a rail `q` [rad or m], `u` [rad/s or m/s], and `pq`, the applied torque or force over the inertia;
+- of the other puck of a pair the same with `o_` before it; of the hidden body of the form with `h#_` before it;
+- `t` [s], and `odo`, the way that the body has gone, smoothed [m or rad].
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Apparatus(StrEnum):
+    """What an agent can push in a world."""
+
+    PUCK = "puck"
+    """A puck on a floor, which slides both ways."""
+    PAIR = "pair"
+    """Two pucks on one floor."""
+    WHEEL = "wheel"
+    """A wheel on a fixed axle."""
+    GLIDER = "glider"
+    """A glider on a rail."""
+
+    @property
+    def flat(self) -> bool:
+        """Whether its bodies move in a plane, and not along one coordinate."""
+        return self in {Apparatus.PUCK, Apparatus.PAIR}
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """From which values a constant is drawn."""
+
+    low: float
+    high: float
+    scale: str = "log"
+    """`log` or `lin`; `sign`: as `log`, of either sign; `disc`: at least a quarter of `high`, of either sign; `angle`:
+    of a full or half turn; `ratio`: as `log`, but far from 1."""
+    unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """An acceleration of one body. The first of its constants is its size."""
+
+    name: str
+    group: str
+    """`drag`, `cross`, `field`, `time`, `body`, `push` or `pair`."""
+    says: str
+    """What it is, for authors and for readers of a certificate."""
+    constants: dict[str, Range]
+    let: dict[str, str]
+    force: tuple[str, ...]
+    """Its components: two on a floor, one otherwise."""
+    hidden: tuple[str, ...] = ()
+    """Of a form with a hidden body: the acceleration of that body, which starts at rest at 0."""
+    reaction: bool = False
+    """Of a form of a pair: whether the other puck feels the opposite force."""
+
+
+@dataclass(frozen=True, slots=True)
+class Modulation:
+    """A factor of a form."""
+
+    name: str
+    group: str
+    """`place`, `time`, `memory` or `motion`."""
+    says: str
+    constants: dict[str, Range]
+    factor: str
+    fits: frozenset[str]
+    """Groups of forms that it may multiply."""
+
+
+TURN, HALF_TURN = Range(0.0, 2 * math.pi, "angle", "rad"), Range(0.0, math.pi, "angle", "rad")
+PERIOD = Range(3.0, 9.0, "log", "s")
+POWER = Range(1.5, 2.6, "lin")
+
+
+def size(low: float, high: float, unit: str, scale: str = "log") -> Range:
+    """The range of the first constant of a form."""
+    return Range(low, high, scale, unit)

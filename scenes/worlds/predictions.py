@@ -1,0 +1,161 @@
+"""Predicts the answers to a world's questions from a course alone, with what remains uncertain.
+
+The search of `scenes.worlds.search` finds structures; the best of them are fitted to the whole course, weighed by
+their evidence, and each predicts with the constants that the readings leave possible.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenes.courses import Course
+from scenes.fitting import Array, refined
+from scenes.worlds.candidates import Fit, score_of
+from scenes.worlds.experiment import COURSE_S, Situation, laws_of_fit
+from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.search import Search
+from scenes.worlds.terms import Structure
+from scenes.worlds.weak_form import Legs, box_of, named
+
+EXPLAINED = 1.7
+"""Chi-square per degree of freedom up to which the reference holds that it knows."""
+_KEPT, _BEHIND = 6, 20.0
+"""Most structures that are fitted to the whole course, and by how much their score may be behind."""
+_ROUNDS = 4
+_DRAWS = 120
+"""Predictions of each structure."""
+_SHIFT = 1e-4
+_STEP_S = 0.04
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a reference says of a world."""
+
+    answer: Array
+    """The answers: those within whose tolerances most predictions lie."""
+    low: Array
+    """2.5th percentile of the predictions."""
+    high: Array
+    """97.5th percentile."""
+    reduced: float
+    """Chi-square of the best structure per degree of freedom."""
+    structures: dict[Structure, float]
+    """Structures that are kept, with their weights."""
+    tried: int
+    """How many structures were fitted."""
+
+    def says(self) -> str:
+        """The prediction in words, with its doubts."""
+        found = max(self.structures, key=lambda structure: self.structures[structure])
+        numbers = ", ".join(
+            f"{a:.4g} ({b:.3g} to {c:.3g})" for a, b, c in zip(self.answer, self.low, self.high, strict=True)
+        )
+        doubt = (
+            "It explains the readings."
+            if self.known
+            else "It does not explain the readings, so the answers are a guess."
+        )
+        return (
+            f"The most likely law of {self.tried} fits is {found.label}, with a weight of {self.structures[found]:.2f}"
+            f" among {len(self.structures)}, and a chi-square of {self.reduced:.2f} for each degree of freedom. {doubt}"
+            f" Answers with 95 % intervals: {numbers}."
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether the best structure explains the readings."""
+        return self.reduced <= EXPLAINED
+
+
+def predicted(search: Search, asked: Sequence[Question]) -> Prediction:
+    """Search, and predict.
+
+    Args:
+        search: A search that has not begun.
+        asked: The questions.
+    """
+    with np.errstate(all="ignore"):
+        return weighed(search, search.run(), asked)
+
+
+def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> Prediction:
+    """Predict from fits of a search, the best one first.
+
+    Args:
+        search: The search that made them.
+        best: The fits.
+        asked: The questions.
+    """
+    with np.errstate(all="ignore"):
+        kept = [fit for fit in best[:_KEPT] if fit.score < best[0].score + _BEHIND]
+        fits = [on_course(search.legs.course, search.legs.told, fit) for fit in kept]
+    fits.sort(key=lambda fit: fit.score)
+    weights = np.exp(-0.5 * np.array([fit.score - fits[0].score for fit in fits]))
+    drawn = [plausible(fit, asked, _DRAWS) for fit in fits]
+    share = np.concatenate([np.full(one.shape[1], weight) for one, weight in zip(drawn, weights, strict=True)])
+    found, share = np.hstack(drawn), share / share.sum()
+    best_answers = drawn[0][:, 0]
+    return Prediction(
+        np.array([_likeliest(row, share, at) for row, at in zip(found, best_answers, strict=True)]),
+        np.array([_quantile(row, share, 0.025) for row in found]),
+        np.array([_quantile(row, share, 0.975) for row in found]),
+        fits[0].chi_square / max(search.legs.course.count - len(fits[0].unit), 1),
+        dict(zip((fit.structure for fit in fits), (float(w) for w in weights / weights.sum()), strict=True)),
+        search.tried,
+    )
+
+
+def _quantile(found: Array, share: Array, level: float) -> float:
+    """The value below which this share of weighted predictions lies."""
+    order = np.argsort(found)
+    at = int((np.cumsum(share[order]) < level).sum())
+    return float(found[order[min(at, len(order) - 1)]])
+
+
+def _likeliest(found: Array, share: Array, first: float) -> float:
+    """The prediction within whose tolerance most others lie; the first one unless another is clearly better."""
+    values = np.where(np.isfinite(found), found, 1e9)
+    near = np.abs(values[:, None] - values) <= tolerance(values)
+    mass = near @ share
+    best, own = int(np.argmax(mass)), float(share[np.abs(values - first) <= tolerance(np.array(first))].sum())
+    return float(values[best]) if mass[best] > own + 0.1 else float(first)
+
+
+def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COURSE_S) -> Fit:
+    """A fit to the whole course, followed from its start."""
+    structure = fit.structure
+    box = {name: box_of(bounds) for name, bounds in structure.ranges.items()}
+    laws = replace(laws_of_fit(structure, told, longest_s), box=box)
+
+    def misfits(units: Array) -> Array:
+        return laws.misfits(course, structure.label, units, by_legs=False)
+
+    unit = refined(misfits, fit.unit, _ROUNDS)
+    around = misfits(unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))]))
+    slope = (around[:, 1:] - around[:, :1]) / _SHIFT
+    score = score_of(structure, around[:, 0], slope)
+    return Fit(structure, unit, float(around[:, 0] @ around[:, 0]), score, around[:, 0], slope)
+
+
+def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
+    """Answers by constants that the readings leave possible; the best ones first. Shape (questions, 1 + count)."""
+    normal = fit.slope.T @ fit.slope + np.eye(len(fit.unit))
+    values, axes = np.linalg.eigh(normal)
+    drawn = np.random.default_rng(0).standard_normal((count, len(values))) / np.sqrt(np.maximum(values, 1e-9)) @ axes.T
+    units = np.column_stack([fit.unit[:, None], np.clip(fit.unit + drawn, -0.1, 1.1).T])
+    with np.errstate(all="ignore"):
+        found = answers(fit.structure, named(fit.structure, units), asked, _STEP_S)
+    return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
+
+
+def searched_course(course: Course, told: Situation, seconds: float = 60.0) -> Search:
+    """The search of the reference for the terms behind a course.
+
+    Args:
+        course: What was held and read.
+        told: The apparatus and its instruments.
+        seconds: Processor time after which it stops [s].
+    """
+    return Search(Legs.of(course, told), seconds=seconds)

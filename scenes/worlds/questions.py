@@ -1,0 +1,187 @@
+"""Questions of a world: situations that its laboratory does not allow, what is asked of them, and the answers.
+
+A question begins with the apparatus as at the start, without a wall. What can be seen is put to a place at the start,
+and let go when the clock shows a time. Being put there is no part of the past: what is hidden is where it was, and the
+way that has been gone is 0.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.fitting import Array
+from scenes.worlds.equations import moved, rates_of
+from scenes.worlds.terms import Structure
+
+REL_TOL, ABS_TOL = 0.05, 0.04
+"""A number is right within ABS_TOL + REL_TOL |key|."""
+HARDEST = 20.0
+"""Greatest force or torque among which that of a `push` question is looked for [N, N·m]."""
+_GRID = 13
+"""Forces from 0 to `HARDEST` between which an answer is sought first."""
+_STEPS = 10
+"""Most steps of the search after that."""
+_ROUGH_S = 0.05
+"""Steps of an integration from which on a line between two of the forces is good enough [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One situation, and one number of it; or one statement among several."""
+
+    kind: str
+    """`strong`: a force beyond the limit; `far`: a place beyond the wall; `late`: a time after the laboratory's;
+    `apart`: the distance of two pucks; `push`: the least force that brings a body so far; `which`: which of some
+    terms acts."""
+    place: tuple[float, ...]
+    """Where each body is put [m, rad]."""
+    speed: tuple[float, ...]
+    """With which velocity each body is let go [m/s, rad/s]."""
+    push: tuple[float, ...]
+    """What is held on each body then [N, N·m]; of a `push` question its direction."""
+    clock: float
+    """When they are let go [s]."""
+    lasting: float
+    """After which time the number is asked [s]."""
+    what: str
+    """Which number: `dx dy` or `dq`, the change of a coordinate; `vx vy speed` or `u`, of the velocity; `apart`, the
+    distance between the pucks; `push`, the force [N, N·m]; `which`, the number of an option."""
+    body: int = 1
+    """Of which body."""
+    size: float = 0.0
+    """How far the body must come along the direction of the push [m, rad]."""
+    options: tuple[str, ...] = ()
+    """Forms of which exactly one acts."""
+
+
+def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[Question], longest_s: float) -> Array:
+    """Answers by integration.
+
+    Args:
+        structure: Which terms act.
+        constants: Numbers, or arrays with a value for each trial.
+        asked: The questions.
+        longest_s: Longest step of the integration [s].
+
+    Returns:
+        Shape (questions, trials); with a trial alone for plain numbers. NaN where there is no answer.
+    """
+    trials = int(np.size(constants["m"]))
+    own = {name: np.broadcast_to(np.asarray(value, float), (trials,)) for name, value in constants.items()}
+    found: list[Array] = []
+    with np.errstate(all="ignore"):
+        for question in asked:
+            if question.options:
+                found.append(np.full(trials, option_of(structure, question)))
+            elif question.what == "push":
+                found.append(_least_push(structure, own, question, longest_s))
+            else:
+                end = _ended(structure, own, question, np.array(question.push)[:, None], longest_s)
+                found.append(value_of(question, end, _width(structure)))
+    return np.array(found)
+
+
+def option_of(structure: Structure, question: Question) -> float:
+    """The number of the option that acts, from 1; NaN if none does, or several do."""
+    forms = {term.form for term in structure.terms}
+    found = [number for number, form in enumerate(question.options, 1) if form in forms]
+    return float(found[0]) if len(found) == 1 else float("nan")
+
+
+def _width(structure: Structure) -> int:
+    return 2 if structure.apparatus.flat else 1
+
+
+def _ended(
+    structure: Structure, constants: Mapping[str, Array], question: Question, push: Array, longest_s: float
+) -> Array:
+    """What is seen in the end (states, trials) with a push (controls, trials)."""
+    width, trials = _width(structure), len(constants["m"])
+    state = np.zeros((len(structure.states), trials))
+    rows = state[: structure.read].reshape(structure.bodies, 2, width, trials)
+    rows[:, 0] = np.array(question.place).reshape(structure.bodies, width, 1)
+    if question.clock and len(structure.states) > structure.read:
+        held, nothing = rates_of(structure, walled=False, held=True), np.zeros((structure.controls, 1))
+        state = moved(held, constants, 0.0, state, nothing, question.clock, 0.1)
+    rows = state[: structure.read].reshape(structure.bodies, 2, width, trials)
+    rows[:, 1] = np.array(question.speed).reshape(structure.bodies, width, 1)
+    free = rates_of(structure, walled=False)
+    return moved(free, constants, question.clock, state, push, question.lasting, longest_s)[: structure.read]
+
+
+def _least_push(structure: Structure, constants: Mapping[str, Array], question: Question, longest_s: float) -> Array:
+    """The force with which a body just comes so far, of each trial; NaN unless there is exactly one."""
+
+    def beyond(forces: Array) -> Array:
+        """How much too far it comes by forces (forces, trials)."""
+        several = {name: np.tile(value, len(forces)) for name, value in constants.items()}
+        end = _ended(structure, several, question, np.outer(question.push, forces.ravel()), longest_s)
+        return value_of(question, end, _width(structure)).reshape(forces.shape)
+
+    forces = np.repeat(np.linspace(0, HARDEST, _GRID)[:, None], len(constants["m"]), axis=1)
+    return crossing(beyond, forces, longest_s**4, _STEPS if longest_s < _ROUGH_S else 0)
+
+
+def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: int = _STEPS) -> Array:
+    """Where functions change from below 0 to above it, by false position. Source: the Illinois algorithm.
+
+    Args:
+        beyond: Values at (points, trials), of one function for each trial.
+        grid: Points (points, trials) from low to high, between which it is sought.
+        fine: Size of a value that counts as 0.
+        steps: Most steps after the one between two points of the grid.
+
+    Returns:
+        A point for each trial; NaN unless its function is below 0 at first, and changes its sign once.
+    """
+    values = beyond(grid)
+    changes = (values[1:] > 0) != (values[:-1] > 0)
+    once = (values[0] < 0) & (changes.sum(axis=0) == 1) & np.isfinite(values).all(axis=0)
+    trials = np.array(range(grid.shape[1]))
+    at: NDArray[np.intp] = changes.argmax(axis=0)
+    low, high, below, above = grid[at, trials], grid[at + 1, trials], values[at, trials], values[at + 1, trials]
+    side = np.zeros(len(trials))
+    point = (low * above - high * below) / (above - below)
+    for _ in range(steps):
+        value = beyond(point[None])[0]
+        if bool((np.abs(value[once]) < fine).all()):
+            break
+        short = value < 0
+        above = np.where(short & (side < 0), above / 2, above)
+        below = np.where(~short & (side > 0), below / 2, below)
+        low, below = np.where(short, point, low), np.where(short, value, below)
+        high, above = np.where(short, high, point), np.where(short, above, value)
+        side = np.where(short, -1.0, 1.0)
+        point = (low * above - high * below) / (above - below)
+    return np.where(once, point, np.nan)
+
+
+def value_of(question: Question, seen: Array, width: int) -> Array:
+    """The asked number of what is seen in the end: places and velocities of each body.
+
+    Of a `push` question it is how much further than asked the body has come along the direction of the push.
+    """
+    at = 2 * width * (question.body - 1)
+    place, speed = seen[at : at + width], seen[at + width : at + 2 * width]
+    begun = question.place[width * (question.body - 1) :]
+    axis = 1 if question.what in {"dy", "vy"} else 0
+    match question.what:
+        case "dx" | "dy" | "dq":
+            return place[axis] - begun[axis]
+        case "vx" | "vy" | "u":
+            return speed[axis]
+        case "apart":
+            return np.hypot(seen[0] - seen[2 * width], seen[1] - seen[2 * width + 1])
+        case "push":
+            way = np.array(question.push[at // 2 : at // 2 + width])
+            return np.tensordot(way, place, 1) - np.dot(way, begun[:width]) - question.size
+        case _:
+            return np.sqrt(speed[0] ** 2 + speed[1] ** 2)
+
+
+def tolerance(key: Array) -> Array:
+    """By how much an answer may be off."""
+    return ABS_TOL + REL_TOL * np.abs(key)

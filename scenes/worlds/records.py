@@ -1,0 +1,218 @@
+"""Records of accepted worlds: one line of JSON each, the certificate and the key apart from what makes the laboratory.
+
+`level-5.jsonl` holds what a pack is made from, `level-5.keys.jsonl` the key and the certificate of each line. A record
+names the version of the grammar that drew it and how it was drawn. Its certificate names the hash of the record. In a
+published set both files begin with a line that holds the canary of the suite, and certificates are in a folder of
+their own, `keys`, so that a laboratory can be installed without them.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from scenes.errors import WorldError
+from scenes.pack import CANARY
+from scenes.world_names import LEVEL_IDS, scene_id_of
+from scenes.worlds.acceptance import DrawnWorld
+from scenes.worlds.catalogue import forms_of, modulations_of
+from scenes.worlds.experiment import Situation
+from scenes.worlds.levels import GRAMMAR, LEVELS
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.questions import Question
+from scenes.worlds.terms import Structure, Term
+
+CANARY_LINE = f'{{"canary":"{CANARY}"}}\n'
+"""First line of the files of a published set, so that corpora can filter them out."""
+
+
+class _Line(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @property
+    def digest(self) -> str:
+        """A short hash of its line, which fields that are added later do not change."""
+        return hashlib.sha256(as_line(self).encode()).hexdigest()[:16]
+
+
+_L = TypeVar("_L", bound=_Line)
+
+
+class WorldRecord(_Line):
+    """What the laboratory of a world is made from."""
+
+    grammar: Literal[1]
+    level: int = Field(ge=LEVELS[0], le=LEVELS[-1])
+    index: int = Field(ge=0, lt=LEVEL_IDS)
+    split: str
+    settings: tuple[str, ...] = ()
+    """Attributes that are not those of its level, such as `terms=4`, as `worlds make --set` takes them."""
+    commitment: str = ""
+    """Commitment to the key that it was drawn with; empty for the worlds that everybody can draw."""
+    salt: str
+    """Secret text that the noise of instruments depends on."""
+    apparatus: Apparatus
+    terms: tuple[tuple[str, tuple[str, ...]], ...]
+    constants: dict[str, float]
+    radius: float = Field(gt=0)
+    force: float = Field(gt=0)
+    looks: int = Field(ge=2, le=1000)
+    noise: float = Field(ge=0)
+    questions: tuple[Question, ...]
+
+    @model_validator(mode="after")
+    def _is_of_the_grammar(self) -> Self:
+        forms = {form.name for form in forms_of(self.apparatus)}
+        factors = {part.name for part in modulations_of(self.apparatus)}
+        if not all(form in forms and factors.issuperset(names) for form, names in self.terms):
+            msg = f"a {self.apparatus} has no such part; is the record of a newer version?"
+            raise ValueError(msg)
+        if self.constants.keys() != self.structure.ranges.keys():
+            msg = "the constants are not those of the terms"
+            raise ValueError(msg)
+        size = self.structure.controls
+        if any({len(one.place), len(one.speed), len(one.push)} != {size} for one in self.questions):
+            msg = f"a question needs {size} components of place, speed and push"
+            raise ValueError(msg)
+        return self
+
+    @classmethod
+    def of(cls, world: DrawnWorld, level: int, index: int, split: str, salt: str, **drawn: Any) -> Self:
+        """The record of an accepted world.
+
+        Args:
+            world: The world.
+            level: Its level.
+            index: Its number.
+            split: The split of its structure.
+            salt: What the noise depends on.
+            drawn: How it was drawn: `settings` and `commitment`.
+        """
+        terms = tuple((term.form, term.modulations) for term in world.structure.terms)
+        told = asdict(world.told)
+        return cls(
+            grammar=GRAMMAR, level=level, index=index, split=split, salt=salt, terms=terms,
+            constants=dict(world.constants), questions=world.questions, **told, **drawn,
+        )  # fmt: skip
+
+    @property
+    def structure(self) -> Structure:
+        """Which terms act."""
+        return Structure(self.apparatus, tuple(Term(form, names) for form, names in self.terms), self.radius)
+
+    @property
+    def told(self) -> Situation:
+        """What an experimenter is told."""
+        return Situation(self.apparatus, self.radius, self.force, self.looks, self.noise)
+
+    @property
+    def scene_id(self) -> int:
+        """Its scene id."""
+        return scene_id_of(self.level, self.index)
+
+
+class Certificate(_Line):
+    """What only graders and readers of a certificate see."""
+
+    index: int
+    record: str
+    """Hash of the record."""
+    key: tuple[float, ...]
+    bounds: tuple[float, ...]
+    """Smallest standard error of each answer, in tolerances."""
+    engine: tuple[float, ...] = ()
+    """Distance of the engine's answers from the key, in tolerances; empty before the engine was asked."""
+    half_step: tuple[float, ...] = ()
+    """The same at half the time step."""
+    draws: int = 1
+    """How many draws it took."""
+
+
+def lines_file(folder: Path, level: int) -> Path:
+    """The records of a level in a folder of worlds."""
+    return folder / f"level-{level}.jsonl"
+
+
+def keys_file(folder: Path, level: int) -> Path:
+    """The certificates of a level: beside the records, or in the folder `keys` of a published set."""
+    published = folder / "keys" / f"level-{level}.keys.jsonl"
+    return published if published.exists() else folder / published.name
+
+
+def read_records(folder: Path, level: int) -> Iterator[WorldRecord]:
+    """The records of a level in a folder of worlds, as they were written.
+
+    Raises:
+        WorldError: There are none, or a line is no record of this level.
+    """
+    return _of_level(_read(lines_file(folder, level), WorldRecord), folder, level)
+
+
+def read_record(folder: Path, level: int, index: int) -> WorldRecord | None:
+    """One record of a level; None if it is not there. The others are not read, which saves most of the time.
+
+    Raises:
+        WorldError: As for `read_records`.
+    """
+    found = _read(lines_file(folder, level), WorldRecord, f'"index":{index},')
+    return next((record for record in _of_level(found, folder, level) if record.index == index), None)
+
+
+def read_certificate(folder: Path, level: int, index: int) -> Certificate | None:
+    """The certificate of a world, the last one if there are several; None without one.
+
+    Raises:
+        WorldError: A line is no certificate.
+    """
+    if not keys_file(folder, level).exists():
+        return None
+    last: Certificate | None = None
+    for one in _read(keys_file(folder, level), Certificate, f'"index":{index},'):
+        last = one if one.index == index else last
+    return last
+
+
+def _of_level(records: Iterator[WorldRecord], folder: Path, level: int) -> Iterator[WorldRecord]:
+    for record in records:
+        if record.level != level:
+            raise WorldError(f"{lines_file(folder, level)} holds a world of level {record.level}")
+        yield record
+
+
+def read_certificates(folder: Path, level: int) -> Iterator[Certificate]:
+    """The certificates of a level in a folder of worlds.
+
+    Raises:
+        WorldError: There are none, or a line is no certificate.
+    """
+    return _read(keys_file(folder, level), Certificate)
+
+
+def _read(path: Path, kind: type[_L], marked: str = "") -> Iterator[_L]:
+    """The lines of a file, or those that contain a text. A line that is being written is none yet."""
+    number = 0
+    try:
+        with path.open(encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):  # noqa: B007 - named if the line is no record
+                if line.endswith("\n") and marked in line and line != CANARY_LINE:
+                    yield kind.model_validate_json(line)
+    except FileNotFoundError as error:
+        raise WorldError(f"{path}: there are no such worlds; `physment-eval worlds make` makes them") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldError(f"{path} cannot be read: {error}") from error
+    except ValidationError as error:
+        raise WorldError(f"{path}, line {number}: {_first(error)}") from error
+
+
+def _first(error: ValidationError) -> str:
+    found = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, found['loc'])) or 'the line'}: {found['msg']}"
+
+
+def as_line(record: BaseModel) -> str:
+    """A record or a certificate as a line of a file, without its line feed; what is as by default is left out."""
+    return json.dumps(record.model_dump(mode="json", exclude_defaults=True), separators=(",", ":"), ensure_ascii=False)

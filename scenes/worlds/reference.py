@@ -1,0 +1,109 @@
+"""References that play worlds: they push, fit and predict.
+
+`protocol` knows the structure of a world and not its constants. It shows that a world can be solved within its limits;
+`solution.py` of a pack holds the record and calls it. `blind_protocol` knows the prompt and the grammar alone.
+"""
+
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from scenes.courses import Course
+from scenes.fitting import Array
+from scenes.protocol import Call, Protocol, Reading, answer, call
+from scenes.worlds.experiment import LOOK_S, LOOKS, Excitation, Situation, laws_of_fit
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.predictions import Prediction, predicted, searched_course
+from scenes.worlds.questions import answers
+from scenes.worlds.records import WorldRecord
+from scenes.worlds.task_reading import questions_of, situation_of
+from scenes.worlds.terms import Structure
+
+SOLUTION = '''"""World {reference}: the reference that knows the structure and not the constants."""
+
+from scenes.worlds.reference import protocol
+
+solve = protocol({line!r})
+'''
+"""The text of `solution.py`."""
+_SEED = 5
+"""Seed of the pushes: others than those of the certificate."""
+SEARCH_SECONDS = 60.0
+"""Processor time of the search for the terms [s]."""
+
+
+def protocol(line: str) -> Callable[[str], Protocol]:
+    """The protocol of a world, from the line of its record. Of the constants it reads nothing."""
+    record = WorldRecord.model_validate_json(line)
+
+    def solve(_prompt: str) -> Protocol:
+        course = yield from _explored(record.told)
+        structure = record.structure
+        laws = laws_of_fit(structure, record.told)
+        _, constants = laws.fitted(course, structure.label)
+        found = np.nan_to_num(answers(structure, constants, record.questions, 0.02)[:, 0])
+        yield [answer([float(f"{number:.6g}") for number in found])]
+
+    return solve
+
+
+def blind_protocol(
+    prompt: str, seconds: float = SEARCH_SECONDS, on_predicted: Callable[[Prediction], None] | None = None
+) -> Protocol:
+    """The protocol of the reference that knows the grammar and not the draw: all else is in the prompt.
+
+    Args:
+        prompt: The opening prompt of a world.
+        seconds: Processor time of the search [s].
+        on_predicted: Gets the prediction before it is answered.
+
+    Raises:
+        WorldError: The prompt is none of a world, or asks what cannot be read.
+    """
+    told, asked = situation_of(prompt), questions_of(prompt)
+    course = yield from _explored(told)
+    prediction = predicted(searched_course(course, told, seconds), asked)
+    if on_predicted is not None:
+        on_predicted(prediction)
+    yield [answer([float(f"{number:.6g}") for number in prediction.answer])]
+
+
+def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
+    """Push all the time that there is, and return the course."""
+    plan = Excitation(told, _SEED)
+    bare = Structure(told.apparatus, (), told.radius)
+    read, held, seen = np.array(bare.start)[: bare.read], list[Array](), list[Array]()
+    for legs in told.turns:
+        pushes = plan.pushes(read, legs)
+        readings = yield [one for push in pushes for one in _leg(told, push)]
+        looks = _looks(told, readings)
+        held += [push for push in pushes for _ in range(LOOKS)]
+        seen += looks
+        read = looks[-1]
+    return Course(np.full(len(seen), LOOK_S), np.array(held), np.array(seen))
+
+
+def _leg(told: Situation, push: Array) -> list[Call]:
+    """The calls of a leg: pushes, then looks."""
+    bodies = [f"object_{body}" for body in range(1, told.bodies + 1)]
+    if told.apparatus is Apparatus.WHEEL:
+        calls = [call("apply_torque", object_id=bodies[0], torque_vector=[0.0, 0.0, float(push[0])])]
+    else:
+        parts = push.reshape(len(bodies), -1)
+        calls = [
+            call("apply_force", object_id=body, force_vector=[*map(float, part), 0.0, 0.0][:3])
+            for body, part in zip(bodies, parts, strict=True)
+        ]
+    reads = [call(tool, object_id=body) for body in bodies for tool in ("get_position", "get_velocity")]
+    return calls + [one for _ in range(LOOKS) for one in (call("step", duration=LOOK_S), *reads)]
+
+
+def _looks(told: Situation, readings: list[Reading]) -> list[Array]:
+    """The readings of each look, in the order of the state."""
+    bodies, width = told.bodies, 2 if told.apparatus.flat else 1
+    names = ("angle", "angular_velocity") if told.apparatus is Apparatus.WHEEL else ("position", "velocity")
+    pairs = [reading for reading in readings if "position" in reading or "velocity" in reading]
+    numbers = [
+        np.atleast_1d(np.asarray(reading[names[number % 2]], float))[:width] for number, reading in enumerate(pairs)
+    ]
+    return [np.concatenate(numbers[at : at + 2 * bodies]) for at in range(0, len(numbers), 2 * bodies)]

@@ -1,0 +1,71 @@
+"""Certificate "determined": no neighbour of the drawn structure explains the readings as well and answers otherwise.
+
+A neighbour has a form or a modulation more, or less, or another term in place of one. It explains the readings as well
+if the rule of `scenes.family` does not exclude it. Whoever finds such a rival instead of the drawn law has made no
+mistake, so its answers have to be right too.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy.special import chdtri
+
+from scenes.courses import Course
+from scenes.family import EXCLUDED_SIGMAS
+from scenes.fitting import Array
+from scenes.worlds.candidates import Fit
+from scenes.worlds.experiment import Situation
+from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.search import Search
+from scenes.worlds.terms import Structure
+from scenes.worlds.weak_form import Legs, named, to_unit
+
+_SMOOTHED = 2
+"""How often the path is smoothed by the drawn law before rivals are fitted."""
+_ROUNDS = 6
+_STEP_S = 0.05
+_CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
+
+
+def rival_of(
+    structure: Structure,
+    constants: Mapping[str, float],
+    told: Situation,
+    asked: Sequence[Question],
+    key: Array,
+    course: Course,
+) -> Structure | None:
+    """A structure that explains a course as well as the drawn one, and does not give the key; None if none is found.
+
+    Args:
+        structure: The drawn structure.
+        constants: Its constants.
+        told: Limits and instruments.
+        asked: The questions.
+        key: Their answers.
+        course: What was held and read.
+    """
+    unit = np.array([float(to_unit(bounds, constants[name])) for name, bounds in structure.ranges.items()])
+    legs = Legs.of(course, told)
+    with np.errstate(all="ignore"):
+        for _ in range(_SMOOTHED):
+            legs = legs.about(structure, unit).smoothed(structure, unit)
+        search = Search(legs, about=(structure, unit))
+        drawn = search.fit(structure, unit, _ROUNDS)
+        rivals = (search.fit(*near, _ROUNDS) for near in search.neighbours(drawn) if near[0] != structure)
+        return next((fit.structure for fit in _as_good(rivals, drawn) if not _right(fit, asked, key)), None)
+
+
+def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
+    """Those that the rule of `scenes.family` does not exclude beside the drawn law."""
+    for fit in rivals:
+        spared = max(len(drawn.unit) - len(fit.unit), 1)
+        if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):
+            yield fit
+
+
+def _right(fit: Fit, asked: Sequence[Question], key: Array) -> bool:
+    """Whether a rival gives all answers of the key."""
+    found = answers(fit.structure, named(fit.structure, fit.unit[:, None]), asked, _STEP_S)[:, 0]
+    return bool((np.abs(found - key) <= tolerance(key)).all())

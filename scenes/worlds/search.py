@@ -1,0 +1,210 @@
+"""Finds the terms of a law from a course: a beam search over the structures of the grammar.
+
+A structure is changed by a part more, a part less, or another term in place of one. Which changes are worth a fit is
+decided by the score test: how much of the misfits a term explains that no constant of the law does, for many values of
+its constants at once. Fits are of legs (`weak_form`). Structures are compared by their evidence, so that each constant
+and each part has to be paid for.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from scenes.fitting import Array, refined
+from scenes.worlds.candidates import PART, Candidates, Fit, changed, plainer, score_of
+from scenes.worlds.catalogue import forms_of, modulations_of
+from scenes.worlds.parts import Form, Modulation
+from scenes.worlds.terms import Structure
+from scenes.worlds.weak_form import Legs
+
+_ROUNDS = 8
+_SHIFT = 1e-4
+_OFFERS, _SWAPPED = 10, 6
+"""Terms to add that are worth a fit, and terms to put in place of one."""
+_AGREED, _BARRED, _NARROW = 6, 0.6, 2
+"""Most searches in a row that begin anew and change nothing; share of the forms that they do without; their width."""
+_PLAIN = 0.5
+"""Share of those searches that have no modulations at first."""
+_DEVIATIONS = 3.0
+"""Standard deviations of chi-square above its mean up to which a structure explains the readings."""
+_TOLD = 2
+"""How often the path is smoothed by a structure that is known."""
+_LEAST_DRIFT = 0.2
+"""Least error of the law in a search, in standard deviations of a reading: transitions leave out what is hidden."""
+
+
+@dataclass
+class Search:
+    """A search for the terms that explain a course.
+
+    Attributes:
+        legs: The course.
+        width: Number of structures that are pursued.
+        seconds: Processor time after which the search stops [s].
+        forms: Forms that may occur; None for all of the apparatus.
+        modulations: Modulations that may occur; None for all of the apparatus.
+        seed: Seed of sampled constants.
+    """
+
+    legs: Legs
+    width: int = 5
+    seconds: float = 60.0
+    forms: Sequence[Form] | None = None
+    modulations: Sequence[Modulation] | None = None
+    seed: int = 0
+    about: tuple[Structure, Array] | None = None
+    """A law whose transitions are taken at first; None for one without terms."""
+    found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
+    """Every structure that was fitted about the last path."""
+    tried: int = 0
+    """How many fits were made."""
+
+    def __post_init__(self) -> None:
+        self._rng, self._begun = np.random.default_rng(self.seed), time.process_time()
+        bare = Structure(self.legs.told.apparatus, (), self.legs.told.radius)
+        self._bare = bare, np.full(bare.bodies, 0.5)
+        self._about(self.legs, *(self.about or self._bare))
+
+    def run(self) -> list[Fit]:
+        """The structures that were fitted, the best first.
+
+        The search begins without modulations, since a wrong form with one often hides the right form. It begins anew,
+        without some parts of the best structure, until that changes nothing; and again while the best structure does
+        not explain the readings.
+        """
+        plain = frozenset(part.name for part in self._candidates.factors)
+        self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
+        self._descend(self.best(), self.width, frozenset(), settle=True)
+        agreed = 0
+        while (agreed < 1 or (agreed < _AGREED and not self.explained)) and not self.over:
+            before = self.best()[0]
+            self._again(0.25)
+            barred = frozenset(term.form for term in before.structure.terms if self._rng.random() < _BARRED)
+            barred |= plain if self._rng.random() < _PLAIN else frozenset()
+            self._descend([self.fit(*self._bare, 4)], _NARROW, barred, settle=False)
+            self._descend(self.best(), self.width, frozenset(), settle=True)
+            agreed = agreed + 1 if self.best()[0].structure == before.structure else 0
+        return self.best()
+
+    def tell(self, structure: Structure, unit: Array) -> Fit:
+        """Begin from a structure that is known, with constants that are nearly right."""
+        for _ in range(_TOLD):
+            self._about(self.legs, structure, unit)
+            fit = self.fit(structure, unit, _ROUNDS)
+            unit = fit.unit
+            self._again(1.0)
+        return self.found[structure]
+
+    def extend(self, parts: int) -> None:
+        """Add parts to the best structure, one after the other."""
+        for _ in range(parts):
+            for structure, unit in self._candidates.more(self.best()[0], frozenset(), 2 * _OFFERS):
+                self.fit(structure, unit, _ROUNDS)
+            self._again(1.0)
+
+    def _descend(self, roots: Sequence[Fit], width: int, barred: frozenset[str], *, settle: bool) -> None:
+        """Change the best structures of a pool until none of so many is new.
+
+        Args:
+            roots: The pool.
+            width: How many.
+            barred: Names of forms and modulations that are not used.
+            settle: Whether to take the path of a structure that is clearly better.
+        """
+        pool: dict[Structure, Fit] = {fit.structure: fit for fit in roots}
+        expanded = set[Structure]()
+        while not self.over:
+            best = sorted(pool.values(), key=_score)
+            node = next((fit for fit in best[:width] if fit.structure not in expanded), None)
+            if node is None:
+                return
+            expanded.add(node.structure)
+            for structure, unit in self.neighbours(node, barred):
+                if self.over:
+                    break
+                known = self.found.get(structure)
+                if known is None or structure == node.structure:  # perhaps it fits better from there
+                    self.fit(structure, unit, _ROUNDS)
+                pool[structure] = self.found[structure]
+            if min(map(_score, pool.values())) < best[0].score - PART and settle:
+                self._again(1.0)
+                pool = {structure: self.found[structure] for structure in pool if structure in self.found}
+
+    @property
+    def explained(self) -> bool:
+        """Whether the best structure explains the readings, and the law is taken as free of errors."""
+        count = self.legs.course.count
+        near = self.best()[0].chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
+        return near and self.legs.drift <= _LEAST_DRIFT
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return time.process_time() - self._begun > self.seconds
+
+    def best(self) -> list[Fit]:
+        """The structures that were fitted, the best first."""
+        return sorted(self.found.values(), key=_score)
+
+    def fit(self, structure: Structure, unit: Array, rounds: int) -> Fit:
+        """Fit a structure from a point, and keep the fit if it is the best one of the structure."""
+        whitened = self._whitened
+
+        def misfits(units: Array) -> Array:
+            return whitened.misfits(structure, units)
+
+        self.tried += 1
+        fit = self._fitted(structure, refined(misfits, np.clip(unit, -0.1, 1.1), rounds))
+        if structure not in self.found or fit.score < self.found[structure].score:
+            self.found[structure] = fit
+        return fit
+
+    def _fitted(self, structure: Structure, unit: Array) -> Fit:
+        """A structure with constants as they are."""
+        units = unit[:, None] + _SHIFT * np.column_stack([np.zeros(len(unit)), np.eye(len(unit))])
+        around = self._whitened.misfits(structure, units)
+        slope = (around[:, 1:] - around[:, :1]) / _SHIFT
+        own = around[:, 0]
+        return Fit(structure, unit, float(own @ own), score_of(structure, own, slope), own, slope)
+
+    def _about(self, legs: Legs, structure: Structure, unit: Array) -> None:
+        """Take a path, and the transitions of a law."""
+        apparatus = legs.told.apparatus
+        self.legs, self._whitened = legs, legs.about(structure, unit)
+        self._candidates = Candidates(
+            self._whitened,
+            forms_of(apparatus) if self.forms is None else self.forms,
+            modulations_of(apparatus) if self.modulations is None else self.modulations,
+            self._rng,
+        )
+
+    def _again(self, share: float) -> None:
+        """Fit the best structures about the path that the best one makes likely; forget the others.
+
+        Args:
+            share: How much of the error of the law to keep.
+        """
+        best = self.best()[: 4 * self.width]
+        legs = self._whitened.smoothed(best[0].structure, best[0].unit)
+        self._about(replace(legs, drift=max(_LEAST_DRIFT, share * legs.drift)), best[0].structure, best[0].unit)
+        self.found = {}
+        for fit in best:
+            self.fit(fit.structure, fit.unit, 4)
+
+    def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
+        """Structures with a part more, a part less, or another term, each with constants to begin with."""
+        parts = node.parts()
+        yield from self._candidates.more(node, barred, _OFFERS)
+        for at, (term, unit) in enumerate(parts):
+            rest = parts[:at] + parts[at + 1 :]
+            for number in range(len(term.modulations)):
+                yield changed(node, [*rest, plainer(term, unit, number)])
+            less = changed(node, rest)
+            yield from self._candidates.more(self._fitted(*less), barred, _SWAPPED)
+            yield less
+
+
+def _score(fit: Fit) -> float:
+    return fit.score

@@ -1,0 +1,166 @@
+"""Terms and structures: which parts the laws of a world have. Knows no values of constants and no questions."""
+
+import functools
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from scenes.worlds.catalogue import FORMS, MODULATIONS
+from scenes.worlds.parts import Apparatus, Form, Modulation, Range
+
+START_M = 1.5
+"""How far from the middle the pucks of a pair lie at the start [m]."""
+MASS = Range(0.8, 2.0, "log", "kg")
+_CONSTANT = re.compile(r"([A-Za-z]+)(\d+)(?:m(\d+))?")
+"""Name of a constant, place of its term, number of its modulation."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Term:
+    """A form with its modulations."""
+
+    form: str
+    modulations: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> Form:
+        """Its form."""
+        return FORMS[self.form]
+
+    @property
+    def factors(self) -> tuple[Modulation, ...]:
+        """Its modulations."""
+        return tuple(MODULATIONS[name] for name in self.modulations)
+
+    @property
+    def label(self) -> str:
+        """Its parts in words, such as `power drag * shelf`."""
+        return " * ".join((self.form, *self.modulations))
+
+    def ranges(self, at: int) -> dict[str, Range]:
+        """Its constants at a place among the terms."""
+        found = {name.replace("#", str(at)): bounds for name, bounds in self.kind.constants.items()}
+        for number, part in enumerate(self.factors):
+            found |= {name.replace("#", f"{at}m{number}"): bounds for name, bounds in part.constants.items()}
+        return found
+
+    def written(self, at: int) -> tuple[dict[str, str], tuple[str, ...], tuple[str, ...]]:
+        """Quantities to compute first, components of the acceleration, factors; all in local names."""
+        let = {name: text.replace("#", str(at)) for name, text in self.kind.let.items()}
+        force = tuple(text.replace("#", str(at)) for text in self.kind.force)
+        factors = tuple(part.factor.replace("#", f"{at}m{number}") for number, part in enumerate(self.factors))
+        return let, force, factors
+
+    def hidden_at(self, at: int) -> tuple[str, ...]:
+        """Components of the acceleration of its hidden body, in local names; none without one."""
+        return tuple(text.replace("#", str(at)) for text in self.kind.hidden)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which terms act on which apparatus.
+
+    Attributes:
+        apparatus: What can be pushed.
+        terms: Sorted when it is made, so that one structure has one label.
+        radius: Where the soft wall of the floor, or the buffers of the rail, begin [m].
+    """
+
+    apparatus: Apparatus
+    terms: tuple[Term, ...]
+    radius: float = 6.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(sorted(self.terms)))
+
+    @property
+    def label(self) -> str:
+        """The structure in words."""
+        return f"{self.apparatus}: " + "; ".join(term.label for term in self.terms)
+
+    @functools.cached_property
+    def ranges(self) -> dict[str, Range]:
+        """All constants: masses first."""
+        found = {"m": MASS} | ({"m2": MASS} if self.apparatus is Apparatus.PAIR else {})
+        for at, term in enumerate(self.terms):
+            found |= term.ranges(at)
+        return found
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies that an agent sees."""
+        return 2 if self.apparatus is Apparatus.PAIR else 1
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Places of the terms with a hidden body."""
+        return tuple(at for at, term in enumerate(self.terms) if term.kind.hidden)
+
+    @property
+    def worn(self) -> bool:
+        """Whether the way that the body has gone matters."""
+        return any("wear" in term.modulations for term in self.terms)
+
+    @property
+    def timed(self) -> bool:
+        """Whether the clock matters."""
+        return any(part.group == "time" for term in self.terms for part in (term.kind, *term.factors))
+
+    @functools.cached_property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state: what is read first, then hidden bodies, then the way."""
+        names = ("x", "y", "vx", "vy") if self.apparatus.flat else ("q", "u")
+        found = [f"b{body}_{name}" for body in range(1, self.bodies + 1) for name in names]
+        found += [f"h{at}_{name}" for at in self.hidden for name in names]
+        return (*found, *(("odo", "odo_v") if self.worn else ()))
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """The state at the start: the pucks of a pair lie apart, all else is at 0; everything is at rest."""
+        apart = (-START_M, 0.0, 0.0, 0.0, START_M, 0.0, 0.0, 0.0) if self.apparatus is Apparatus.PAIR else ()
+        return (*apart, *(0.0,) * (len(self.states) - len(apart)))
+
+    @property
+    def read(self) -> int:
+        """How many of the states are read: places and velocities of what an agent sees."""
+        return self.bodies * (4 if self.apparatus.flat else 2)
+
+    @property
+    def controls(self) -> int:
+        """Components of forces that an agent can hold."""
+        return self.bodies * (2 if self.apparatus.flat else 1)
+
+    @property
+    def parts(self) -> tuple[tuple[int, int | None], ...]:
+        """Place of each term, and number of each of its modulations or None for the form."""
+        return tuple(
+            (at, number) for at, term in enumerate(self.terms) for number in (None, *range(len(term.modulations)))
+        )
+
+    def acts_on(self, term: Term, body: int) -> bool:
+        """Whether a term acts on a body; those of pairs and with hidden bodies act on the first one alone."""
+        return body == 1 or term.kind.group not in {"pair", "body"}
+
+    def without(self, at: int, modulation: int | None) -> "tuple[Structure, Callable[[str], str | None]]":
+        """The structure less a term or a modulation, and the new name of each constant; None if it is gone."""
+        kept = list(enumerate(self.terms))
+        if modulation is None:
+            kept = [(old, term) for old, term in kept if old != at]
+        else:
+            names = self.terms[at].modulations
+            kept[at] = (at, Term(self.terms[at].form, (*names[:modulation], *names[modulation + 1 :])))
+        kept.sort(key=lambda pair: pair[1])
+        places = {old: new for new, (old, _) in enumerate(kept)}
+
+        def renamed(name: str) -> str | None:
+            found = _CONSTANT.fullmatch(name)
+            if found is None or name == "m2":
+                return name
+            old, number = int(found[2]), None if found[3] is None else int(found[3])
+            if old not in places or (old == at and number is not None and number == modulation):
+                return None
+            if old == at and number is not None and modulation is not None and number > modulation:
+                number -= 1
+            return f"{found[1]}{places[old]}" + ("" if number is None else f"m{number}")
+
+        return Structure(self.apparatus, tuple(term for _, term in kept), self.radius), renamed

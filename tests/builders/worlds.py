@@ -1,0 +1,38 @@
+"""Folders with a few worlds of level 1."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from evaluator.certify.world_making import make_world
+from scenes.worlds.drawing import structures_of
+from scenes.worlds.levels import difficulty_of
+from scenes.worlds.orders import PUBLIC
+from scenes.worlds.records import as_line, keys_file, lines_file
+
+
+def write_worlds(folder: Path, indexes: Iterable[int] = (0,), secret: str = PUBLIC, **attributes: object) -> Path:
+    """Make worlds of level 1 and add them to a folder."""
+    difficulty = difficulty_of(1).changed(**attributes)
+    folder.mkdir(parents=True, exist_ok=True)
+    for index in indexes:
+        made = make_world(1, difficulty, secret, index)
+        for file, line in ((keys_file(folder, 1), made.certificate), (lines_file(folder, 1), made.record)):
+            with file.open("a", encoding="utf-8") as stream:
+                stream.write(as_line(line) + "\n")
+    return folder
+
+
+def structure_rows(levels: Iterable[int]) -> list[str]:
+    """Rows of the table of structures in docs/explanation/worlds.md."""
+    rows: list[str] = []
+    for level in levels:
+        counted = structures_of(difficulty_of(level))
+        cells = [str(level), *(_written(number) for number in (sum(counted.values()), *counted.values()))]
+        rows.append(f"| {' | '.join(cells)} |")
+    return rows
+
+
+def _written(number: int) -> str:
+    if number < 1e6:
+        return f"{number:,}"
+    return f"{number / 1e6:.3g} million" if number < 1e9 else f"{number / 1e6:,.0f} million"

@@ -1,0 +1,101 @@
+"""`physment-eval evidence` measures a stored run, goes on where it was, and says what is wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from evaluator.records import EvidenceVerdict, evidence_verdict
+from evaluator.store import RunFolder
+from tests.builders.commands import physment_eval
+
+AGENTS = ("--agent", "reference", "--agent", "blind")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of two agents in two scenes."""
+    folder = tmp_path_factory.mktemp("run") / "played"
+    done = physment_eval("run", "--server", "host", *AGENTS, "--scenes", "7,13", "--out", folder)
+    assert done.returncode == 0
+    return folder
+
+
+def test_each_episode_gets_its_evidence_once(run: Path) -> None:
+    first = physment_eval("evidence", run, "--workers", "1", "--episodes", "scene=7")
+    assert first.returncode == 0
+    folder = RunFolder(run)
+    lines = folder.evidence_file.read_text(encoding="utf-8")
+    assert {key.scene for key in folder.evidence()} == {7}
+    assert physment_eval("evidence", run, "--workers", "1").returncode == 0
+    assert folder.evidence_file.read_text(encoding="utf-8").startswith(lines)
+    evidence, grades = folder.evidence(), folder.grades()
+    assert len(evidence) == 4
+    found = {(key.agent, key.scene): evidence_verdict(one, grades[key].grade.strict) for key, one in evidence.items()}
+    assert found["reference", 7] is found["reference", 13] is EvidenceVerdict.EARNED
+    assert found["blind", 7] in {EvidenceVerdict.EXPERIMENT_INSUFFICIENT, EvidenceVerdict.GUESSED}
+
+
+def test_the_evidence_can_be_read_as_json_lines(run: Path) -> None:
+    done = physment_eval("evidence", run, "--workers", "1", "--json", "--episodes", "scene=7,agent=reference")
+    (line,) = done.stdout.splitlines()
+    read = json.loads(line)
+    assert read["key"]["scene"] == 7
+    assert read["calls"][-1]["bounds"][0] < 0.5
+
+
+def test_evidence_of_a_changed_episode_is_measured_again(run: Path) -> None:
+    physment_eval("evidence", run, "--workers", "1")
+    folder = RunFolder(run)
+    kept = folder.evidence_file.read_text(encoding="utf-8")
+    stale = kept.replace('"episode":"', '"episode":"0')
+    folder.evidence_file.write_text(stale, encoding="utf-8")
+    physment_eval("evidence", run, "--workers", "1", "--episodes", "scene=7,agent=blind")
+    assert len(folder.evidence_file.read_text(encoding="utf-8").splitlines()) == len(kept.splitlines()) + 1
+
+
+def test_a_folder_without_episodes_is_refused(tmp_path: Path) -> None:
+    done = physment_eval("evidence", tmp_path)
+    assert done.returncode == 2
+    assert "holds no episodes to measure" in done.stderr
+
+
+def test_the_report_shows_the_evidence_of_present_episodes_alone(run: Path, tmp_path: Path) -> None:
+    physment_eval("evidence", run, "--workers", "1")
+    assert physment_eval("report", run, "--out", tmp_path / "with").returncode == 0
+    page = (tmp_path / "with" / "report.html").read_text(encoding="utf-8")
+    assert "Were the experiments at fault, or the reasoning?" in page
+    assert "earned; it sufficed after call" in page
+    folder = RunFolder(run)
+    kept = folder.evidence_file.read_text(encoding="utf-8")
+    folder.evidence_file.write_text(kept.replace('"episode":"', '"episode":"0'), encoding="utf-8")
+    assert physment_eval("report", run, "--out", tmp_path / "without").returncode == 0
+    assert "Were the experiments" not in (tmp_path / "without" / "report.html").read_text(encoding="utf-8")
+    folder.evidence_file.write_text(kept, encoding="utf-8")
+
+
+def test_while_seeds_are_held_back_no_rival_is_named(tmp_path: Path) -> None:
+    key = tmp_path / "seeds.key"
+    key.write_text("5a" * 32 + "\n", encoding="utf-8")
+    key.chmod(0o600)
+    run = tmp_path / "run"
+    words = ("run", "--server", "host", "--agent", "blind", "--agent", "reference", "--scenes", "13")
+    assert physment_eval(*words, "--seed-key", key, "--out", run).returncode == 0
+    assert physment_eval("evidence", run, "--seed-key", key, "--workers", "1").returncode == 0
+    rivals = [rival for found in RunFolder(run).evidence().values() for rival in found.rivals]
+    assert rivals
+    assert all(rival.name.startswith("rival ") for rival in rivals)
+    assert "order" not in RunFolder(run).evidence_file.read_text(encoding="utf-8")
+
+
+def test_text_of_a_stored_record_cannot_reach_the_terminal(run: Path) -> None:
+    physment_eval("evidence", run, "--workers", "1")
+    folder = RunFolder(run)
+    kept = folder.evidence_file.read_text(encoding="utf-8")
+    evil = kept.replace('"not_measurable":""', r'"not_measurable":"\u001b[31m[/x]"')
+    folder.evidence_file.write_text(evil, encoding="utf-8")
+    done = physment_eval("evidence", run, "--workers", "1")
+    folder.evidence_file.write_text(kept, encoding="utf-8")
+    assert done.returncode == 0
+    assert "\x1b[31m" not in done.stdout
+    assert r"\x1b[31m[/x]" in done.stdout

@@ -1,0 +1,109 @@
+"""Every part of the grammar gives the same motion in the engine and in numpy, and stands in a structure as it says."""
+
+import random
+
+import numpy as np
+import pytest
+
+from evaluator.certify.worlds import course_gap, engine_answers
+from scenes.worlds.acceptance import FORCE
+from scenes.worlds.catalogue import FORMS, MODULATIONS, forms_of, modulations_of
+from scenes.worlds.drawing import draw_constants
+from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.parts import Apparatus, Form, Modulation
+from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.records import WorldRecord
+from scenes.worlds.terms import Structure, Term
+
+BRAKES = {True: "linear drag", False: "friction"}
+
+
+def record_of(structure: Structure, questions: tuple[Question, ...] = (), seed: int = 1) -> WorldRecord:
+    """A record of a structure with drawn constants and a short course."""
+    told = Situation(structure.apparatus, structure.radius, FORCE, 8, 0.002)
+    return WorldRecord(
+        grammar=1, level=1, index=0, split="train", salt="s", apparatus=structure.apparatus,
+        terms=tuple((term.form, term.modulations) for term in structure.terms),
+        constants=draw_constants(structure, random.Random(seed)), radius=told.radius, force=told.force,
+        looks=told.looks, noise=told.noise, questions=questions,
+    )  # fmt: skip
+
+
+def apparatus_of(form: Form) -> Apparatus:
+    """A apparatus that has a form."""
+    return next(
+        apparatus
+        for apparatus in (Apparatus.PUCK, Apparatus.PAIR, Apparatus.WHEEL, Apparatus.GLIDER)
+        if form in forms_of(apparatus)
+    )
+
+
+def with_brake(form: Form, names: tuple[str, ...] = (), apparatus: Apparatus | None = None) -> Structure:
+    """A structure of a form, and of a brake if it is none."""
+    apparatus = apparatus or apparatus_of(form)
+    brake = () if form.group == "drag" else (Term(BRAKES[apparatus.flat]),)
+    return Structure(apparatus, (Term(form.name, names), *brake))
+
+
+def test_there_are_as_many_parts_as_promised() -> None:
+    assert len(FORMS) >= 24
+    assert len(MODULATIONS) >= 12
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=lambda form: form.name)
+def test_a_form_moves_bodies_in_the_engine_as_in_numpy(form: Form) -> None:
+    assert course_gap(record_of(with_brake(form))) < 0.01
+
+
+@pytest.mark.parametrize(
+    "form", [form for form in FORMS.values() if form in forms_of(Apparatus.GLIDER)], ids=lambda f: f.name
+)
+def test_a_form_of_one_coordinate_moves_a_glider_too(form: Form) -> None:
+    assert course_gap(record_of(with_brake(form, apparatus=Apparatus.GLIDER))) < 0.01
+
+
+@pytest.mark.parametrize("part", MODULATIONS.values(), ids=lambda part: part.name)
+def test_a_modulation_acts_in_the_engine_as_in_numpy(part: Modulation) -> None:
+    apparatus = next(apparatus for apparatus in (Apparatus.PUCK, Apparatus.WHEEL) if part in modulations_of(apparatus))
+    form = next(form for form in forms_of(apparatus) if form.group in part.fits)
+    plain, modulated = with_brake(form), with_brake(form, (part.name,))
+    assert course_gap(record_of(modulated)) < 0.01
+    # It changes the motion.
+    one, other = record_of(plain, seed=3), record_of(modulated, seed=3)
+    courses = [simulated(r.structure, r.constants, r.told, None).readings for r in (one, other)]
+    assert np.abs(courses[0] - courses[1]).max() > 0.01
+
+
+@pytest.mark.parametrize("form", ["responder", "wake", "drag cup", "mutual power", "sluggish", "drive"])
+def test_questions_beyond_the_laboratory_are_answered_alike(form: str) -> None:
+    structure = with_brake(FORMS[form], ("wear",) if form == "responder" else ())
+    width = structure.controls
+    place = tuple([1.2, -0.7, -2.0, 0.5][:width]) if structure.apparatus.flat else (0.8,)
+    speed, push = (3.0,) * width, (6.0,) * width
+    what = ("dx", "vy", "speed") if structure.apparatus.flat else ("dq", "u", "u")
+    questions = tuple(
+        Question("late", place, speed, push, clock, 1.5, number)
+        for clock, number in zip((0.0, 12.0, 20.0), what, strict=True)
+    )
+    record = record_of(structure, questions)
+    theory = answers(structure, record.constants, questions, 0.01)[:, 0]
+    assert np.abs(engine_answers(record) - theory) == pytest.approx(np.zeros(3), abs=1e-2 * tolerance(theory).min())
+
+
+def test_a_structure_without_a_part_keeps_the_constants_of_the_others() -> None:
+    structure = Structure(Apparatus.PUCK, (Term("power drag", ("beat", "shelf")), Term("wind"), Term("centre power")))
+    constants = draw_constants(structure, random.Random(5))
+    assert structure.label == "puck: centre power; power drag * beat * shelf; wind"
+    fewer, renamed = structure.without(0, None)
+    kept = {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
+    assert set(kept) == set(fewer.ranges)
+    assert kept["g1"] == constants["g2"]
+    fewer, renamed = structure.without(1, 0)
+    kept = {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
+    assert set(kept) == set(fewer.ranges)
+    assert kept["k1m0"] == constants["k1m1"]
+
+
+def test_terms_have_one_order_whatever_they_are_given_in() -> None:
+    terms = (Term("wind"), Term("grain", ("fading",)))
+    assert Structure(Apparatus.PUCK, terms) == Structure(Apparatus.PUCK, terms[::-1])

@@ -1,0 +1,39 @@
+"""Certificate "determined": a rival is found where readings are few, and none where they are many."""
+
+import random
+
+import numpy as np
+import pytest
+
+from scenes.worlds.acceptance import Maker
+from scenes.worlds.drawing import draw_constants
+from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.levels import difficulty_of
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.questions import Question, answers
+from scenes.worlds.rivals import rival_of
+from scenes.worlds.terms import Structure, Term
+
+STRUCTURE = Structure(Apparatus.WHEEL, (Term("friction"), Term("slope", ("fading",))))
+CONSTANTS = draw_constants(STRUCTURE, random.Random(3))
+ASKED = (
+    Question("late", (0.5,), (4.0,), (0.0,), 40.0, 2.5, "dq"),
+    Question("strong", (0.5,), (0.0,), (9.0,), 0.0, 2.0, "u"),
+)
+
+
+@pytest.mark.parametrize(("looks", "noise", "found"), [(12, 0.05, True), (60, 0.001, False)])
+def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, found: bool) -> None:
+    told = Situation(Apparatus.WHEEL, 6.0, 5.0, looks, noise)
+    key = answers(STRUCTURE, CONSTANTS, ASKED, 0.02)[:, 0]
+    course = simulated(STRUCTURE, CONSTANTS, told, 1)
+    rival = rival_of(STRUCTURE, CONSTANTS, told, ASKED, key, course)
+    assert (rival is not None) == found
+    assert rival != STRUCTURE
+
+
+def test_an_accepted_world_has_no_rival_in_other_readings() -> None:
+    world = Maker(difficulty_of(2), random.Random(5)).world()
+    told = world.told
+    course = simulated(world.structure, world.constants, told, 1)
+    assert rival_of(world.structure, world.constants, told, world.questions, np.array(world.key), course) is None

@@ -1,0 +1,160 @@
+"""The reference that knows the grammar alone reads its task from the prompt, finds terms, and predicts."""
+
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import physment_mcp
+from evaluator.agents.grammar import GrammarAgent
+from evaluator.episode.player import Briefing
+from evaluator.errors import AgentError
+from evaluator.records import EpisodeKey
+from scenes.errors import WorldError
+from scenes.protocol import ANSWER
+from scenes.worlds.catalogue import FORMS
+from scenes.worlds.drawing import draw_constants
+from scenes.worlds.expansion import expand
+from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.levels import GRAMMAR
+from scenes.worlds.parts import Apparatus
+from scenes.worlds.predictions import predicted, searched_course
+from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.records import WorldRecord
+from scenes.worlds.reference import blind_protocol
+from scenes.worlds.search import Search
+from scenes.worlds.task_reading import questions_of, situation_of
+from scenes.worlds.terms import Structure, Term
+from scenes.worlds.weak_form import Legs, to_unit
+
+STRUCTURES = {
+    "hidden": Structure(Apparatus.WHEEL, (Term("friction"), Term("swinger"))),
+    "way": Structure(Apparatus.GLIDER, (Term("friction", ("wear",)), Term("slope"))),
+    "pair": Structure(Apparatus.PAIR, (Term("linear drag"), Term("wake"), Term("mutual spring"))),
+    "responder": Structure(Apparatus.PUCK, (Term("linear drag"), Term("responder"))),
+}
+
+
+def told_of(structure: Structure, looks: int = 40, noise: float = 0.002) -> Situation:
+    return Situation(structure.apparatus, structure.radius, 5.0, looks, noise)
+
+
+def questions(apparatus: Apparatus) -> tuple[Question, ...]:
+    """Questions of each text of a prompt."""
+    size = 4 if apparatus is Apparatus.PAIR else 2 if apparatus is Apparatus.PUCK else 1
+    whats = ("dx", "vy", "speed") if size > 1 else ("dq", "u", "u")
+    still, moving = (0.0,) * size, (1.5, -0.25, 0.0, 0.0)[:size]
+    body = 2 if apparatus is Apparatus.PAIR else 1
+    place = (0.5, -1.25, 2.0, 0.01)[:size]
+    return (
+        Question("strong", place, still, (9.5, 1.0, 0.0, 0.0)[:size], 0.0, 1.5, whats[0], body),
+        Question("late", place, moving, (-0.5, 1.0, 0.0, 0.0)[:size], 31.0, 2.0, whats[1], body),
+        Question("strong", place, still, still, 0.0, 2.5, whats[2], body),
+    )
+
+
+def record_of(structure: Structure, looks: int = 20) -> WorldRecord:
+    told = told_of(structure, looks)
+    return WorldRecord(
+        grammar=GRAMMAR, level=1, index=0, split="train", salt="s", apparatus=structure.apparatus,
+        terms=tuple((term.form, term.modulations) for term in structure.terms),
+        constants=draw_constants(structure, random.Random(1)), radius=told.radius, force=told.force,
+        looks=told.looks, noise=told.noise, questions=questions(structure.apparatus),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("structure", STRUCTURES.values(), ids=STRUCTURES)
+def test_legs_of_the_true_law_leave_the_noise(structure: Structure) -> None:
+    constants, told = draw_constants(structure, random.Random(2)), told_of(structure)
+    course = simulated(structure, constants, told, 3)
+    unit = np.array([to_unit(bounds, constants[name]) for name, bounds in structure.ranges.items()])
+    legs = Legs.of(course, told)
+    for _ in range(2):
+        legs = legs.about(structure, unit).smoothed(structure, unit)
+    misfits = legs.about(structure, unit).misfits(structure, unit[:, None])[: course.count, 0]
+    deviations = (float(misfits @ misfits) - course.count) / np.sqrt(2 * course.count)
+    assert abs(deviations) < 4
+
+
+@pytest.mark.parametrize("apparatus", Apparatus)
+def test_a_task_is_read_from_its_prompt(apparatus: Apparatus, tmp_path: Path) -> None:
+    forms = ("linear drag", "mutual spring") if apparatus is Apparatus.PAIR else ("linear drag",)
+    record = record_of(Structure(apparatus, tuple(map(Term, forms if apparatus.flat else ("friction",)))))
+    expand(record, tmp_path)
+    prompt = physment_mcp.open_episode(record.scene_id, 0, scenes_dir=tmp_path).prompt
+    told = situation_of(prompt)
+    assert replace(told, looks=record.looks) == record.told
+    assert told.legs == record.told.legs
+    assert [replace(one, kind="") for one in questions_of(prompt)] == [
+        replace(one, kind="") for one in record.questions
+    ]
+
+
+@pytest.mark.parametrize("apparatus", Apparatus)
+def test_the_further_kinds_of_questions_are_read_from_a_prompt(apparatus: Apparatus, tmp_path: Path) -> None:
+    pair, flat = apparatus is Apparatus.PAIR, apparatus.flat
+    structure = Structure(
+        apparatus, tuple(map(Term, ("linear drag", "mutual spring")[: 1 + pair] if flat else ("friction",)))
+    )
+    options = ("linear drag", "saturating drag", "turn") if flat else ("friction", "dry friction", "shaker")
+    size = 4 if pair else 2 if flat else 1
+    still, way = (0.0,) * size, (0.0, -1.0, 0.0, 0.0)[:size] if flat else (-1.0,)
+    place = (0.5, -1.25, 2.0, 0.01)[:size]
+    far = Question("apart", place, still, (9.0, 0.0, 0.0, 0.0)[:size], 0.0, 1.5, "apart")
+    asked = (
+        far if pair else replace(far, kind="strong", what="dx" if flat else "dq"),
+        Question("push", place, still, way, 0.0, 2.0, "push", 1, 2.37),
+        Question("which", (), (), (), 0.0, 0.0, "which", options=options),
+    )
+    record = record_of(structure).model_copy(update={"questions": asked})
+    expand(record, tmp_path)
+    read = questions_of(physment_mcp.open_episode(record.scene_id, 0, scenes_dir=tmp_path).prompt)
+    assert [replace(one, kind="") for one in read] == [replace(one, kind="") for one in asked]
+
+
+def test_terms_are_found_and_predict() -> None:
+    structure = Structure(Apparatus.WHEEL, (Term("dry friction"), Term("shaker", ("timid",))))
+    constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
+    asked = questions(Apparatus.WHEEL)
+    found = predicted(searched_course(simulated(structure, constants, told, 1), told, 20.0), asked)
+    key = answers(structure, constants, asked, 0.02)[:, 0]
+    assert max(found.structures, key=lambda one: found.structures[one]) == structure
+    assert (np.abs(found.answer - key) <= tolerance(key)).all()
+    assert (found.low <= found.answer).all()
+    assert (found.answer <= found.high).all()
+    assert found.known
+    assert "It explains the readings" in found.says()
+
+
+def test_a_search_without_the_right_form_knows_that_it_does_not_know() -> None:
+    structure = Structure(Apparatus.WHEEL, (Term("friction"), Term("shaker")))
+    constants, told = draw_constants(structure, random.Random(4)), told_of(structure)
+    search = Search(Legs.of(simulated(structure, constants, told, 1), told), seconds=8.0, forms=[FORMS["friction"]])
+    found = predicted(search, questions(Apparatus.WHEEL))
+    assert not found.known
+    assert found.reduced > 3.5
+
+
+def test_the_agent_plays_by_the_prompt_alone(tmp_path: Path) -> None:
+    record = record_of(Structure(Apparatus.GLIDER, (Term("friction"),)), 12)
+    expand(record, tmp_path)
+    episode = physment_mcp.open_episode(record.scene_id, 0, scenes_dir=tmp_path)
+    protocol = blind_protocol(episode.prompt, 10.0)
+    calls = next(protocol)
+    while all(call.tool != ANSWER for call in calls):
+        calls = protocol.send([dict(episode.call(call.tool, **call.arguments)) for call in calls])
+    answer = np.array(calls[0].arguments["answer"])
+    key = answers(record.structure, record.constants, record.questions, 0.02)[:, 0]
+    assert (np.abs(answer - key) <= tolerance(key)).all()
+
+
+@pytest.mark.anyio
+async def test_a_task_of_no_world_is_refused() -> None:
+    with pytest.raises(WorldError, match="not one of a world"):
+        situation_of("How heavy is the ball?")
+    key = EpisodeKey(scene=7, seed=0, agent="grammar", budget=20)
+    player = GrammarAgent().player(key, Briefing("How heavy is the ball?", (), 20, {}))
+    with pytest.raises(AgentError, match="not one of a world"):
+        await player.act(None)
