@@ -8,7 +8,6 @@ import httpx
 import pytest
 from mcp import Client
 
-
 SLOW_SCENE = 99
 """A step of 60 s takes about 1 s there, 0.05 s in scene 7: time for a cancellation to arrive on a loaded machine."""
 
