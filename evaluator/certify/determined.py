@@ -1,7 +1,7 @@
 """Certificate 12: the readings and the stated family of laws determine the answer, and the asked state is stable."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from evaluator.agents.protocol_player import calls_and_readings
@@ -9,7 +9,7 @@ from evaluator.answers.engine import Engine
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
 from evaluator.records import Episode
-from scenes import Pack, PackFiles, read_pack
+from scenes import Pack
 from scenes.family import EXCLUDED_SIGMAS, reduced_chi_square, surviving
 from scenes.protocol import Member, Solution
 
@@ -138,9 +138,3 @@ def _question(task: str) -> str:
     """What a task asks: all from "Suppose" on, or its last two sentences."""
     supposed = task.rfind("Suppose")
     return task[supposed:] if supposed >= 0 else " ".join(re.split(r"(?<=[.?]) ", task)[-2:])
-
-
-def undeclared(packs: Iterable[PackFiles]) -> list[int]:
-    """The scenes that ask for a prediction and declare no family of laws, so that this certificate skips them."""
-    read = ((files.scene_id, read_pack(files)) for files in packs)
-    return [scene for scene, pack in read if pack.predicts and not pack.family]

@@ -34,14 +34,15 @@ def models_of(files: PackFiles, pack: Pack) -> list[str]:
     return [drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0) for seed in range(SEEDS)]
 
 
-def law_faults(files: PackFiles, pack: Pack) -> Iterator[str]:
-    """Yield a sentence for each way in which the laws of a pack tell of the draw, or spoil a draw without them.
+def model_faults(files: PackFiles, pack: Pack) -> Iterator[str]:
+    """Yield a sentence for each way in which parts or laws of a pack tell of the draw, or spoil a draw without them.
 
     Raises:
         PackError: A model cannot be drawn.
     """
     models = models_of(files, pack)
     yield from unequal_laws(models)
+    yield from unequal_parts(models)
     if pack.limits is not None:
         bodies = [f"object_{entry.object_id}" for entry in pack.objects.values()]
         yield from absent_laws_without_value(models, bodies, pack.limits.force or 0.0, pack.limits.torque or 0.0)

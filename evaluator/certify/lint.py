@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from evaluator.answers.engine import TOOL_NAMES
 from evaluator.certify import compiled_model, drawn_parts
 from evaluator.certify.answer_faults import answer_faults
+from evaluator.certify.catches import undeclared_catches
 from evaluator.certify.determined import family_faults
 from evaluator.certify.difficulty import concept_faults
 from evaluator.certify.instrument import unstated
@@ -21,6 +22,7 @@ from physment_mcp.session import Session
 from scenes import (
     CANARY,
     USUAL_TIMESTEP_S,
+    Category,
     Pack,
     PackError,
     PackFiles,
@@ -128,6 +130,16 @@ def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
         yield "solution.py defines no stage: write the most direct attempt to bring about what is asked"
     if pack.family:
         yield from family_faults(pack, solution)
+
+
+def _undeclared(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
+    """Report what a task tells of and the pack does not declare: certificates 11 and 12 would skip it."""
+    if not pack.predicts:
+        return
+    if not pack.family and pack.category is not Category.OPEN:
+        yield "family is missing: state the laws that are possible, so that certificate 12 can test what decides them"
+    for word in undeclared_catches(pack):
+        yield f"the task tells of {word!r}, but no catch has it among its words, so certificate 11 does not test it"
 
 
 def _laboratory(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
@@ -248,7 +260,7 @@ def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
             yield f"seed {seed} cannot be set up: {error}"
             return
     if pack.predicts:
-        yield from drawn_parts.law_faults(files, pack)
+        yield from drawn_parts.model_faults(files, pack)
 
 
 def _model_faults(files: PackFiles, pack: Pack, mjcf: str) -> Iterator[str]:
@@ -270,6 +282,7 @@ _RULES: tuple[Callable[[PackFiles, Pack, str], Iterator[str]], ...] = (
     _incomplete,
     _answer,
     _solution,
+    _undeclared,
     _laboratory,
     _objects,
     _schematic,

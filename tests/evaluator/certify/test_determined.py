@@ -6,7 +6,7 @@ import anyio
 import pytest
 
 from evaluator.certify.certificate import certify, play_reference
-from evaluator.certify.determined import check_determined, undeclared
+from evaluator.certify.determined import check_determined
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES
@@ -166,9 +166,8 @@ def test_a_family_has_at_least_two_laws(author: Author, files: PackFiles) -> Non
     assert any("family names fewer than two laws" in fault for fault in lint(files))
 
 
-async def test_packs_without_a_family_are_listed_and_not_weighed(author: Author, files: PackFiles) -> None:
-    assert undeclared([files]) == []
+async def test_a_pack_without_a_family_is_a_fault_and_is_not_weighed(author: Author, files: PackFiles) -> None:
     author.edit(files, lambda pack: pack.pop("family"))
-    assert undeclared([files]) == [files.scene_id]
+    assert any("family is missing" in fault for fault in lint(files)), lint(files)
     certificate = await certify(files, 1, MemoryConnector(files.folder.parent))
     assert tuple(check.name for check in certificate.checks) == CERTIFICATES + PREDICTION_CERTIFICATES

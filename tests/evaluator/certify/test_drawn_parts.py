@@ -6,7 +6,13 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
-from evaluator.certify.drawn_parts import absent_laws_without_value, law_faults, models_of, unequal_laws, unequal_parts
+from evaluator.certify.drawn_parts import (
+    absent_laws_without_value,
+    model_faults,
+    models_of,
+    unequal_laws,
+    unequal_parts,
+)
 from scenes import PackFiles, list_packs, read_pack
 
 OWN = [files for files in list_packs() if read_pack(files).predicts]
@@ -62,7 +68,7 @@ def test_a_law_that_is_not_present_and_has_no_value_somewhere_is_found(force: st
 
 @pytest.mark.parametrize("files", [f for f in OWN if read_pack(f).laws], ids=lambda files: str(files.scene_id))
 def test_the_laws_of_the_suite_tell_nothing_of_the_draw(files: PackFiles) -> None:
-    assert list(law_faults(files, read_pack(files))) == []
+    assert list(model_faults(files, read_pack(files))) == []
 
 
 @pytest.mark.parametrize("files", OWN, ids=lambda files: str(files.scene_id))

@@ -312,6 +312,7 @@ def test_each_part_that_the_prompt_tells_of_has_to_be_named(author: Author, file
 
     author.edit(files, say)
     assert undeclared_catches(read_pack(files)) == ["net", "rim"]
+    assert any("the task tells of 'net', but no catch has it" in fault for fault in lint(files)), lint(files)
 
 
 def test_lint_reports_an_unknown_field_of_a_catch(author: Author, files: PackFiles) -> None:
