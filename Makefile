@@ -31,7 +31,8 @@ help: ## list the commands
 
 setup: $(STAMP) ## create .venv and install every dependency of requirements.lock, checked by hash (1 to 2 minutes)
 
-# Python 3.14 is refused because the pinned MuJoCo has no wheels for it.
+# Python 3.14 is refused because the pinned MuJoCo has no wheels for it. --no-deps: the lock is complete, and for a
+# dependency with extras, such as google-auth[requests], pip would look for the newest release instead of the locked one.
 $(STAMP): requirements.lock pyproject.toml integrations/harbor/pyproject.toml
 	@python=$$(for name in $(PYTHONS); do \
 	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
@@ -39,7 +40,7 @@ $(STAMP): requirements.lock pyproject.toml integrations/harbor/pyproject.toml
 	if [ -z "$$python" ]; then echo "physment-mcp needs Python 3.11, 3.12 or 3.13; none of $(PYTHONS) is one." >&2; exit 1; fi; \
 	echo "Creating $(VENV) with $$($$python --version)"; rm -rf $(VENV); $$python -m venv $(VENV)
 	@echo "Installing the locked dependencies (a minute or two)"
-	@$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements.lock
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e . -e integrations/harbor
 	@touch $(STAMP)
 
@@ -114,7 +115,7 @@ $(DOCS): requirements-docs.lock
 	  $$found -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$found && break; done); \
 	if [ -z "$$python" ]; then echo "the website needs Python 3.11 or newer; none of $(PYTHONS) is one." >&2; exit 1; fi; \
 	rm -rf .docs; $$python -m venv .docs
-	@.docs/bin/python -m pip install --quiet --require-hashes -r requirements-docs.lock
+	@.docs/bin/python -m pip install --quiet --require-hashes --no-deps -r requirements-docs.lock
 	@touch $@
 
 docs: $(DOCS) ## build the website into build/site (Sphinx, 120 MB, into .docs); a warning or a broken link is an error
