@@ -9,10 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from evaluator.agents.reference import ReferenceAgent
+    from evaluator.answers.rewards import AnswerReward
     from evaluator.episode.connect import EpisodeConnector
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
-    from evaluator.library import StoredRun, connect, episode_of_log, grade, load_run, play, score, split, summary
+    from evaluator.library import (
+        StoredRun,
+        connect,
+        episode_of_log,
+        grade,
+        load_run,
+        play,
+        reward,
+        score,
+        split,
+        summary,
+    )
     from evaluator.protocols.text import feedback_text
     from evaluator.records import (
         Episode,
@@ -35,6 +47,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Agent",
     "AgentError",
+    "AnswerReward",
     "Briefing",
     "Episode",
     "EpisodeConnector",
@@ -68,6 +81,7 @@ __all__ = [
     "grade",
     "load_run",
     "play",
+    "reward",
     "score",
     "select",
     "split",
@@ -76,6 +90,7 @@ __all__ = [
 
 _HOMES = {
     "evaluator.agents.reference": ("ReferenceAgent",),
+    "evaluator.answers.rewards": ("AnswerReward",),
     "evaluator.episode.connect": ("EpisodeConnector",),
     "evaluator.episode.player": ("Agent", "Briefing", "Feedback", "Player", "Reply", "ToolDescription"),
     "evaluator.errors": ("AgentError", "EvaluatorError", "InfrastructureError", "StoreError", "UsageError"),
@@ -86,6 +101,7 @@ _HOMES = {
         "grade",
         "load_run",
         "play",
+        "reward",
         "score",
         "split",
         "summary",

@@ -13,7 +13,7 @@ from pydantic import JsonValue
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey, tolerance, wanted_number
 from evaluator.records import Verdict
-from scenes.answer_spec import AnswerKind
+from scenes.answer_spec import AnswerKind, AnswerSpec
 
 GUESS_RANGE = (0.01, 100.0)
 """Range in which numbers are guessed."""
@@ -55,6 +55,25 @@ def blind_chance(key: AnswerKey) -> Chance:
         return Chance(0.0, 0.0)  # the guess is a single number
     shares = [_share(key, index) for index in range(len(key.parts))]
     return Chance(math.prod(shares), math.fsum(shares) / len(shares))
+
+
+def chance_of_form(spec: AnswerSpec) -> float:
+    """Probability that a blind guess is strictly right, from the form of the answer alone.
+
+    It tells nothing of a key, so a trainer may know it. `blind_chance` differs from it where a key lies near the ends of
+    the range of guesses, or where an absolute tolerance is the wider one.
+    """
+    if spec.options:
+        return 1 / len(spec.options)
+    if spec.kind is AnswerKind.NUMBER:
+        numbers = 1
+    elif spec.kind is AnswerKind.NUMBERS:
+        numbers = len(spec.labels)
+    else:
+        numbers = 0
+    lowest, highest = GUESS_RANGE
+    width = math.log((1 + spec.rel_tol) / max(1 - spec.rel_tol, lowest / highest)) / math.log(highest / lowest)
+    return min(width, 1.0) ** numbers if numbers else 0.0
 
 
 def _share(key: AnswerKey, index: int) -> float:

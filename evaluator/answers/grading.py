@@ -81,12 +81,8 @@ def grade(answer: JsonValue, key: AnswerKey) -> Grade:
     """Grade an answer, exactly as submitted, against its key. Never raises."""
     if is_too_long(answer):
         return _wrong(f"longer than {MAX_CHARS} characters or parts")
-    items = strict_parts(answer, key)
-    if items is None:
-        findings, graded = [Finding(right=False, reason=_wrong_shape(key))], 0.0
-    else:
-        findings = [strict_finding(item, key, index) for index, item in enumerate(items)]
-        graded = sum(finding.right for finding in findings) / len(findings)
+    findings = _findings(answer, key)
+    graded = sum(finding.right for finding in findings) / len(findings)
     if all(finding.right for finding in findings):
         reason = joined_reasons(findings)
         return Grade(strict=Verdict.CORRECT, graded=graded, normalised=Verdict.CORRECT, reason=reason)
@@ -100,6 +96,24 @@ def grade(answer: JsonValue, key: AnswerKey) -> Grade:
         normalisation=forgiven.forgiven,
         reason=forgiven.reason,
     )
+
+
+def right_parts(answer: JsonValue, key: AnswerKey) -> tuple[bool, ...]:
+    """For each part of the key, whether the answer gives it strictly right; all False for an answer of another shape.
+
+    `grade` counts the same parts. Never raises.
+    """
+    findings = [] if is_too_long(answer) else _findings(answer, key)
+    right = tuple(finding.right for finding in findings)
+    return right if len(right) == len(key.parts) else (False,) * len(key.parts)
+
+
+def _findings(answer: JsonValue, key: AnswerKey) -> list[Finding]:
+    """What is found of each part of an answer; one finding if it has another shape than the key."""
+    items = strict_parts(answer, key)
+    if items is None:
+        return [Finding(right=False, reason=_wrong_shape(key))]
+    return [strict_finding(item, key, index) for index, item in enumerate(items)]
 
 
 def _wrong(reason: str, graded: float = 0.0) -> Grade:

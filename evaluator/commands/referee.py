@@ -16,6 +16,7 @@ import anyio.lowlevel
 import uvicorn
 
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.rewards import RewardRule, Worth
 from evaluator.commands.argument_types import count_of, folder_to_write, port, price, seconds
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.listening import listening
@@ -24,7 +25,6 @@ from evaluator.errors import InfrastructureError, UsageError
 from evaluator.redaction import Redaction
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.referee.rewards import RewardRule, Worth
 from evaluator.run_record import Plan
 from evaluator.seed_key import SeedKey, seed_as_recorded
 from evaluator.store import RunFolder
@@ -78,7 +78,8 @@ def add(commands: Commands) -> None:
         "--reward",
         choices=[worth.value for worth in Worth],
         default=Worth.STRICT.value,
-        help="strict: 1 if the answer is right, else 0 (default) · graded: the share of right sub-answers",
+        help="strict: 1 if the answer is right, else 0 (default) · graded: the share of right sub-answers ·"
+        " chance-corrected: 1 if it is right, else so far below 0 that blind guesses earn 0 on average",
     )
     command.add_argument(
         "--cost-per-iteration", type=price, default=0.0, metavar="X", help="taken off for each iteration (0)"

@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from evaluator.answers.rewards import AnswerReward
 from evaluator.episode.player import Briefing
 from evaluator.records import Grade, Outcome
 
@@ -96,6 +97,9 @@ class Reward:
     """What an episode was worth. Holds no key, and no reason, since a reason may state the key."""
 
     reward: float
+    answer: AnswerReward
+    cost: float
+    """What was taken off for iterations and calls."""
     grade: Grade
     outcome: Outcome
     calls: int

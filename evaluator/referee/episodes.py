@@ -20,13 +20,13 @@ import anyio.to_thread
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.rewards import AnswerReward, RewardRule, answer_reward
 from evaluator.episode.broken_connection import without_seed
 from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
-from evaluator.errors import RefusedRequest, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.errors import InfrastructureError, RefusedRequest, UsageError
+from evaluator.records import Episode, EpisodeKey, Grade, Outcome
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode
-from evaluator.referee.rewards import RewardRule
 from evaluator.referee.variants import variant_of
 from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record
@@ -116,9 +116,8 @@ class Referee:
             versions = self.record.versions_of(key.scene)
             async with self.host.open(key.scene, key.seed) as client:
                 played = await play_episode(agent, client, key, versions, self.host.toolboxes)
-            grade = (await self._in_thread(functools.partial(grade_record, played, self.keys))).grade
             calls = sum(exchange.returned for turn in played.turns for exchange in turn.exchanges)
-            return Reward(self.rule.reward(grade, len(played.turns), calls), grade, played.outcome, calls)
+            return await self._reward(played, len(played.turns), calls)
 
     @contextlib.asynccontextmanager
     async def _place(self) -> AsyncGenerator[None]:
@@ -234,13 +233,31 @@ class Referee:
             duration_s=time.monotonic() - episode.opened_at,
             versions=self.record.versions_of(episode.key.scene),
         )
-        grade = (await self._in_thread(functools.partial(grade_record, played, self.keys))).grade
         iterations = len(turns) if ended.iterations is None else ended.iterations
+        found = await self._reward(played, iterations, len(turns))
         if self.folder is not None:
             # Before anybody learns of it: no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
             self._splits.add(episode.split)
-        return Reward(self.rule.reward(grade, iterations, len(turns)), grade, outcome, len(turns))
+        return found
+
+    async def _reward(self, played: Episode, iterations: int, calls: int) -> Reward:
+        """What an episode was worth.
+
+        Raises:
+            InfrastructureError: The host failed, so the episode says nothing about the agent.
+        """
+        if played.outcome is Outcome.INFRASTRUCTURE_ERROR:
+            raise InfrastructureError(played.error or "the host failed during the episode")
+        grade, answer = await self._in_thread(functools.partial(self._compared, played))
+        cost = self.rule.cost(iterations, calls)
+        return Reward(self.rule.reward(answer, iterations, calls), answer, cost, grade, played.outcome, calls)
+
+    def _compared(self, played: Episode) -> tuple[Grade, AnswerReward]:
+        """The grade of an episode, and what its answer is worth."""
+        answer = played.answer if played.outcome is Outcome.ANSWERED else None
+        key = self.keys.key(played.key.scene, played.key.seed)
+        return grade_record(played, self.keys).grade, answer_reward(answer, key)
 
     def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
         """The key of the record. Its epoch is taken at once, so that two episodes graded together do not share it."""

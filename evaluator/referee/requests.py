@@ -180,6 +180,9 @@ def _reward(found: Reward) -> dict[str, Any]:
         "strict": found.grade.strict.value,
         "graded": found.grade.graded,
         "normalised": found.grade.normalised.value,
+        "parts": found.answer.parts,
+        "chance": found.answer.chance,
+        "cost": found.cost,
         "outcome": found.outcome.value,
         "calls": found.calls,
     }

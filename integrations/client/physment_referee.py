@@ -70,6 +70,12 @@ class Reward:
     normalised: str
     outcome: str
     calls: int
+    parts: tuple[bool, ...] = ()
+    """For each part of the answer, whether it is right."""
+    chance: float = 0.0
+    """Probability that a blind guess is right."""
+    cost: float = 0.0
+    """What was taken off for iterations and calls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +121,7 @@ class Referee:
             RefereeError: The referee refused, or cannot be reached.
         """
         body = {"iterations": iterations} | ({"end": end} if end else {})
-        return Reward(**self._ask("POST", f"/episodes/{episode_id}/reward", body, owner_token))
+        return _reward(self._ask("POST", f"/episodes/{episode_id}/reward", body, owner_token))
 
     def close(self, episode_id: str, owner_token: str) -> None:
         """Close an episode that shall get no reward.
@@ -136,7 +142,7 @@ class Referee:
         Raises:
             RefereeError: The referee refused, or cannot be reached.
         """
-        return Reward(**self._ask("POST", "/checks", _given(scene=scene, seed=seed, **options), self.token))
+        return _reward(self._ask("POST", "/checks", _given(scene=scene, seed=seed, **options), self.token))
 
     def _ask(self, method: str, path: str, body: Any, token: str | None) -> dict[str, Any]:
         if not self.url.startswith(("http://", "https://")):
@@ -161,6 +167,10 @@ def _sentence(error: urllib.error.HTTPError) -> str:
         return f"the referee refused: {json.loads(error.read())['error']}"
     except (ValueError, LookupError, TypeError):
         return f"this is no PhysMent referee: it answered {error.code}"
+
+
+def _reward(found: dict[str, Any]) -> Reward:
+    return Reward(**found | {"parts": tuple(found.get("parts", ()))})
 
 
 def _given(**values: Any) -> dict[str, Any]:

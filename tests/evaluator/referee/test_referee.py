@@ -18,12 +18,12 @@ import pytest
 
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.rewards import RewardRule, Worth
 from evaluator.episode.connect import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, Verdict
+from evaluator.records import Episode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.referee.rewards import RewardRule, Worth
 from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import grade_record, grade_run
 from evaluator.store import RunFolder
@@ -215,7 +215,9 @@ async def test_neither_the_seed_nor_the_key_is_in_what_a_trainer_gets(host_url: 
         assert "41287" not in json.dumps(opened)
         await played_by_reference(opened, 7, 41_287)
         rewarded = await trainer.reward(opened)
-    assert set(rewarded.json()) == {"reward", "strict", "graded", "normalised", "outcome", "calls"}
+    assert set(rewarded.json()) == {
+        *("reward", "strict", "graded", "normalised", "outcome", "calls", "parts", "chance", "cost"),
+    }
     assert str(key)[:6] not in rewarded.text
 
 
@@ -290,15 +292,19 @@ async def test_what_iterations_cost_is_taken_off_and_they_must_be_told(host_url:
         assert (await trainer.reward(opened, {"iterations": 2})).json()["reward"] == 1 - 2 * 0.125 - calls * 0.25
 
 
-def test_the_graded_reward_is_the_share_of_right_parts() -> None:
-    from evaluator.records import Grade
-
-    half = Grade(strict=Verdict.INCORRECT, graded=0.5, normalised=Verdict.INCORRECT, reason="")
-    assert RewardRule(Worth.GRADED).reward(half, 9, 9) == 0.5
-    assert RewardRule().reward(half, 9, 9) == 0.0
-    unscored = half.model_copy(update={"strict": Verdict.UNSCORED, "graded": None})
-    with pytest.raises(ValueError, match="no reward"):
-        RewardRule().reward(unscored, 0, 0)
+async def test_a_reward_tells_its_parts_its_chance_and_its_cost(host_url: str) -> None:
+    rule = RewardRule(Worth.CHANCE_CORRECTED, per_call=0.25)
+    async with refereeing(host_url, rule=rule) as trainer:
+        opened = await trainer.open()
+        episode = await played_by_reference(opened, 7, 3)
+        right = (await trainer.reward(opened, {"iterations": 2})).json()
+        given_up = (await trainer.reward(await trainer.open(), GIVE_UP)).json()
+    calls = len(exchanges_of(episode))
+    assert (right["parts"], right["cost"], right["reward"]) == ([True], 0.25 * calls, 1 - 0.25 * calls)
+    chance = given_up["chance"]
+    assert 0 < chance < 0.05
+    assert given_up["parts"] == [False]
+    assert given_up["reward"] == pytest.approx(-chance / (1 - chance))
 
 
 async def test_graded_episodes_are_a_run_that_can_be_graded_again(host_url: str, tmp_path: Path) -> None:
