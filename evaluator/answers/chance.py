@@ -60,8 +60,8 @@ def blind_chance(key: AnswerKey) -> Chance:
 def chance_of_form(spec: AnswerSpec) -> float:
     """Probability that a blind guess is strictly right, from the form of the answer alone.
 
-    It tells nothing of a key, so a trainer may know it. `blind_chance` differs from it where a key lies near the ends of
-    the range of guesses, or where an absolute tolerance is the wider one.
+    It tells nothing of a key, so a trainer may know it. `blind_chance` differs from it where a key lies near the ends
+    of the range of guesses, or where an absolute tolerance is the wider one.
     """
     if spec.options:
         return 1 / len(spec.options)
