@@ -1,12 +1,12 @@
 """Reads the values of `--scenes`, `--budgets`, `--seeds` and `--split`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from evaluator.errors import UsageError
 from scenes import Category, PackError, PackFiles, Rung, default_folder, find_pack, list_packs, read_pack
 from scenes.finding import is_in_split
+from scenes.folder import ranges
 from scenes.splits import HELD_BACK, Split, splits
 from scenes.world_names import is_world
 
@@ -68,9 +68,7 @@ def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
         for part in (part for part in parts if part not in worlds):
             found = _select(part, packs)
             if not found:
-                raise UsageError(
-                    f"--scenes {part}: there is no such scene; the scenes are {', '.join(map(str, packs))}"
-                )
+                raise UsageError(f"--scenes {part}: there is no such scene; the scenes are {ranges(sorted(packs))}")
             chosen |= found
     except PackError as error:
         raise UsageError(str(error)) from error
@@ -113,7 +111,7 @@ def scenes_in_split(split: Split, scenes: str | None, scenes_dir: Path | None) -
         )
     if not packs:
         where = f"--scenes {scenes}" if scenes else f"{scenes_dir}"
-        raise UsageError(f"the split {split.name} has no scene of {where}; its scenes are {_ranges(split.scenes)}")
+        raise UsageError(f"the split {split.name} has no scene of {where}; its scenes are {ranges(split.scenes)}")
     return packs
 
 
@@ -135,17 +133,6 @@ def seeds_in_split(split: Split, seeds: str | None, usual: int = USUAL_SEEDS) ->
         if seed not in split.seeds:
             raise UsageError(f"--seeds {seed}: the split {split.name} has the seeds {split.seeds[0]}-{split.seeds[-1]}")
     return chosen
-
-
-def _ranges(numbers: Sequence[int]) -> str:
-    """Ascending numbers as `--scenes` takes them, such as `7-9,12`."""
-    parts: list[list[int]] = []
-    for number in numbers:
-        if parts and number == parts[-1][-1] + 1:
-            parts[-1].append(number)
-        else:
-            parts.append([number])
-    return ",".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
 def _select(part: str, packs: dict[int, PackFiles]) -> set[int]:

@@ -104,6 +104,8 @@ def _stdio(args: argparse.Namespace) -> int:
     else:
         slot = EpisodeSlot(reopen(args.scene), watch=watch, find_visibility=find_visibility)
     server = build_server(slot)
+    if sys.stdin.isatty():
+        print(_waiting(args.scene), file=sys.stderr)
 
     async def run() -> None:
         async with stdio_server() as (read, write):
@@ -111,3 +113,12 @@ def _stdio(args: argparse.Namespace) -> int:
 
     anyio.run(run)
     return 0
+
+
+def _waiting(scene: int | None) -> str:
+    """What a person reads who starts the server in a terminal."""
+    tried = 7 if scene is None else scene
+    return (
+        "physment-mcp: waits for messages of an MCP client on stdin; Ctrl-C ends it. To connect a client, see"
+        f" `physment-mcp config --help`; to experiment by hand, use `physment-eval play {tried}`."
+    )

@@ -163,7 +163,7 @@ async def test_a_failure_of_the_server_does_not_tell_the_seed(
         (["--split", "test", "--seeds", "0,20"], "--seeds 20: the split test has the seeds 0-19"),
         (
             ["--split", "test-ideas", "--scenes", "7"],
-            "the split test-ideas has no scene of --scenes 7; its scenes are 8,17,24",
+            "the split test-ideas has no scene of --scenes 7; its scenes are 8, 17, 24",
         ),
     ],
 )

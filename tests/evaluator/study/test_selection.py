@@ -73,7 +73,7 @@ def test_for_a_folder_of_open_worlds_the_error_says_how_to_select_them(tmp_path:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("999", "--scenes 999: there is no such scene; the scenes are 7, "),
+        ("999", "--scenes 999: there is no such scene; the scenes are 7-111"),
         ("7,300-400", "--scenes 300-400: there is no such scene"),
         ("seven", "--scenes seven: write ids and ranges"),
         ("7-", "--scenes 7-: write ids"),

@@ -1,5 +1,10 @@
 """Mistyped words of the command line of the laboratory."""
 
+import os
+import pty
+import subprocess
+import sys
+
 import pytest
 
 from physment_mcp.commands.program import main
@@ -20,3 +25,21 @@ def test_a_mistyped_word_is_answered_with_the_nearest_in_one_sentence(
 ) -> None:
     assert main(words) == 2
     assert capsys.readouterr() == ("", f"physment-mcp: {said}\n")
+
+
+@pytest.mark.parametrize(("words", "tried"), [(["--scene", "9"], "play 9"), ([], "play 7")])
+def test_a_server_that_is_started_in_a_terminal_says_what_it_waits_for(words: list[str], tried: str) -> None:
+    ours, terminal = pty.openpty()
+    try:
+        command = [sys.executable, "-m", "physment_mcp", *words]
+        with subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stderr is not None
+            said = process.stderr.readline().decode()
+            os.write(ours, b"\x04")  # Ctrl-D: the end of the input
+            output, errors = process.communicate(timeout=60)
+    finally:
+        os.close(ours)
+        os.close(terminal)
+    assert said.startswith("physment-mcp: waits for messages of an MCP client")
+    assert f"`physment-eval {tried}`" in said
+    assert (output, errors) == (b"", b"")
