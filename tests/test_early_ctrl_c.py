@@ -1,4 +1,4 @@
-"""Signals while a program loads its modules, which takes a second, and Ctrl-C while an episode waits."""
+"""Signals while a program loads its modules, Ctrl-C that Python discards, and Ctrl-C while an episode waits."""
 
 import signal
 import subprocess
@@ -69,6 +69,37 @@ def test_a_signal_that_is_ignored_stays_ignored(sign: str) -> None:
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+DISCARDED = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+from physment_mcp.contract.command_line import restore_sigint
+restore_sigint()
+
+class Finalised:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+class Faulty:
+    def __del__(self):
+        raise ValueError("of another kind")
+
+try:
+    Faulty()
+    Finalised()
+    time.sleep(30)
+except KeyboardInterrupt:
+    sys.exit("interrupted")
+"""
+
+
+def test_ctrl_c_in_a_finaliser_is_raised_again() -> None:
+    done = subprocess.run([sys.executable, "-c", DISCARDED], capture_output=True, text=True, check=False, timeout=20)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == "interrupted"
+    assert "ValueError: of another kind" in done.stderr
+    assert "KeyboardInterrupt" not in done.stderr
 
 
 def test_ctrl_c_ends_an_episode_on_stdio_that_waits_for_the_next_call() -> None:

@@ -6,6 +6,8 @@ import signal
 from importlib.util import find_spec
 from types import FrameType
 
+from physment_mcp.contract.command_line import restore_sigint
+
 _OPEN_FILES = 65_536
 """Connections and files that may be open at a time, if the system allows it."""
 _SIGNS = [sign for name in ("SIGINT", "SIGTERM", "SIGHUP") if (sign := getattr(signal, name, None)) is not None]
@@ -37,9 +39,10 @@ def end_in_order() -> None:
 
     A signal that is ignored, as HUP is under `nohup`, stays ignored.
     """
-    for sign in _SIGNS:
+    restore_sigint()
+    for sign in _SIGNS[1:]:
         if signal.getsignal(sign) is signal.SIG_DFL:
-            signal.signal(sign, signal.default_int_handler if sign == signal.SIGINT else _interrupt)
+            signal.signal(sign, _interrupt)
 
 
 def end_at_once() -> None:

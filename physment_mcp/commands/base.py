@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import signal
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import partial
@@ -16,12 +15,6 @@ from scenes.world_names import one_world
 
 _MOST = 10_000
 """Longest range of numbers that is accepted; a longer one is a typing error."""
-
-
-def restore_sigint() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt again: the modules of a command are loaded, and it begins its work."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Commands(Protocol):

@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, restore_sigint, writing
+from physment_mcp.commands.base import Commands, common_options, writing
+from physment_mcp.contract.command_line import restore_sigint
 from physment_mcp.errors import UsageError
 
 _SEEDS = range(21)

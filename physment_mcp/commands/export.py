@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from physment_mcp.commands.base import Commands, common_options, numbers, restore_sigint, writing
+from physment_mcp.commands.base import Commands, common_options, numbers, writing
+from physment_mcp.contract.command_line import restore_sigint
 from physment_mcp.errors import UsageError
 from physment_mcp.scene import scene_ids
 from scenes import default_folder, export_packs

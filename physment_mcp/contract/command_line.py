@@ -1,9 +1,19 @@
-"""The parser of the command line. Each of its errors is one sentence, which names the nearest word that is known."""
+"""What the command lines of both programs share: a parser whose errors are one sentence each, and Ctrl-C."""
 
 import argparse
 import difflib
+import signal
+import sys
+import threading
+from _thread import interrupt_main
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+_AGAIN_S = 0.01
+"""Wall time after which a KeyboardInterrupt that Python discarded is raised again [s]."""
 
 
 class SentenceParser(argparse.ArgumentParser):
@@ -53,3 +63,34 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """The known word that is nearest to a mistyped one, as the end of a sentence; empty if none is near."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean {close[0]}?" if close else ""
+
+
+def restore_sigint() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt again: the modules of a command are loaded, and it begins its work.
+
+    Python discards an exception that is raised in a finaliser or in the callback of a weak reference, and prints a
+    traceback in its place. A KeyboardInterrupt that is lost so is raised again a moment later.
+
+    A signal that is ignored stays ignored.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    usual = sys.unraisablehook
+
+    def hook(discarded: "UnraisableHookArgs") -> None:
+        if not issubclass(discarded.exc_type, KeyboardInterrupt):
+            usual(discarded)
+            return
+        again = threading.Timer(_AGAIN_S, _interrupt_main_thread)
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = hook
+
+
+def _interrupt_main_thread() -> None:
+    if sys.platform == "win32":
+        interrupt_main()
+    else:  # interrupt_main would not end a system call in which the thread waits
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
