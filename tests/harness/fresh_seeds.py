@@ -1,7 +1,9 @@
 """Is the reference right on seeds that nobody chose? They follow from the hash of each pack: a changed one has others.
 
-Plays the reference in memory on so many seeds of each scene, keeps every verdict in a file, and goes on where an
-interrupted run was: python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
+Plays the reference in memory: the first seed of every scene, then the second, and so on. `--out` keeps each verdict, so
+an interrupted run continues. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
+its pack, how many of its seeds were played, and at which the reference was wrong. A pack that has not changed since is
+not played again: python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
 """
 
 import argparse
@@ -9,10 +11,11 @@ import hashlib
 import json
 import os
 import sys
-from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
+from typing import TypedDict
 
 import anyio
 from anyio import to_process
@@ -55,8 +58,11 @@ async def play(jobs: Iterable[tuple[PackFiles, int]], workers: int, out: Path) -
             tasks.start_soon(one, files, seed)
 
 
+SUMMARY = Path(__file__).with_name("fresh_seeds.json")
+
+
 def main() -> int:
-    """Play, and print the scenes in which the reference is wrong."""
+    """Play, write the summary, and print the scenes in which the reference is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--scenes", metavar="SEL", help="such as 7-111 (default: all)")
     parser.add_argument("--count", type=int, default=60, help="seeds of each scene (default: 60)")
@@ -68,17 +74,54 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     packs = parse_scenes(options.scenes, None)
-    wanted = [(files, seed) for files in packs for seed in seeds_of(pack_hash(files), options.count)]
-    there = _kept(options.out)
-    anyio.run(play, [job for job in wanted if (pack_hash(job[0]), job[1]) not in there], options.workers, options.out)
-    there, wrong = _kept(options.out), defaultdict[int, list[int]](list)
-    for files, seed in wanted:
-        if not there[pack_hash(files), seed]:
-            wrong[files.scene_id].append(seed)
+    there = _summarised(packs) | _kept(options.out)
+    wanted = [[(files, seed) for seed in seeds_of(pack_hash(files), options.count)] for files in packs]
+    jobs = [job for turn in zip(*wanted, strict=True) for job in turn if (pack_hash(job[0]), job[1]) not in there]
+    try:
+        anyio.run(play, jobs, options.workers, options.out)
+    finally:
+        found = _rows(packs, there | _kept(options.out), options.count)
+        SUMMARY.write_text(json.dumps(_stored_rows() | found, indent=0) + "\n", encoding="utf-8")
+    wrong = {scene: row["wrong"] for scene, row in found.items() if row["wrong"]}
     print(f"right on all {options.count} seeds in {len(packs) - len(wrong)} of {len(packs)} scenes")
-    for scene, seeds in sorted(wrong.items()):
+    for scene, seeds in wrong.items():
         print(f"scene {scene}: wrong at {', '.join(map(str, seeds))}")
     return 1 if wrong else 0
+
+
+class Row(TypedDict):
+    """What is known of one scene: the first `played` of its seeds were played."""
+
+    pack: str
+    played: int
+    wrong: list[int]
+
+
+def _stored_rows() -> dict[str, Row]:
+    return json.loads(SUMMARY.read_text(encoding="utf-8")) if SUMMARY.exists() else {}
+
+
+def _summarised(packs: Iterable[PackFiles]) -> dict[tuple[str, int], bool]:
+    """The verdicts of the summary on packs that have not changed since."""
+    rows = _stored_rows()
+    return {
+        (row["pack"], seed): seed not in row["wrong"]
+        for files in packs
+        if (row := rows.get(str(files.scene_id))) and row["pack"] == pack_hash(files)
+        for seed in seeds_of(row["pack"], row["played"])
+    }
+
+
+def _rows(packs: Iterable[PackFiles], verdicts: Mapping[tuple[str, int], bool], count: int) -> dict[str, Row]:
+    """For each scene, the seeds up to the first one without a verdict."""
+    rows: dict[str, Row] = {}
+    for files in packs:
+        pack = pack_hash(files)
+        played = list(takewhile(lambda seed, pack=pack: (pack, seed) in verdicts, seeds_of(pack, count)))
+        rows[str(files.scene_id)] = Row(
+            pack=pack, played=len(played), wrong=[seed for seed in played if not verdicts[pack, seed]]
+        )
+    return rows
 
 
 def _kept(out: Path) -> dict[tuple[str, int], bool]:
