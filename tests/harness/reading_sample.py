@@ -1,7 +1,7 @@
 """Draw docstrings and paragraphs for a fresh reader, by a seed that the hash of the last commit gives.
 
-A reader who never saw the project says of each whether it needs decoding: python -m tests.harness.reading_sample [COUNT]
-[SALT]. Another salt draws other texts of the same commit.
+A reader who never saw the project says of each whether it needs decoding. Another salt draws other texts of the same
+commit: python -m tests.harness.reading_sample [COUNT] [SALT]
 """
 
 import ast
