@@ -33,7 +33,7 @@ setup: $(STAMP) ## create .venv and install every dependency of requirements.loc
 
 # Python 3.14 is refused because the pinned MuJoCo has no wheels for it. --no-deps: the lock is complete, and for a
 # dependency with extras, such as google-auth[requests], pip would look for the newest release instead of the locked one.
-$(STAMP): requirements.lock pyproject.toml integrations/harbor/pyproject.toml
+$(STAMP): requirements.lock pyproject.toml physment_mcp/version.py integrations/harbor/pyproject.toml
 	@python=$$(for name in $(PYTHONS); do \
 	  $$name -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null && echo $$name && break; \
 	done); \

@@ -1,6 +1,6 @@
 """The versions, in a module of their own: code of this package must not import the public names."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 """Version of the distribution `physment-mcp`; the only place that holds it."""
 
 

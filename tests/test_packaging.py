@@ -13,6 +13,7 @@ import pytest
 from packaging.requirements import Requirement
 
 import scenes
+from physment_mcp import __version__
 from tests.builders.paths import ROOT
 
 
@@ -71,6 +72,11 @@ def test_the_wheel_holds_every_file_of_the_packages_that_git_tracks_and_no_other
     if tracked.returncode:
         pytest.skip("this is no checkout of git")
     assert held == set(tracked.stdout.decode().split("\0")) - {""}
+
+
+def test_the_wheel_has_the_version_of_the_code(installed: Path) -> None:
+    (wheel,) = installed.parents[1].glob("*.whl")
+    assert wheel.name == f"physment_mcp-{__version__}-py3-none-any.whl"
 
 
 def test_the_packages_in_the_wheel_are_marked_as_typed(installed: Path, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sysconfig
 import tomllib
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -182,12 +181,36 @@ def test_the_commit_hooks_run_the_tools_of_this_project_and_download_nothing() -
 
 def test_the_version_is_in_one_place_and_the_citation_names_no_address_of_its_own() -> None:
     assert CITATION["cff-version"] == "1.2.0"
-    assert (PROJECT["dynamic"], __version__) == (["version"], version("physment-mcp"))
+    assert PROJECT["dynamic"] == ["version"]
+    place = ROOT / PYPROJECT["tool"]["hatch"]["version"]["path"]
+    assert f'__version__ = "{__version__}"\n' in place.read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)$", changelog, re.MULTILINE)[0] == __version__
     assert CITATION["license"] == PROJECT["license"]
     assert CITATION["authors"] == PROJECT["authors"] == [{"name": "PhysMent MCP contributors"}]
     assert {"message", "title", "type"} <= CITATION.keys()
     assert CITATION.get("repository-code") == PROJECT.get("urls", {}).get("Source")
     assert CITATION.keys().isdisjoint({"url", "doi", "repository", "contact", "version"})
+
+
+def test_the_sections_of_the_changelog_are_those_of_keep_a_changelog() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased, *versions = re.findall(r"^## (.+)$", changelog, re.MULTILINE)
+    assert unreleased == "Unreleased"
+    assert [one for one in versions if not re.fullmatch(r"\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", one)] == []
+    kinds = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert set(re.findall(r"^### (.+)$", changelog, re.MULTILINE)) <= kinds
+
+
+def test_the_packages_of_integrations_have_the_version_of_the_project() -> None:
+    packages = sorted((ROOT / "integrations").glob("*/pyproject.toml"))
+    found = {
+        file.parent.name: tomllib.loads(file.read_text(encoding="utf-8"))["project"]["version"] for file in packages
+    }
+    assert len(found) == 6
+    assert set(found.values()) == {__version__}
+    manifest = yaml.safe_load((ROOT / "integrations" / "openenv" / "openenv.yaml").read_text(encoding="utf-8"))
+    assert manifest["version"] == __version__
 
 
 def test_the_index_of_the_decisions_has_a_line_for_every_record() -> None:

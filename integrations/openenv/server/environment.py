@@ -117,7 +117,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         return EnvironmentMetadata(
             name="PhysMent",
             description="A MuJoCo laboratory with 26 tools: find out by experiment what the scene asks, then answer.",
-            version="0.1.0",
+            version="0.2.0",
         )
 
     def close(self) -> None:
