@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 # make then builds the environment anew.
 STAMP := $(VENV)/.installed
 # Modules whose lines and branches the tests must cover completely, because results depend on them.
-CORE := physment_mcp/session.py,physment_mcp/tools/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/records.py,evaluator/episode/loop.py,evaluator/answers/grading.py,evaluator/answers/strict.py,evaluator/answers/forgiven.py,evaluator/scores/metrics.py,evaluator/scores/grouping.py,evaluator/scores/comparison.py,evaluator/scores/dimensions.py,evaluator/scores/scored_episode.py,evaluator/statistics/*
+CORE := physment_mcp/session.py,physment_mcp/tools/calls.py,physment_mcp/scene.py,physment_mcp/mechanics.py,evaluator/records/episode.py,evaluator/episode/loop.py,evaluator/answers/grading.py,evaluator/answers/strict.py,evaluator/answers/forgiven.py,evaluator/scores/metrics.py,evaluator/scores/grouping.py,evaluator/scores/comparison.py,evaluator/scores/dimensions.py,evaluator/scores/scored_episode.py,evaluator/statistics/*
 # Processes that run the tests: more than processors, because many tests wait for programs that they start.
 WORKERS = $(shell $(BIN)/python -c 'import os; print(3 * (os.cpu_count() or 1) // 2 or 1)')
 # The interpreters that are tried, the newest first; `make setup PYTHON=python3.11` tries only that one.

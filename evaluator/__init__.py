@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from evaluator.answers.rewards import AnswerReward
     from evaluator.episode.connect import EpisodeConnector
     from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply, ToolDescription
+    from evaluator.episode.protocols.text import feedback_text
     from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, StoreError, UsageError
     from evaluator.library import (
         StoredRun,
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
         split,
         summary,
     )
-    from evaluator.protocols.text import feedback_text
-    from evaluator.records import (
+    from evaluator.records.episode import (
         Episode,
         EpisodeKey,
         Exchange,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         Usage,
         Verdict,
     )
-    from evaluator.run_record import RunRecord
+    from evaluator.records.run import RunRecord
     from evaluator.scores.metrics import RunSummary
     from evaluator.scores.scored_episode import ScoredEpisode
     from evaluator.study.selection import Selected, select
@@ -106,8 +106,8 @@ _HOMES = {
         "split",
         "summary",
     ),
-    "evaluator.protocols.text": ("feedback_text",),
-    "evaluator.records": (
+    "evaluator.episode.protocols.text": ("feedback_text",),
+    "evaluator.records.episode": (
         "Episode",
         "EpisodeKey",
         "Exchange",
@@ -119,7 +119,7 @@ _HOMES = {
         "Usage",
         "Verdict",
     ),
-    "evaluator.run_record": ("RunRecord",),
+    "evaluator.records.run": ("RunRecord",),
     "evaluator.scores.metrics": ("RunSummary",),
     "evaluator.scores.scored_episode": ("ScoredEpisode",),
     "evaluator.study.selection": ("Selected", "select"),

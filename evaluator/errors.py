@@ -12,7 +12,7 @@ EvaluatorError
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # importing records takes a fifth of a second, and `--help` needs none
-    from evaluator.records import Usage
+    from evaluator.records.episode import Usage
 
 
 class EvaluatorError(Exception):

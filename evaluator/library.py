@@ -20,12 +20,12 @@ from evaluator.episode.connect import connect as laboratory_at
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Outcome, Versions
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Outcome, Versions
+from evaluator.records.run import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_record, score_episode
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.selection import find_split
 from scenes import PackError, find_pack, pack_hash
 from scenes.splits import Split

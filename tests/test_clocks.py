@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from pydantic_ai import exceptions as ai
 
-from evaluator.models.failures import AskAgain, judge
-from evaluator.store import RunFolder
+from evaluator.agents.models.failures import AskAgain, judge
+from evaluator.store.run_folder import RunFolder
 from tests.builders.paths import ROOT
 
 STAMPS = {

@@ -9,9 +9,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from pydantic import BaseModel
 
-from evaluator.markdown import markdown_table
-from evaluator.records import Episode, EvidenceRecord, GradeRecord, Record
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EvidenceRecord, GradeRecord, Record
+from evaluator.records.run import RunRecord
+from evaluator.report.markdown import markdown_table
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from evaluator.study.submission import Submission

@@ -72,7 +72,7 @@ def test_every_test_that_reads_the_published_packs_is_marked() -> None:
         for file in (ROOT / "tests").rglob("test_*.py")
         if re.search(r"import .*\bORIGINAL\b", file.read_text(encoding="utf-8"))
     }
-    assert set(reading) == {"tests/evaluator/failures/test_labels.py", "tests/scenes/test_packs_format.py"}
+    assert set(reading) == {"tests/evaluator/scores/failures/test_labels.py", "tests/scenes/test_packs_format.py"}
     assert [name for name, text in reading.items() if "@pytest.mark.published\n" not in text] == []
 
 

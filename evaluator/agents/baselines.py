@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
-from evaluator.records import EpisodeKey, ToolCall
+from evaluator.records.episode import EpisodeKey, ToolCall
 
 GUESS_RANGE = (0.01, 100.0)
 """Range in which numbers are guessed, log-uniformly."""

@@ -19,7 +19,7 @@ from pydantic import JsonValue
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, EvaluatorError, UsageError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 
 
 def load_agent(text: str) -> AgentParticipant:

@@ -10,7 +10,7 @@ import numpy as np
 from evaluator.agents.protocol_player import ProtocolPlayer
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records import EpisodeKey, ToolCall
+from evaluator.records.episode import EpisodeKey, ToolCall
 from scenes import PackError, PackFiles, draw_knobs, find_pack, read_pack
 from scenes.answer_spec import AnswerSpec, Scalar
 from scenes.protocol import AnswerValue, load_solution

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from evaluator.agents.protocol_player import ProtocolPlayer
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 from scenes.protocol import ANSWER, Protocol
 from scenes.worlds.predictions import Prediction
 from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol

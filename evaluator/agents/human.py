@@ -9,9 +9,9 @@ from typing import Protocol, cast
 from pydantic import JsonValue
 
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
+from evaluator.episode.protocols.typed import TypingError, parse_line, signature
 from evaluator.errors import AgentError
-from evaluator.protocols.typed import TypingError, parse_line, signature
-from evaluator.records import EpisodeKey, Exchange, ToolCall
+from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 
 COMMANDS = ("help", "task", "log", "note", "quit")
 """What can be typed besides calls. A command costs no iteration."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from evaluator.episode.player import Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records import Episode, Exchange, ToolCall
+from evaluator.records.episode import Episode, Exchange, ToolCall
 from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading
 
 

@@ -16,8 +16,8 @@ from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Player, Reply
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import AgentError, UsageError
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Turn
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Exchange, Outcome, Turn
+from evaluator.store.run_folder import RunFolder
 from scenes.world_names import reference_of
 
 _NOTHING = "(nothing)"

@@ -6,7 +6,7 @@ from pathlib import Path
 from evaluator.agents.protocol_player import ProtocolPlayer
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 from scenes import PackError, find_pack
 from scenes.protocol import load_solution
 from scenes.world_names import reference_of

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError
-from evaluator.records import EpisodeKey, ToolCall
+from evaluator.records.episode import EpisodeKey, ToolCall
 from scenes.world_names import reference_of
 
 Script = tuple[tuple[ToolCall, ...], ...]

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 
 POLICIES = ("always", "budget-aware", "confidence[:0.9]")
 """What `--stopping` takes."""

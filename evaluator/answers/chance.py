@@ -12,7 +12,7 @@ from pydantic import JsonValue
 
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey, tolerance, wanted_number
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec
 
 GUESS_RANGE = (0.01, 100.0)

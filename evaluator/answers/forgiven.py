@@ -37,7 +37,7 @@ from evaluator.answers.strict import (
 )
 from evaluator.answers.words import is_object_id, named_object, named_option
 from evaluator.quantities.units import conversion, parse_unit, same_quantity
-from evaluator.records import NormalisationClass
+from evaluator.records.episode import NormalisationClass
 from scenes.answer_spec import AnswerKind
 
 _MAX_PATTERN_CHARS = 300

@@ -12,7 +12,7 @@ from evaluator.answers.forms import MAX_CHARS, is_too_long, plain_number
 from evaluator.answers.steps import grade_steps
 from evaluator.answers.strict import ZERO_ABS_TOL, AnswerKey, Finding, joined_reasons, strict_finding, strict_parts
 from evaluator.answers.words import is_object_id
-from evaluator.records import Episode, Grade, Outcome, Verdict
+from evaluator.records.episode import Episode, Grade, Outcome, Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
 GRADER_VERSION = "4"

@@ -7,7 +7,7 @@ from pathlib import Path
 from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.seed_key import SeedOf, seed_as_recorded
 from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
 from scenes.draw import step_values
 from scenes.protocol import AnswerValue, load_solution

@@ -9,7 +9,7 @@ from pydantic import JsonValue
 from evaluator.answers.chance import chance_of_form
 from evaluator.answers.grading import grade, right_parts
 from evaluator.answers.strict import AnswerKey
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 
 
 class Worth(StrEnum):

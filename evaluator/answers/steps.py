@@ -6,7 +6,7 @@ from typing import Any
 
 from evaluator.answers.forms import as_item, plain_number
 from evaluator.answers.strict import allowed_distance
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
 
 REL_TOL = 0.05
 """Relative tolerance of every step."""

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.answers.forms import Item, PlainNumber, as_item, plain_number, strict_items
 from evaluator.answers.formula_keys import check_key, compare_formulas
 from evaluator.answers.words import is_contained, is_object_id
-from evaluator.records import NormalisationClass
+from evaluator.records.episode import NormalisationClass
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
 ZERO_ABS_TOL = 0.01

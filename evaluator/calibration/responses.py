@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey, GradeRecord, Verdict
+from evaluator.records.episode import EpisodeKey, GradeRecord, Verdict
 from scenes import content_hash_of
 
 

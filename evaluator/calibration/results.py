@@ -10,7 +10,7 @@ from evaluator.calibration.features import FEATURES
 from evaluator.calibration.generalisability import DETECTED, VarianceComponents, components
 from evaluator.calibration.model import Array, RaschFit, Spreads, fit
 from evaluator.calibration.responses import Responses
-from evaluator.records import Record
+from evaluator.records.episode import Record
 
 LEVELS = (-3, -2, -1, 0, 1, 2, 3)
 """Abilities at which the information of a rung is told [logits]."""

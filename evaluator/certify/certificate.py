@@ -19,7 +19,7 @@ from evaluator.certify.twins import check_modality, check_twins
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Versions
+from evaluator.records.episode import Episode, EpisodeKey, Versions
 from scenes import PackError, PackFiles, pack_hash
 
 BUDGET = 20

@@ -8,7 +8,7 @@ from evaluator.agents.protocol_player import calls_and_readings
 from evaluator.answers.engine import Engine
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes import Pack
 from scenes.family import EXCLUDED_SIGMAS, reduced_chi_square, surviving
 from scenes.protocol import Member, Solution

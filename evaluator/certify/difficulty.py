@@ -6,7 +6,7 @@ from evaluator.answers.engine import is_intervention
 from evaluator.certify.driving import drive
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes import Category, Pack
 
 EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20

@@ -21,7 +21,7 @@ from evaluator.certify.information import PRIOR, Information, information
 from evaluator.certify.probing import Array, NotMeasurable, calls_of
 from evaluator.certify.rivals import Other, fitted_rivals, others_of
 from evaluator.certify.subject import Subject
-from evaluator.records import SUFFICIENT, CallEvidence, Episode, EvidenceRecord, Rival
+from evaluator.records.episode import SUFFICIENT, CallEvidence, Episode, EvidenceRecord, Rival
 from physment_mcp.errors import SceneError
 from scenes import AnswerKind, PackError
 from scenes.family import EXCLUDED_SIGMAS

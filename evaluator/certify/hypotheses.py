@@ -7,7 +7,7 @@ from evaluator.agents.protocol_player import calls_and_readings
 from evaluator.certify.records import Check, check
 from evaluator.certify.shares import ENOUGH_SEEDS, at_least, at_most
 from evaluator.certify.subject import Subject, gap
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes.protocol import AnswerValue, Exchanges
 
 _OFF = 0.10

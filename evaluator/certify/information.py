@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from evaluator.certify.constants import Constants
 from evaluator.certify.probing import Array, NotMeasurable, Read, calls_of, joined, numbers, replayed
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 
 Flags = NDArray[np.bool_]
 

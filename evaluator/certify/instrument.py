@@ -5,7 +5,7 @@ from statistics import median
 
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from evaluator.scores.experiment_cost import cost_of
 from scenes import Pack
 

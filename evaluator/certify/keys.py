@@ -6,7 +6,7 @@ from evaluator.agents.fixed import best_constant
 from evaluator.answers.steps import grade_steps, stated_steps
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject, gap
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
 from scenes.draw import step_values
 
 HALVED_SEEDS = 3

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.answers.engine import READING_TOOLS, session_of
-from evaluator.records import Episode, Exchange
+from evaluator.records.episode import Episode, Exchange
 from physment_mcp.errors import RefusedCall
 from physment_mcp.limits import readout_of
 from physment_mcp.session import Session

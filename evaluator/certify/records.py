@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from evaluator.records import FORMAT, Record
+from evaluator.records.episode import FORMAT, Record
 from scenes import Pack
 
 CERTIFICATES_FILE = "certificates.json"

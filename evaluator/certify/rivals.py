@@ -11,7 +11,7 @@ from evaluator.agents.protocol_player import calls_and_readings
 from evaluator.certify.constants import Constants
 from evaluator.certify.information import Information
 from evaluator.certify.probing import Array, NotMeasurable, joined, replayed
-from evaluator.records import Episode, Rival
+from evaluator.records.episode import Episode, Rival
 from scenes import KnobValue, PackError
 from scenes.family import surviving
 

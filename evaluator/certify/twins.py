@@ -13,7 +13,7 @@ from evaluator.answers.engine import all_readings, is_intervention, run
 from evaluator.certify.driving import drive
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes import Category, LabLimits
 from scenes.protocol import Call, Reading
 

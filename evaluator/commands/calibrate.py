@@ -12,10 +12,10 @@ from evaluator.commands.argument_types import folder_to_write
 from evaluator.commands.base import Commands
 from evaluator.commands.terminal import printable
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import GradeRecord
+from evaluator.records.episode import GradeRecord
 from evaluator.scores.grouping import NO_RUNG
 from evaluator.scores.scoring import read_graded
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import Pack, PackError, Rung, find_pack, read_pack, same_pack
 
 _DESCRIPTION = """\

@@ -13,7 +13,7 @@ from evaluator.errors import UsageError
 from evaluator.scores.comparison import CONDITIONS, Comparison, Side, compare, points
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.statistics.paired import PairedDifference
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.selection import parse_numbers
 
 _DESCRIPTION = """\

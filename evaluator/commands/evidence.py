@@ -20,7 +20,7 @@ from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.commands.finishing import current_evidence
 from evaluator.commands.terminal import printable
 from evaluator.errors import UsageError
-from evaluator.records import (
+from evaluator.records.episode import (
     CERTAIN,
     SUFFICIENT,
     Episode,
@@ -31,7 +31,7 @@ from evaluator.records import (
     Verdict,
 )
 from evaluator.report.evidence import evidence_counts
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.held_back import is_withheld, seeds_of
 from evaluator.study.played_worlds import refuse_other_worlds

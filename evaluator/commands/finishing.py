@@ -8,14 +8,14 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.terminal import print_results
-from evaluator.records import EpisodeKey, EvidenceRecord, Outcome
+from evaluator.records.episode import EpisodeKey, EvidenceRecord, Outcome
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import Attachments, attached
 from evaluator.report.page import write_report
 from evaluator.report.pictures import pictures
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import line_hashes
 from evaluator.study.held_back import is_withheld
 from evaluator.study.sealing import seal_note

@@ -13,10 +13,10 @@ from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.episode.participant import AgentParticipant
 from evaluator.errors import UsageError
-from evaluator.records import Episode
-from evaluator.run_record import ForkedRun, Plan
-from evaluator.seed_key import SeedKey
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode
+from evaluator.records.run import ForkedRun, Plan
+from evaluator.records.seed_key import SeedKey
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line_hashes, select_episodes
 from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
 from evaluator.study.limits import Meter

@@ -8,11 +8,11 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import folder_to_write
 from evaluator.commands.base import Commands
 from evaluator.errors import UsageError
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
+from evaluator.records.run import RunRecord
 from evaluator.report.baselines import EPISODES, FOLDER, RUN, SCORES, packed, write_scores
-from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record, score_episode
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 
 _DESCRIPTION = """\
 Keep a run as the baselines that every report shows: its records, compressed, and their scores. For contributors, after

@@ -9,7 +9,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.argument_types import folder_to_write, stored_run_options
 from evaluator.commands.base import Commands
 from evaluator.commands.finishing import finish
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import pass_on_key, seeds_of
 from evaluator.study.merging import expand, merge
 from evaluator.study.played_worlds import refuse_other_worlds

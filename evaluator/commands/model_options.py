@@ -3,10 +3,10 @@
 import argparse
 from typing import TYPE_CHECKING, TypedDict
 
+from evaluator.agents.models.choice import EFFORTS, Options, checked
+from evaluator.agents.models.lanes import DEFAULT_LIMIT, Patience
 from evaluator.commands.argument_types import count_of, seconds, temperature
 from evaluator.errors import UsageError
-from evaluator.models.choice import EFFORTS, Options, checked
-from evaluator.models.lanes import DEFAULT_LIMIT, Patience
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name

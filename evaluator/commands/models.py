@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from evaluator.agents.models.choice import EFFORTS, missing
+from evaluator.agents.models.presets import PRESETS, PROVIDERS, Provider, find_provider
 from evaluator.commands.base import Commands, wide_console
-from evaluator.models.choice import EFFORTS, missing
-from evaluator.models.presets import PRESETS, PROVIDERS, Provider, find_provider
 
 _DESCRIPTION = f"""\
 List the models and providers that `--agent model:…` accepts, and what is missing to ask them.

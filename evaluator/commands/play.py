@@ -29,11 +29,11 @@ from evaluator.episode.player import Agent
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.episode.views import shows_views, view_now
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
-from evaluator.run_record import Plan
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.run import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.sealing import seal_note
 from evaluator.study.selection import parse_scenes

@@ -12,7 +12,7 @@ import uvicorn
 
 from evaluator.agents.browser.app import app
 from evaluator.agents.browser.player import PageState
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 
 _LINGER_S = 1.0
 """How long the page may take to ask for the verdict [s]."""

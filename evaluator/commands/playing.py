@@ -19,10 +19,10 @@ from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
 from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import EpisodeKey
-from evaluator.redaction import Redaction
-from evaluator.run_record import ForkedRun, Plan, RunRecord
-from evaluator.store import RunFolder
+from evaluator.records.episode import EpisodeKey
+from evaluator.records.run import ForkedRun, Plan, RunRecord
+from evaluator.store.redaction import Redaction
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.attempts import LocalPlay, Play
 from evaluator.study.limits import Meter
 from evaluator.study.played_worlds import played_worlds, worlds_difference

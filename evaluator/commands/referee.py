@@ -22,12 +22,12 @@ from evaluator.commands.base import Commands, run_async
 from evaluator.commands.listening import listening
 from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.redaction import Redaction
+from evaluator.records.run import Plan
+from evaluator.records.seed_key import SeedKey, seed_as_recorded
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.run_record import Plan
-from evaluator.seed_key import SeedKey, seed_as_recorded
-from evaluator.store import RunFolder
+from evaluator.store.redaction import Redaction
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import read_seed_key
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.sealing import Sealing

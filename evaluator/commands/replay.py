@@ -14,7 +14,7 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.commands.argument_types import count_of, seed_key
 from evaluator.commands.base import Commands, run_async, wide_console
 from evaluator.episode.connect import connect
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import seeds_of
 from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.replay import REL_TOL, Replayed, replay

@@ -19,8 +19,8 @@ from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import LoggedEpisode, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
-from evaluator.run_record import Plan
-from evaluator.store import RunFolder
+from evaluator.records.run import Plan
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.limits import Meter
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes

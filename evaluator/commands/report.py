@@ -18,7 +18,7 @@ from evaluator.report.paper_tables import paper_tables
 from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.played_worlds import refuse_other_worlds
 from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack, list_packs, same_pack

@@ -13,8 +13,8 @@ from evaluator.commands.argument_types import port, seed_key
 from evaluator.commands.base import Commands, run_async
 from evaluator.commands.listening import listening, open_page, page_token
 from evaluator.errors import UsageError
-from evaluator.seed_key import seed_as_recorded
-from evaluator.store import RunFolder
+from evaluator.records.seed_key import seed_as_recorded
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import is_withheld, seeds_of
 from evaluator.watch.app import app
 from evaluator.watch.followed_run import FollowedRun

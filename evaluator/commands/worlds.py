@@ -14,8 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from evaluator.commands.argument_types import count_of, folder_to_write
 from evaluator.commands.base import Commands, run_async, wide_console
-from evaluator.durable import append_line, locked
 from evaluator.errors import UsageError
+from evaluator.store.durable import append_line, locked
 from scenes.errors import WorldError
 from scenes.world_names import LEVEL_IDS, one_world, place_of
 from scenes.worlds.drawing import SPLITS

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pydantic import JsonValue
 
 from evaluator.episode.player import Reply
-from evaluator.records import ToolCall
+from evaluator.records.episode import ToolCall
 
 MAX_NESTING = 64
 """Most levels of lists and objects in a call. JSON readers fail at 200 levels, and a record must be readable."""

@@ -32,7 +32,7 @@ from evaluator.episode.host_sockets import HostSockets
 from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailure, UsageError
-from evaluator.seed_key import SeedOf, seed_as_recorded
+from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 _CALL_TIMEOUT_S = 300.0
 """A call that takes longer [s] counts as a failure of the server."""

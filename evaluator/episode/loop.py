@@ -15,9 +15,10 @@ from pydantic import JsonValue
 
 from evaluator.episode.bounds import as_text, bounded
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
+from evaluator.episode.spans import call_span, end_call, turn_span
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.records import (
+from evaluator.records.episode import (
     UNREAD,
     Episode,
     EpisodeKey,
@@ -30,7 +31,6 @@ from evaluator.records import (
     Versions,
     total_usage,
 )
-from evaluator.spans import call_span, end_call, turn_span
 from physment_mcp.contract.names import GONE, SCENE_URI
 
 

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
-from evaluator.records import Episode, EpisodeKey, Usage, Versions
+from evaluator.records.episode import Episode, EpisodeKey, Usage, Versions
 
 
 class Participant(Protocol):

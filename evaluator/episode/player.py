@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from evaluator.records import EpisodeKey, Exchange, ToolCall, Usage
+from evaluator.records.episode import EpisodeKey, Exchange, ToolCall, Usage
 
 ANSWER = "answer"
 """Name of the tool that ends an episode."""

@@ -12,7 +12,7 @@ from mcp import Client
 
 from evaluator.episode.player import ToolDescription
 from evaluator.episode.schemas import first_problem, schema_validator
-from evaluator.records import ToolCall
+from evaluator.records.episode import ToolCall
 
 _SHOWN = 64
 """Most characters of an unknown name that a sentence repeats."""

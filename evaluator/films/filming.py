@@ -15,7 +15,7 @@ from evaluator.episode.toolbox import Toolboxes
 from evaluator.episode.views import view_in, view_now
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.films.reel import Instant, reel
-from evaluator.records import Episode, EpisodeKey
+from evaluator.records.episode import Episode, EpisodeKey
 from evaluator.report.film_record import Film
 from evaluator.study.forking import described
 

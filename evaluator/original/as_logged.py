@@ -12,9 +12,9 @@ from typing import Any
 from pydantic import JsonValue
 
 from evaluator.episode.player import ANSWER
+from evaluator.episode.protocols.text import parse_reply
 from evaluator.original.logs import LoggedEpisode
-from evaluator.protocols.text import parse_reply
-from evaluator.records import UNREAD, Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
+from evaluator.records.episode import UNREAD, Episode, EpisodeKey, Exchange, Outcome, ToolCall, Turn, Versions
 
 _RETURN = re.compile(r"^([A-Za-z_]\w*)\((.*?)\) -> (.*)$", re.MULTILINE)
 _TIME = re.compile(r"^\[sim_time=([0-9.eE+-]+)\]", re.MULTILINE)

@@ -12,10 +12,10 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing
+from evaluator.episode.protocols.text import parse_reply
 from evaluator.errors import InfrastructureError
 from evaluator.original.logs import LoggedEpisode
-from evaluator.protocols.text import parse_reply
-from evaluator.records import Episode, EpisodeKey, Grade, Versions
+from evaluator.records.episode import Episode, EpisodeKey, Grade, Versions
 from scenes import AnswerKind
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pydantic import JsonValue
 
 from evaluator.episode.player import ANSWER
-from evaluator.markdown import markdown_table
+from evaluator.episode.protocols.text import parse_reply
 from evaluator.original.play import PlayedLog
 from evaluator.original.verdicts import eq1, why_other_than_eq1, why_other_verdict
-from evaluator.protocols.text import parse_reply
-from evaluator.records import Episode, Exchange, Outcome, Record, Verdict
+from evaluator.records.episode import Episode, Exchange, Outcome, Record, Verdict
+from evaluator.report.markdown import markdown_table
 
 _READING = (
     *("model", "budget", "episodes", "replies", "empty", "read by them", "read by us", "prose alone", "malformed"),

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from evaluator.markdown import escaped, markdown_table
 from evaluator.pages.listing import Listing
+from evaluator.report.markdown import escaped, markdown_table
 from scenes import Category
 
 KINDS: Mapping[str, tuple[int, ...]] = {

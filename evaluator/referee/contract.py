@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from evaluator.answers.rewards import AnswerReward
 from evaluator.episode.player import Briefing
-from evaluator.records import Grade, Outcome
+from evaluator.records.episode import Grade, Outcome
 
 MOST_CALLS = 10_000
 """Most tool calls of an episode; a host accepts no higher limit."""

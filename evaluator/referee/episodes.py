@@ -25,12 +25,12 @@ from evaluator.episode.broken_connection import without_seed
 from evaluator.episode.connect import HostConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError, RefusedRequest, UsageError
-from evaluator.records import Episode, EpisodeKey, Grade, Outcome
+from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome
+from evaluator.records.run import RunRecord
 from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode
 from evaluator.referee.variants import variant_of
-from evaluator.run_record import RunRecord
 from evaluator.scores.scoring import grade_record
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.played_worlds import played_worlds
 from scenes import find_pack, pack_hash
 from scenes.world_names import is_world

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from evaluator.errors import RefusedRequest, UsageError
+from evaluator.records.run import SEED_SHIFT
 from evaluator.referee.contract import Variant, WantedEpisode, WantedWorld
-from evaluator.run_record import SEED_SHIFT
 from evaluator.study.selection import find_split
 from scenes import default_folder
 from scenes.errors import WorldError

@@ -4,9 +4,9 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from evaluator.records import EpisodeKey, EvidenceRecord
+from evaluator.records.episode import EpisodeKey, EvidenceRecord
+from evaluator.records.run import RunRecord
 from evaluator.report.attachments import NOTHING, Attachments
-from evaluator.run_record import RunRecord
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import Spending, spending

@@ -16,9 +16,9 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from evaluator.errors import StoreError
-from evaluator.records import Episode, EpisodeKey, Frame
+from evaluator.records.episode import Episode, EpisodeKey, Frame
 from evaluator.report.film_record import MOST_BYTES, read, written
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 
 FILMS = "films"
 """Folder for the films, in the folder of their run and beside the page of a report."""

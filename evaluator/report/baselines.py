@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from evaluator.answers.chance import Chance
-from evaluator.records import EpisodeKey, Record
+from evaluator.records.episode import EpisodeKey, Record
+from evaluator.records.run import RunRecord
 from evaluator.report.tables import DIMENSIONS, Cell, Noted, Score, Table, share_of
-from evaluator.run_record import RunRecord
 from evaluator.scores.dimensions import SCORING_VERSION, WEIGHTS, EpisodeScores
 from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
 from evaluator.scores.scored_episode import ScoredEpisode

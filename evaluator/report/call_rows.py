@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 from evaluator.episode.player import ANSWER
-from evaluator.records import Exchange, Turn
+from evaluator.records.episode import Exchange, Turn
 from evaluator.scores.experiment_cost import is_number, lab_clock
 from evaluator.scores.returned_values import COMPONENT_UNITS, FIELD_UNITS
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import NamedTuple
 
-from evaluator.records import SUFFICIENT, EpisodeKey, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
+from evaluator.records.episode import SUFFICIENT, EpisodeKey, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.tables import Cell, Table

@@ -5,7 +5,7 @@ import io
 import re
 from collections.abc import Sequence
 
-from evaluator.markdown import escaped, markdown_table
+from evaluator.report.markdown import escaped, markdown_table
 from evaluator.report.tables import Cell, Count, Noted, Score, Share, Table
 
 _LATEX = {

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evaluator.errors import StoreError, UsageError
-from evaluator.failures.findings import FailureMode
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.attachments import own_folder
 from evaluator.report.tables import Share, Table
 from evaluator.scores.dimensions import WEIGHTS
+from evaluator.scores.failures.findings import FailureMode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from evaluator.records import Record, is_absent
+from evaluator.records.episode import Record, is_absent
 
 MOST_BYTES = 16_000_000
 """Most bytes of a film."""

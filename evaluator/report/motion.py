@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from evaluator.records import Turn
+from evaluator.records.episode import Turn
 from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.scores.experiment_cost import is_number, lab_clock
 

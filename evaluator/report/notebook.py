@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-from evaluator.records import EpisodeKey, EvidenceRecord, EvidenceVerdict, Exchange, Frame, evidence_verdict
+from evaluator.records.episode import EpisodeKey, EvidenceRecord, EvidenceVerdict, Exchange, Frame, evidence_verdict
 from evaluator.report.agent_results import AgentResults, Run
 from evaluator.report.attachments import FILMS, FRAMES, film_name
 from evaluator.report.call_rows import TurnCalls, calls_of

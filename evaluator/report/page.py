@@ -15,8 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from evaluator.errors import StoreError
-from evaluator.failures.findings import FailureMode
-from evaluator.records import Outcome
+from evaluator.records.episode import Outcome
 from evaluator.report import tables
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.attachments import own_folder, write_anew, write_player
@@ -28,9 +27,10 @@ from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
 from evaluator.report.paper_tables import BUCKETS, bucket
 from evaluator.scores.dimensions import WEIGHTS
+from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import counted, curve_sentence, decimal, score_text, share
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes.world_names import reference_of
 
 INLINE = 300

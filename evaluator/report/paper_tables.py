@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from evaluator.records import NormalisationClass
+from evaluator.records.episode import NormalisationClass
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, CATEGORIES, PAPER, REGRADED
 from evaluator.report.tables import Cell, Score, Share, Table, floors, mean_of

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import Episode, GradeRecord
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, GradeRecord
+from evaluator.records.run import RunRecord
 
 _EPISODES_AT_A_TIME = 200
 """Episodes in memory as rows; a file of thousands is written in pieces."""

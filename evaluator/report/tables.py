@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from evaluator.failures.findings import FailureMode
-from evaluator.records import NormalisationClass
+from evaluator.records.episode import NormalisationClass
 from evaluator.report.agent_results import AgentResults
 from evaluator.report.quoted import BUDGETS, PAPER
+from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.grouping import NO_RUNG, quadrant
 from evaluator.scores.metrics import GroupSummary
 from evaluator.scores.scored_episode import ScoredEpisode

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from evaluator.errors import UsageError
-from evaluator.records import Grade, Record, Verdict
+from evaluator.records.episode import Grade, Record, Verdict
 from evaluator.scores.grouping import modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.budget_curve import LEVEL

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from evaluator.quantities.formulas import Statement, formulas_in
 from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, conversion
-from evaluator.records import Record
+from evaluator.records.episode import Record
 
 _ROUNDING = 1e-9
 """Relative error of the arithmetic itself."""

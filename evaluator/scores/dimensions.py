@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from evaluator.episode.player import ANSWER
-from evaluator.records import Episode, Exchange, Grade, Outcome, Record
+from evaluator.records.episode import Episode, Exchange, Grade, Outcome, Record
 from evaluator.scores.grounding import Grounding
 
 WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.10}

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from statistics import median
 from typing import Any, TypeGuard
 
-from evaluator.records import Episode, Exchange, Record
+from evaluator.records.episode import Episode, Exchange, Record
 from scenes import LabLimits
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, conversion
-from evaluator.records import Episode, Record
+from evaluator.records.episode import Episode, Record
 from evaluator.scores.derivations import Derivation, Derived, TurnText
 from evaluator.scores.plans import is_planned, plans_in
 from evaluator.scores.returned_values import ReturnedValue, exact, numbers_in, returned_values

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 from scenes import Category
 
 NO_RUNG = "–"

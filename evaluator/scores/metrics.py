@@ -10,11 +10,11 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple, TypeVar
 
-from evaluator.failures.counting import FailureCount, failure_counts
-from evaluator.failures.findings import FailureMode
-from evaluator.records import Grade, NormalisationClass, Outcome, Record, Verdict
+from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.scores.experiment_cost import MedianCost, median_cost
+from evaluator.scores.failures.counting import FailureCount, failure_counts
+from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
 from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
 from evaluator.scores.scored_episode import ScoredEpisode

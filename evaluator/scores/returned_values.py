@@ -6,7 +6,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from evaluator.quantities.units import Unit, parse_unit
-from evaluator.records import Exchange
+from evaluator.records.episode import Exchange
 
 FIELD_UNITS: Mapping[str, str] = {
     "sim_time": "s",

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from evaluator.answers.chance import Chance
-from evaluator.failures.findings import Failure
-from evaluator.records import Episode, EpisodeKey, Grade, GradeRecord, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import EpisodeScores
 from evaluator.scores.experiment_cost import ExperimentCost
+from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
 from scenes import Rung

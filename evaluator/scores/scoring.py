@@ -13,15 +13,15 @@ from evaluator.answers.grading import GRADER_VERSION, grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import expected_form
-from evaluator.records import Episode, EpisodeKey, GradeRecord, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.scores.dimensions import dimensions
 from evaluator.scores.experiment_cost import cost_of
+from evaluator.scores.failures.detect import failures_of
+from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import content_hash_of
 from scenes.world_names import reference_of
 

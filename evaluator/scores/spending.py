@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean, median
 from typing import NamedTuple
 
-from evaluator.records import Record, Turn
+from evaluator.records.episode import Record, Turn
 from evaluator.scores.scored_episode import ScoredEpisode
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from evaluator.records import Record
+from evaluator.records.episode import Record
 from evaluator.statistics.intervals import Interval
 from evaluator.statistics.resampling import mean_interval
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluator.records import Record
+from evaluator.records.episode import Record
 from evaluator.statistics.intervals import Proportion, proportion
 from evaluator.statistics.paired import PairedDifference, holm, paired_difference
 from evaluator.statistics.resampling import FEWEST, Array, resampled_means

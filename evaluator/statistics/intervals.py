@@ -8,7 +8,7 @@ from statistics import NormalDist
 
 import scipy  # loads its submodules on first use, so commands without statistics do not wait for them
 
-from evaluator.records import Record
+from evaluator.records.episode import Record
 
 Z_95 = NormalDist().inv_cdf(0.975)
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 import scipy
 
-from evaluator.records import Record
+from evaluator.records.episode import Record
 from evaluator.statistics.intervals import Interval
 from evaluator.statistics.resampling import mean_interval
 

@@ -8,9 +8,9 @@ import anyio
 
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.participant import Participant
+from evaluator.episode.spans import end_episode, episode_span
 from evaluator.errors import InfrastructureError, PermanentFailure
-from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
-from evaluator.spans import end_episode, episode_span
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 
 MAX_ATTEMPTS = 3
 """How often an episode is opened before an infrastructure error is recorded."""

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from evaluator.records import EpisodeKey
-from evaluator.run_record import Plan
+from evaluator.records.episode import EpisodeKey
+from evaluator.records.run import Plan
 from evaluator.study.shards import WHOLE, Shard
 
 CHARACTERS_PER_TOKEN = 4

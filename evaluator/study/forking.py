@@ -18,10 +18,10 @@ from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
+from evaluator.episode.protocols.text import feedback_text
 from evaluator.errors import UsageError
-from evaluator.protocols.text import feedback_text
-from evaluator.records import Episode, EpisodeKey, Exchange, Fork, Outcome, Usage, Versions
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Exchange, Fork, Outcome, Usage, Versions
+from evaluator.store.run_folder import RunFolder
 from scenes.world_names import reference_of
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")

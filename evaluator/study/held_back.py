@@ -6,9 +6,9 @@ from typing import Literal
 from pydantic import ValidationError
 
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import FORMAT, Record
-from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
-from evaluator.store import RunFolder
+from evaluator.records.episode import FORMAT, Record
+from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.store.run_folder import RunFolder
 
 
 class RevealedKey(Record):

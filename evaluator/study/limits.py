@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from evaluator.records import Usage
+from evaluator.records.episode import Usage
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome
-from evaluator.run_record import MergedPart, RunRecord
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome
+from evaluator.records.run import MergedPart, RunRecord
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.played_worlds import worlds_difference
 from evaluator.study.sealing import Sealing, seal_note
 from scenes.world_names import reference_of

@@ -9,6 +9,8 @@ from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
 from evaluator.agents.fixed import BatchAgent, ConstantAgent
+from evaluator.agents.models.factory import model_participant
+from evaluator.agents.models.lanes import Lanes
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import load_script
@@ -16,8 +18,6 @@ from evaluator.agents.stopping import with_stopping
 from evaluator.episode.participant import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.models.factory import model_participant
-from evaluator.models.lanes import Lanes
 from evaluator.study.run_config import RunConfig
 
 AGENTS = (

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from evaluator.errors import UsageError
-from evaluator.run_record import PlayedWorld, RunRecord
+from evaluator.records.run import PlayedWorld, RunRecord
 from scenes import PackFiles, default_folder
 from scenes.errors import WorldError
 from scenes.world_names import is_world, one_world, place_of, reference_of

@@ -23,8 +23,8 @@ from anyio.abc import TaskGroup
 
 from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EpisodeKey, Versions
+from evaluator.records.run import RunRecord
 from evaluator.study.attempts import Play
 from evaluator.study.channel import Crash, ProcessChannel
 from evaluator.study.participants import EXTERNAL

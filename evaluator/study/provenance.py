@@ -12,7 +12,7 @@ from pathlib import Path
 from mcp import Client
 from pydantic import JsonValue
 
-from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from scenes import PackFiles, pack_hash
 
 _PACKAGES = ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")

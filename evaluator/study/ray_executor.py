@@ -17,8 +17,8 @@ from typing import Any
 
 from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EpisodeKey, Versions
+from evaluator.records.run import RunRecord
 from evaluator.study.attempts import Play
 from evaluator.study.run_config import RunConfig
 from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares

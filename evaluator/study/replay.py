@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.agents.recorded import RecordedAgent, exchange_difference, play_again
 from evaluator.episode.connect import EpisodeConnector
 from evaluator.errors import InfrastructureError
-from evaluator.records import Episode, EpisodeKey, Exchange, Outcome, Record
+from evaluator.records.episode import Episode, EpisodeKey, Exchange, Outcome, Record
 from evaluator.study.provenance import server_record
 
 REL_TOL = 1e-9

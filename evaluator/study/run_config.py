@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from evaluator.agents.external.agent import ExternalAgent
+from evaluator.agents.models.choice import Options
+from evaluator.agents.models.lanes import Patience
 from evaluator.episode.participant import Participant
-from evaluator.models.choice import Options
-from evaluator.models.lanes import Patience
-from evaluator.run_record import Plan
-from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
+from evaluator.records.run import Plan
+from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
 from evaluator.study.limits import Limits
 from evaluator.study.shards import WHOLE, Shard
 from scenes import PackFiles

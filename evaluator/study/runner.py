@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import anyio
 
 from evaluator.errors import PermanentFailure
-from evaluator.records import Episode, EpisodeKey, Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.attempts import Play
 from evaluator.study.limits import Meter
 

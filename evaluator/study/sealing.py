@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from evaluator.errors import StoreError
-from evaluator.seal import Seal
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
+from evaluator.store.seal import Seal
 
 
 class Sealing:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"
 """Environment variable with the number of shards, for schedulers that do not set it."""

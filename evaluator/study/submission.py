@@ -14,13 +14,13 @@ from evaluator.agents.recorded import different_values
 from evaluator.answers.grading import GRADER_VERSION
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
+from evaluator.records.run import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import graded_rows
-from evaluator.seal import Seal
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
+from evaluator.store.seal import Seal
 from evaluator.study.replay import REL_TOL
 from scenes import PackError, find_pack, same_pack
 from scenes.world_names import reference_of

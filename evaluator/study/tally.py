@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.records import Episode, Verdict
+from evaluator.records.episode import Episode, Verdict
 from evaluator.study.limits import Meter
 
 

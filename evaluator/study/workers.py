@@ -19,8 +19,8 @@ import anyio
 from evaluator.episode.connect import EpisodeConnector, connect
 from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, Versions
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EpisodeKey, Versions
+from evaluator.records.run import RunRecord
 from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig

@@ -14,11 +14,11 @@ from pydantic import ValidationError
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Verdict
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
+from evaluator.records.run import RunRecord
 from evaluator.scores.experiment_cost import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import LabLimits, PackError, Rung, find_pack, same_pack
 from scenes.world_names import reference_of
 

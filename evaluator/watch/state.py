@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from evaluator.records import EpisodeKey, Outcome, Verdict, total_usage
-from evaluator.run_record import RunRecord
+from evaluator.records.episode import EpisodeKey, Outcome, Verdict, total_usage
+from evaluator.records.run import RunRecord
 from evaluator.scores.grouping import Condition, condition
 from evaluator.statistics.intervals import proportion
 from evaluator.study.shards import WHOLE, parse_shard

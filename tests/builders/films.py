@@ -12,11 +12,11 @@ import anyio
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.episode.loop import play_episode
-from evaluator.records import EpisodeKey, ToolCall
+from evaluator.records.episode import EpisodeKey, ToolCall
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import attached, film_file
-from evaluator.run_record import Plan, RunRecord, ServerRecord
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import line_hashes
 from scenes import find_pack, pack_hash
 from tests.builders.records import RIGHT, VERSIONS, episode_key

@@ -4,7 +4,7 @@ from pydantic import JsonValue
 
 from evaluator.answers.grading import grade, infer_spec
 from evaluator.answers.strict import AnswerKey
-from evaluator.records import NormalisationClass, Verdict
+from evaluator.records.episode import NormalisationClass, Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 
 NOTATION = NormalisationClass.OBJECT_NOTATION

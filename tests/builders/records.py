@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import JsonValue
 
-from evaluator.records import (
+from evaluator.records.episode import (
     Episode,
     EpisodeKey,
     Exchange,

@@ -1,9 +1,9 @@
 """Small runs for the tests of the report, with everything that a notebook shows."""
 
-from evaluator.failures.findings import Evidence, Failure, FailureMode
-from evaluator.records import Exchange, Usage
+from evaluator.records.episode import Exchange, Usage
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.report.agent_results import Run
-from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.scores.failures.findings import Evidence, Failure, FailureMode
 from evaluator.scores.scored_episode import ScoredEpisode
 from tests.builders.records import episode, episode_key, grade, returned, turn
 from tests.builders.scored import scored

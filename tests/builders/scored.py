@@ -3,10 +3,10 @@
 from pydantic import JsonValue
 
 from evaluator.answers.chance import Chance
-from evaluator.failures.findings import Failure
-from evaluator.records import Episode, Grade, GradeRecord
+from evaluator.records.episode import Episode, Grade, GradeRecord
 from evaluator.scores.dimensions import EpisodeScores, dimensions
 from evaluator.scores.experiment_cost import cost_of
+from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scored_episode import ScoredEpisode
 from scenes import LabLimits

@@ -13,7 +13,7 @@ from evaluator import UsageError, connect, episode_of_log, grade, load_run, play
 from evaluator.agents.baselines import BlindAgent
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.commands.program import main
-from evaluator.records import Outcome, Verdict
+from evaluator.records.episode import Outcome, Verdict
 
 
 def test_the_public_names_are_sorted_exist_and_are_documented() -> None:

@@ -12,9 +12,9 @@ import pytest
 from evaluator.answers.forms import MAX_CHARS
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
-from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import expected_form
-from evaluator.protocols.text import parse_reply
+from evaluator.episode.protocols.text import parse_reply
+from evaluator.scores.failures.detect import failures_of
+from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of
 from scenes.answer_spec import AnswerKind, AnswerSpec
 from tests.builders.counting import calls_made

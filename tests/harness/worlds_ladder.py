@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from evaluator.durable import append_line
+from evaluator.store.durable import append_line
 from scenes.worlds.catalogue import forms_of
 from scenes.worlds.experiment import simulated
 from scenes.worlds.levels import LEVELS

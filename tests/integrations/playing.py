@@ -16,9 +16,9 @@ import pytest
 from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode, Grade
+from evaluator.records.episode import Episode, Grade
 from evaluator.scores.scoring import grade_record
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes.splits import splits
 from tests.builders.paths import ROOT
 from tests.builders.records import VERSIONS, episode_key

@@ -11,8 +11,8 @@ inspect_ai = pytest.importorskip(
 )
 
 from evaluator.commands.program import main  # noqa: E402 - after the check that the library is there
-from evaluator.records import Verdict  # noqa: E402 - as above
-from evaluator.store import RunFolder  # noqa: E402 - as above
+from evaluator.records.episode import Verdict  # noqa: E402 - as above
+from evaluator.store.run_folder import RunFolder  # noqa: E402 - as above
 
 pytestmark = pytest.mark.filterwarnings("default")  # warnings of a library with a hundred dependencies
 

@@ -27,7 +27,7 @@ from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from tests.builders.records import VERSIONS, call, episode_key
 from tests.harness.clients.playing import Rehearsed, canonical, exchanges_of
 from tests.harness.clients.scripted_model import KEY, Conversation, app, next_call, serving

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from tests.harness.clients.scripted_model import serving, streamed
 from tests.integrations.playing import Stand, check_same, grade_of, json_lines, place_of, rehearsed, standing
 

@@ -6,7 +6,7 @@ from evaluator.agents.attackers.strategies import ATTACKERS
 from evaluator.agents.protocol_player import ProtocolPlayer
 from evaluator.episode.player import Briefing
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from evaluator.agents.browser.player import MOST_CALLS, MOST_NOTE, PageState
 from evaluator.errors import RefusedRequest
 from evaluator.loopback import OnlyHere
-from evaluator.records import ToolCall
+from evaluator.records.episode import ToolCall
 
 MOST_BODY = 100_000
 """Largest accepted body [bytes]."""

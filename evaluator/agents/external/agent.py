@@ -24,8 +24,8 @@ from evaluator.agents.external.system_users import SystemUser, SystemUsers
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.errors import AgentError, UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
-from evaluator.redaction import Redaction
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Turn, Usage, Versions
+from evaluator.store.redaction import Redaction
 from scenes import PackError, find_pack, read_public
 
 CALLS_PER_ITERATION = 10

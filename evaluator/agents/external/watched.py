@@ -16,7 +16,7 @@ from evaluator.episode.loop import opening_prompt
 from evaluator.episode.player import ANSWER, Briefing
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import InfrastructureError
-from evaluator.records import EpisodeKey, Exchange, Outcome, ToolCall, Turn
+from evaluator.records.episode import EpisodeKey, Exchange, Outcome, ToolCall, Turn
 
 _LOOK_S = 0.5
 """Wall time between two checks whether the episode has ended [s]."""

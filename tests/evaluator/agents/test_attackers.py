@@ -14,7 +14,7 @@ from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
 from evaluator.episode.loop import play_episode
 from evaluator.errors import UsageError
-from evaluator.records import Outcome
+from evaluator.records.episode import Outcome
 from evaluator.study.participants import AGENTS, participants_of
 from evaluator.study.run_config import RunConfig
 from scenes import Category, PackFiles, find_pack

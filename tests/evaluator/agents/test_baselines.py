@@ -16,7 +16,7 @@ from evaluator.answers.strict import AnswerKey
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from physment_mcp import open_episode
 from scenes import list_packs
 from tests.builders.records import ANSWER, STEP, VERSIONS, episode_key

@@ -11,8 +11,8 @@ import pytest
 from evaluator.agents.custom import load_agent
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.records import Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Outcome
+from evaluator.store.run_folder import RunFolder
 
 GOOD = """
 from evaluator import Reply, ToolCall

@@ -11,7 +11,7 @@ from evaluator.agents.stopping import stated_confidence, with_stopping
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome
+from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, STEP, VERSIONS, episode_key
 

@@ -10,7 +10,7 @@ from evaluator.answers.chance import GUESS_RANGE, Chance, blind_chance, chance_a
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
 from evaluator.episode.player import Briefing
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec
 from tests.builders.records import episode_key
 

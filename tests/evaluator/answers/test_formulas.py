@@ -13,7 +13,7 @@ from evaluator.answers import symbolic
 from evaluator.answers.formula import parse_formula, points_of, value_of
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from physment_mcp.contract.expressions import ExpressionError, Node
 from scenes import AnswerKind, AnswerSpec
 from scenes.answer_spec import Variable

@@ -13,7 +13,7 @@ from pydantic import JsonValue
 from evaluator.answers.grading import ZERO_ABS_TOL, grade, grade_episode, grade_missing, infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.quantities.units import conversion, parse_unit
-from evaluator.records import NormalisationClass, Outcome, Verdict
+from evaluator.records.episode import NormalisationClass, Outcome, Verdict
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from tests.builders.keys import (
     CONCEPT,

@@ -11,7 +11,7 @@ from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.records import Episode, Exchange, Outcome, ToolCall, Turn, Verdict
+from evaluator.records.episode import Episode, Exchange, Outcome, ToolCall, Turn, Verdict
 from scenes import AnswerKind, AnswerSpec, find_pack
 from tests.builders.records import VERSIONS, episode_key
 

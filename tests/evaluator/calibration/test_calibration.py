@@ -16,8 +16,8 @@ from evaluator.calibration.pages import calibration_page, calibration_tables, ca
 from evaluator.calibration.responses import counted_responses, responses
 from evaluator.calibration.results import Calibration, calibrate
 from evaluator.errors import UsageError
-from evaluator.records import GradeRecord, Verdict
-from evaluator.store import RunFolder
+from evaluator.records.episode import GradeRecord, Verdict
+from evaluator.store.run_folder import RunFolder
 from tests.builders.commands import physment_eval
 from tests.builders.records import episode_key, grade
 from tests.evaluator.study.test_stored_run import PACKS, STORED

@@ -11,7 +11,7 @@ from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import SceneCertificate
 from evaluator.certify.subject import Subject
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import opening_prompt
 from physment_mcp.session import Session

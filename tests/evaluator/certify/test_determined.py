@@ -11,7 +11,7 @@ from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES
 from evaluator.certify.subject import Subject
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
 from tests.builders.author import Author
 

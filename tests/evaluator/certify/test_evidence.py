@@ -13,7 +13,7 @@ from evaluator.certify.certificate import play_reference
 from evaluator.certify.evidence import measured
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
-from evaluator.records import Episode, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
+from evaluator.records.episode import Episode, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
 from scenes import find_pack
 
 SEED, NOISE, RESOLUTION = 3, 0.05, 0.01

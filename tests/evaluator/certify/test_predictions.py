@@ -17,7 +17,7 @@ from evaluator.certify.records import CERTIFICATES, FAMILY_CERTIFICATES, PREDICT
 from evaluator.certify.shares import at_least, at_most
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_twins
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
 from tests.builders.author import Author
 from tests.builders.records import episode

@@ -10,7 +10,7 @@ from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.driving import drive
 from evaluator.certify.subject import Subject
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from scenes import Category, find_pack, read_pack
 from scenes.pack import Rung
 

@@ -16,8 +16,8 @@ import pytest
 from evaluator.commands.argument_types import PROMPTINGS, PROTOCOLS
 from evaluator.commands.overview import COMMANDS
 from evaluator.commands.program import main
-from evaluator.records import Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Outcome
+from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
 from tests.builders.commands import physment_eval
 
@@ -461,7 +461,7 @@ from evaluator.commands.program import main
 try:
     main(["--help"])
 except SystemExit:
-    sys.exit(" ".join({"mcp", "pydantic", "rich", "numpy", "evaluator.records"} & set(sys.modules)) or 0)
+    sys.exit(" ".join({"mcp", "pydantic", "rich", "numpy", "evaluator.records.episode"} & set(sys.modules)) or 0)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

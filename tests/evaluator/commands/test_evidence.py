@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.records import EvidenceVerdict, evidence_verdict
-from evaluator.store import RunFolder
+from evaluator.records.episode import EvidenceVerdict, evidence_verdict
+from evaluator.store.run_folder import RunFolder
 from tests.builders.commands import physment_eval
 
 AGENTS = ("--agent", "reference", "--agent", "blind")

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.records import Episode, Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, Outcome
+from evaluator.store.run_folder import RunFolder
 from tests.builders.commands import Done, physment_eval
 
 COMMAND = [sys.executable, "-m", "evaluator", "play"]

@@ -12,8 +12,8 @@ from typing import Any
 import httpx
 import pytest
 
-from evaluator.records import Episode, Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, Outcome
+from evaluator.store.run_folder import RunFolder
 from tests.builders.chromium import SOFTWARE_WEBGL, chromium, installed
 
 PROGRAM = installed()

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from evaluator.certify.records import CERTIFICATES_FILE
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
 from tests.builders.commands import physment_eval
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.failures.detect import failures_of
+from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scoring import grade_record
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.counting import calls_counted
 
 EPISODES = 4

@@ -9,9 +9,9 @@ import pytest
 
 from evaluator.certify.world_making import Made, Unmade
 from evaluator.commands.program import main
-from evaluator.durable import locked
-from evaluator.records import Verdict
-from evaluator.store import RunFolder
+from evaluator.records.episode import Verdict
+from evaluator.store.durable import locked
+from evaluator.store.run_folder import RunFolder
 from physment_mcp.commands.program import main as laboratory
 from scenes.world_names import scene_id_of
 from scenes.worlds.records import keys_file, lines_file, read_certificates, read_records

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.records import Verdict
-from evaluator.store import RunFolder
+from evaluator.records.episode import Verdict
+from evaluator.store.run_folder import RunFolder
 from scenes.worlds.records import lines_file
 
 Made = Callable[..., Path]

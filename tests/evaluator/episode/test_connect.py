@@ -14,7 +14,7 @@ from evaluator.episode.connect import LocalHost, connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError, PermanentFailure, UsageError
-from evaluator.records import Episode, EpisodeKey, ToolCall
+from evaluator.records.episode import Episode, EpisodeKey, ToolCall
 from tests.builders.records import ANSWER, STEP, VERSIONS, call, episode_key
 
 PYTHON = shlex.quote(sys.executable)

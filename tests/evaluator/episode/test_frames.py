@@ -13,9 +13,9 @@ from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import LocalHost, connect
 from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError, StoreError, UsageError
-from evaluator.records import Episode, Exchange, Frame
-from evaluator.run_record import Plan
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, Exchange, Frame
+from evaluator.records.run import Plan
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.merging import merge
 from physment_mcp.serving.frames import Painter
 from tests.builders.frames import open_painter, watched_scene
@@ -89,7 +89,7 @@ def test_pictures_are_merged_with_their_episodes(tmp_path: Path, run_folder_of: 
 
 @pytest.fixture
 def run_folder_of() -> Any:
-    from evaluator.run_record import RunRecord, ServerRecord
+    from evaluator.records.run import RunRecord, ServerRecord
 
     def made(path: Path, played: Episode) -> RunFolder:
         folder = RunFolder(path)

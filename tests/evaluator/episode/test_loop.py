@@ -13,9 +13,9 @@ from mcp.shared.exceptions import MCPError
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.loop import opening_prompt, play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
+from evaluator.episode.protocols.text import feedback_text, parse_reply
 from evaluator.errors import AgentError, InfrastructureError
-from evaluator.protocols.text import feedback_text, parse_reply
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall, Usage
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, ToolCall, Usage
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, LOOK, STEP, VERSIONS, answer, call, episode_key
 

@@ -10,7 +10,7 @@ from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from physment_mcp import open_episode
 from tests.builders.records import VERSIONS, call, episode_key
 

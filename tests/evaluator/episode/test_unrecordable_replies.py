@@ -9,8 +9,8 @@ from mcp import Client
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records import Episode, EpisodeKey, Outcome, ToolCall
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, ToolCall
+from evaluator.store.run_folder import RunFolder
 from physment_mcp import open_episode
 from tests.builders.records import ANSWER, STEP, VERSIONS, answer, call, episode_key
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from evaluator.commands.program import main
 from evaluator.films.reel import Instant, reel
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from evaluator.report.attachments import FILMS
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.films import attached_run, course, decoded, file_of, key_of, read_film, stored_run
 from tests.builders.records import call
 

@@ -6,13 +6,13 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.failures.findings import FailureMode
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
+from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scoring import grade_record, score_episode
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import default_folder, find_pack, read_pack
 from tests.builders.records import VERSIONS, episode_key
 

@@ -13,7 +13,7 @@ from evaluator.errors import UsageError
 from evaluator.original.logs import LoggedVerdict, find_logs
 from evaluator.original.play import scene_of
 from evaluator.original.verdicts import Disagreement, Eq1Disagreement, eq1, why_other_than_eq1, why_other_verdict
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
 
 SCENES = default_folder()

@@ -11,7 +11,7 @@ from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
 from evaluator.certify.lint import lint
 from evaluator.commands.program import main
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from physment_mcp.commands.program import parser
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session

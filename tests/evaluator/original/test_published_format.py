@@ -12,12 +12,12 @@ from pydantic import JsonValue
 
 from evaluator.answers.grading import grade, grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.failures.detect import failures_of
-from evaluator.failures.findings import expected_form
 from evaluator.original.as_logged import as_logged
 from evaluator.original.logs import find_logs
 from evaluator.original.play import scene_of
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
+from evaluator.scores.failures.detect import failures_of
+from evaluator.scores.failures.findings import expected_form
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call

@@ -21,12 +21,12 @@ from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
 from evaluator.episode.connect import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
-from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import grade_record, grade_run
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.records import VERSIONS, episode_key
 from tests.builders.referee_client import referee_client

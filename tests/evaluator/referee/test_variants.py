@@ -15,14 +15,14 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import HostConnector, mcp_client
 from evaluator.episode.loop import play_episode
 from evaluator.errors import RefusedRequest
+from evaluator.records.run import Plan, RunRecord, ServerRecord
+from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
 from evaluator.referee.contract import Variant, WantedEpisode
 from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
 from evaluator.referee.variants import variant_of
-from evaluator.run_record import Plan, RunRecord, ServerRecord
 from evaluator.scores.scoring import grade_run
-from evaluator.seed_key import SeedKey, SeedOf, seed_as_recorded
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from scenes.splits import splits
 from tests.builders.records import VERSIONS, episode_key
 

@@ -11,12 +11,12 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import StoreError
-from evaluator.records import Episode, Frame
+from evaluator.records.episode import Episode, Frame
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.report.attachments import FILMS, FRAMES, PLAYER, attached, film_file
 from evaluator.report.film_record import MOST_BYTES, Film, read, written
 from evaluator.report.page import PAGES, write_report
-from evaluator.run_record import Plan, RunRecord, ServerRecord
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.chromium import Page
 from tests.builders.films import attached_run, file_of, key_of, record_of, stored_run
 from tests.builders.records import answer, call, episode, episode_key, returned, turn

@@ -6,7 +6,7 @@ import pytest
 
 from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, write_report
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.chromium import Page
 
 SECTIONS = (

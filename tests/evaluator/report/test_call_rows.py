@@ -4,7 +4,7 @@ import json
 import re
 from typing import Any
 
-from evaluator.records import Turn
+from evaluator.records.episode import Turn
 from evaluator.report.call_rows import CallRow, ShownValue, calls_of
 from tests.builders.paths import ROOT
 from tests.builders.records import refused, rejected, returned, skipped, turn

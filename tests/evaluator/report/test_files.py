@@ -11,12 +11,12 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
+from evaluator.records.run import Plan, ServerRecord
 from evaluator.report.agent_results import Run
 from evaluator.report.page import PAGES, render, write_report
 from evaluator.report.pictures import pictures
-from evaluator.run_record import Plan, ServerRecord
 from evaluator.scores.scoring import grade_run
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import run_record
 from scenes import default_folder, find_pack, pack_hash
 from tests.builders.reports import PNG, played, run_of

@@ -11,7 +11,7 @@ from evaluator.commands.program import main
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import FILMS, PLAYER
 from evaluator.report.page import PAGES, render, write_report
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.films import attached_run, file_of, key_of, stored_run
 from tests.builders.records import RIGHT, call

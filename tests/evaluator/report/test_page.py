@@ -6,10 +6,10 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from evaluator.records import Exchange, Fork, Outcome, Turn
+from evaluator.records.episode import Exchange, Fork, Outcome, Turn
+from evaluator.records.run import ForkedRun, Plan, RunRecord, ServerRecord
 from evaluator.report.agent_results import Run
 from evaluator.report.page import render
-from evaluator.run_record import ForkedRun, Plan, RunRecord, ServerRecord
 from evaluator.scores.scored_episode import ScoredEpisode
 from tests.builders.records import RIGHT, episode, episode_key, grade, refused, returned, turn
 from tests.builders.scored import scored

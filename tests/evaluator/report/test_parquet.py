@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
+from evaluator.records.run import RunRecord
 from evaluator.report.parquet import COLUMNS, exchange_rows
-from evaluator.run_record import RunRecord
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.records import WRONG, episode, refused, returned, skipped, turn
 
 needs_pyarrow = pytest.mark.skipif(
@@ -28,7 +28,7 @@ def played(tmp_path_factory: pytest.TempPathFactory, host_url: str) -> RunFolder
 
 
 def test_a_row_holds_its_episode_its_turn_and_its_exchange() -> None:
-    from evaluator.records import GradeRecord
+    from evaluator.records.episode import GradeRecord
 
     played = episode(
         turn("I look.", returned("get_position", {"sim_time": 0.5, "position": [0, 0, 1]}, object_id="object_1")),

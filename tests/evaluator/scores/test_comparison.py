@@ -9,12 +9,12 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.records import EpisodeKey, Outcome
-from evaluator.run_record import Plan, RunRecord, ServerRecord
+from evaluator.records.episode import EpisodeKey, Outcome
+from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.scores.comparison import Comparison, Side, compare
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.paired import PairedTest
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from tests.builders.records import VERSIONS, episode, episode_key, grade
 from tests.builders.scored import scored
 

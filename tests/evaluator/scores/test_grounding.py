@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluator.quantities.spoken import spoken_numbers
-from evaluator.records import Exchange
+from evaluator.records.episode import Exchange
 from evaluator.scores.grounding import Assertion, Grounding, grounding_of
 from tests.builders.records import episode, refused, returned, skipped, turn
 

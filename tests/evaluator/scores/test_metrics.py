@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluator.answers.chance import Chance
-from evaluator.records import (
+from evaluator.records.episode import (
     UNREAD,
     Exchange,
     Grade,

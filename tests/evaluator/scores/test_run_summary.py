@@ -9,7 +9,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from evaluator.commands.terminal import summary_lines
-from evaluator.records import EpisodeKey, Outcome
+from evaluator.records.episode import EpisodeKey, Outcome
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.scores.grouping import NO_RUNG, modality, problem_kind
 from evaluator.scores.metrics import RunSummary, summarise

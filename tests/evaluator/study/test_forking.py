@@ -9,8 +9,8 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey, Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import EpisodeKey, Outcome
+from evaluator.store.run_folder import RunFolder
 from tests.builders.records import call
 
 SCRIPT = {

@@ -14,9 +14,9 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
 from evaluator.episode.connect import HostConnector, ProcessConnector
 from evaluator.errors import InfrastructureError
-from evaluator.records import Verdict
-from evaluator.seed_key import SeedKey
-from evaluator.store import RunFolder
+from evaluator.records.episode import Verdict
+from evaluator.records.seed_key import SeedKey
+from evaluator.store.run_folder import RunFolder
 
 KEY = "0f" * 32
 SCENES = (7, 9)

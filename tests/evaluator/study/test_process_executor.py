@@ -11,9 +11,9 @@ import pytest
 
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.records import Outcome
-from evaluator.run_record import Plan, ServerRecord
-from evaluator.store import RunFolder
+from evaluator.records.episode import Outcome
+from evaluator.records.run import Plan, ServerRecord
+from evaluator.store.run_folder import RunFolder
 from evaluator.study import process_executor
 from evaluator.study.participants import participants_of
 from evaluator.study.process_executor import process_workers, usual_workers
@@ -28,7 +28,7 @@ import signal
 from pathlib import Path
 
 from evaluator.episode.player import Reply
-from evaluator.records import ToolCall
+from evaluator.records.episode import ToolCall
 
 
 class Fatal:

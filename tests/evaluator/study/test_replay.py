@@ -14,8 +14,8 @@ from evaluator.commands.program import main
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
-from evaluator.records import Episode, EpisodeKey, Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.replay import differences
 from scenes import default_folder
 from tests.builders.records import VERSIONS, call, episode_key

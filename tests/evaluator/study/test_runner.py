@@ -15,9 +15,9 @@ from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
-from evaluator.records import Episode, EpisodeKey, Outcome, Usage, Verdict
-from evaluator.run_record import Plan
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
+from evaluator.records.run import Plan
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.attempts import MAX_ATTEMPTS, LocalPlay
 from evaluator.study.limits import Limits, Meter
 from evaluator.study.runner import Runner, missing

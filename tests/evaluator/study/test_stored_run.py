@@ -14,15 +14,15 @@ from typing import Any
 
 import anyio
 import pytest
+from evaluator.run_record import RunRecord
 
 from evaluator.agents.recorded import RecordedAgent
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.commands.program import main
-from evaluator.records import Episode, Exchange, ToolCall, Turn
+from evaluator.records.episode import Episode, Exchange, ToolCall, Turn
 from evaluator.report.pictures import pictures
-from evaluator.run_record import RunRecord
 from evaluator.scores.dimensions import SCORING_VERSION
-from evaluator.store import RunFolder
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import server_record
 from evaluator.study.replay import differences, replay, without_added
 from scenes import find_pack, pack_hash, same_packs

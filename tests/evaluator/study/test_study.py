@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
-from evaluator.records import Usage
-from evaluator.run_record import Plan
-from evaluator.store import RunFolder
+from evaluator.records.episode import Usage
+from evaluator.records.run import Plan
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.config import with_config, with_new_names
 from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.study.limits import Limits, Meter

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.records import Episode, Frame
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, Frame
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.sealing import Sealing
 
 

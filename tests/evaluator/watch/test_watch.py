@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from pydantic import JsonValue
 
-from evaluator import durable
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.records import Episode, EpisodeKey, Outcome, Usage
-from evaluator.run_record import Plan, RunRecord, ServerRecord
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage
+from evaluator.records.run import Plan, RunRecord, ServerRecord
+from evaluator.store import durable
+from evaluator.store.run_folder import RunFolder
 from evaluator.watch.followed_run import FollowedRun
 from evaluator.watch.state import state_of
 from scenes import find_pack, pack_hash

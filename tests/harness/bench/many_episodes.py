@@ -20,8 +20,8 @@ from pathlib import Path
 import anyio
 
 from evaluator.episode.player import Briefing, Feedback, Reply
-from evaluator.records import EpisodeKey, Outcome, ToolCall
-from evaluator.store import RunFolder
+from evaluator.records.episode import EpisodeKey, Outcome, ToolCall
+from evaluator.store.run_folder import RunFolder
 
 ROOT = Path(__file__).parents[3]
 _TURNS, _THINKING = "BENCH_TURNS", "BENCH_THINKING_S"

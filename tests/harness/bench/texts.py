@@ -3,7 +3,7 @@
 import time
 from collections.abc import AsyncGenerator, Callable
 
-from evaluator.protocols.text import parse_reply
+from evaluator.episode.protocols.text import parse_reply
 from evaluator.quantities.spoken import spoken_numbers
 from tests.harness.bench.measuring import Row, Timed, compare
 

@@ -18,9 +18,9 @@ from evaluator.commands.process import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.toolbox import Toolboxes
-from evaluator.records import Versions
-from evaluator.run_record import Plan
-from evaluator.store import RunFolder
+from evaluator.records.episode import Versions
+from evaluator.records.run import Plan
+from evaluator.store.run_folder import RunFolder
 from evaluator.study.attempts import LocalPlay
 from evaluator.study.runner import Runner
 from tests.harness.bench.many_episodes import Thinker

@@ -22,8 +22,8 @@ from evaluator.answers.keys import KeyRing
 from evaluator.episode.connect import ProcessConnector
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
-from evaluator.records import Episode, EpisodeKey, Exchange, Grade, ToolCall, Versions
-from evaluator.store import RunFolder
+from evaluator.records.episode import Episode, EpisodeKey, Exchange, Grade, ToolCall, Versions
+from evaluator.store.run_folder import RunFolder
 from tests.harness.clients.scripted_model import KEY, Conversation, next_call
 
 HERE = Path(__file__).parent

@@ -8,7 +8,7 @@ from typing import Any
 import anyio
 import pytest
 
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from tests.harness.clients.catalogue import PROGRAMS, Client, read_clients
 from tests.harness.clients.coding_agents import read_messages_request, read_response_request
 from tests.harness.clients.environments import CannotInstall

@@ -20,7 +20,7 @@ from evaluator.certify.certificate import play_reference
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
 from evaluator.library import grade
-from evaluator.records import Verdict
+from evaluator.records.episode import Verdict
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
 

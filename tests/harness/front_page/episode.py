@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from evaluator.records import Episode, Exchange, GradeRecord
+from evaluator.records.episode import Episode, Exchange, GradeRecord
 
 PACKS = Path(__file__).parent / "packs"
 SCENE, SEED = 904, 1

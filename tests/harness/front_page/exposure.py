@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from evaluator.records import Episode
+from evaluator.records.episode import Episode
 from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call

@@ -17,7 +17,7 @@ from pathlib import Path
 from PIL import Image
 from rich.console import Console
 
-from evaluator.records import Episode, GradeRecord
+from evaluator.records.episode import Episode, GradeRecord
 from tests.builders.chromium import SOFTWARE_WEBGL, Page, chromium, installed
 from tests.builders.paths import DOCS
 from tests.harness.front_page.episode import caption, played

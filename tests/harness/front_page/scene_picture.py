@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from evaluator.records import Episode, GradeRecord
+from evaluator.records.episode import Episode, GradeRecord
 from physment_mcp.world.pictures.drawing import staged
 from tests.harness.front_page.episode import RAMPS, Measurement, measurements, reading, title
 from tests.harness.front_page.exposure import exposure

@@ -13,7 +13,7 @@ from evaluator.certify.records import (
     PREDICTION_CERTIFICATES,
     read_certificates,
 )
-from evaluator.records import Episode, GradeRecord, Verdict
+from evaluator.records.episode import Episode, GradeRecord, Verdict
 from physment_mcp.serving.server import published_tools
 from scenes import Category, default_folder, list_packs, read_pack
 from tests.builders.paths import ROOT

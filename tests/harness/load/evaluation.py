@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from evaluator.errors import StoreError
-from evaluator.records import Outcome
-from evaluator.store import RunFolder
+from evaluator.records.episode import Outcome
+from evaluator.store.run_folder import RunFolder
 
 SCENES = range(7, 13)
 """Easy scenes, which the reference agent solves within a second."""

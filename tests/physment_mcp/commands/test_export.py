@@ -15,7 +15,7 @@ import pytest
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.loop import play_episode
-from evaluator.records import Outcome
+from evaluator.records.episode import Outcome
 from physment_mcp.commands.program import main
 from physment_mcp.scene import Scene, load_scene
 from scenes import CANARY, Pack, find_pack, list_packs, read_pack

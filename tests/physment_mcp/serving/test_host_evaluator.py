@@ -14,7 +14,7 @@ from evaluator.episode.connect import TOKEN_VARIABLE, HostConnector, LocalHost, 
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import InfrastructureError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 from tests.builders.records import STEP, VERSIONS, episode_key
 
 KEY = episode_key(budget=3)

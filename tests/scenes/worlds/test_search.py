@@ -11,7 +11,7 @@ import physment_mcp
 from evaluator.agents.grammar import GrammarAgent
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
-from evaluator.records import EpisodeKey
+from evaluator.records.episode import EpisodeKey
 from scenes.errors import WorldError
 from scenes.protocol import ANSWER
 from scenes.worlds.catalogue import FORMS

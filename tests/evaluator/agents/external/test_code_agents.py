@@ -9,7 +9,7 @@ import anyio
 
 from evaluator.agents.external.command import parse_external
 from evaluator.episode.connect import HostConnector
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
 from tests.builders.paths import DOCS
 from tests.builders.records import VERSIONS, episode_key
 

@@ -19,7 +19,7 @@ from evaluator.agents.external.environment import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostConnector, LocalHost, ProcessConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
 from scenes import find_pack, read_public
 from tests.builders.paths import ROOT
 from tests.builders.records import VERSIONS, episode_key

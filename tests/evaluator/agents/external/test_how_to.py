@@ -11,8 +11,8 @@ import pytest
 from evaluator.agents.external.command import parse_external
 from evaluator.episode.connect import HostConnector
 from evaluator.episode.player import ToolDescription
-from evaluator.protocols.typed import parse_line
-from evaluator.records import Outcome
+from evaluator.episode.protocols.typed import parse_line
+from evaluator.records.episode import Outcome
 from physment_mcp.serving.server import published_tools
 from tests.builders.commands import physment_eval
 from tests.builders.paths import DOCS

@@ -19,7 +19,7 @@ from evaluator.agents.external.watched import watch_episode
 from evaluator.commands.run_options import read_options
 from evaluator.episode.connect import HostConnector, LocalHost
 from evaluator.errors import UsageError
-from evaluator.records import Episode, Outcome
+from evaluator.records.episode import Episode, Outcome
 from tests.builders.records import VERSIONS, episode_key
 from tests.evaluator.agents.external.test_external import Words, gone
 from tests.evaluator.agents.external.test_external_options import parsed

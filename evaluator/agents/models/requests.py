@@ -1,0 +1,127 @@
+"""Asks a model until it replies: lanes, time-outs, back-off. Only this module retries requests."""
+
+import random
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+
+import anyio
+from pydantic_ai.direct import model_request
+from pydantic_ai.exceptions import ModelHTTPError
+from pydantic_ai.messages import ModelMessage, ModelResponse
+from pydantic_ai.models import Model
+from pydantic_ai.models.instrumented import InstrumentationSettings
+from pydantic_ai.settings import ModelSettings, merge_model_settings
+
+from evaluator.agents.models.failures import AskAgain, judge
+from evaluator.agents.models.lanes import Lane, Patience
+from evaluator.agents.models.offer import NOTHING, Offer
+from evaluator.episode.spans import are_recorded
+from evaluator.errors import AgentError, InfrastructureError, PermanentFailure
+
+MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
+"""Gemini's finish reasons for a malformed call, which is an error of the model and not of the service."""
+
+
+_SPANS = InstrumentationSettings(include_content=False, include_model_request_parameters=False)
+"""Spans of requests without their content, which may hold secrets that records have removed."""
+
+
+@dataclass(slots=True)
+class Requests:
+    """Asks one model at one provider."""
+
+    model: Model
+    settings: ModelSettings
+    lane: Lane
+    patience: Patience
+    label: str
+    """Name of the model in messages."""
+    key: str | None = field(default=None, repr=False)
+    """Removed from messages."""
+    sleep: Callable[[float], Awaitable[None]] = anyio.sleep
+    clock: Callable[[], float] = time.monotonic
+    luck: Callable[[], float] = random.random
+    """Random numbers from 0 to 1 for the jitter, so that requests that failed together do not return together."""
+    retries: int = 0
+    """How many requests were made again so far."""
+
+    async def ask(self, messages: Sequence[ModelMessage], tools: Offer = NOTHING) -> ModelResponse:
+        """Ask until there is a reply.
+
+        Args:
+            messages: The conversation so far.
+            tools: What the model may call.
+
+        Raises:
+            AgentError: The model refuses, or the conversation is too long for it.
+            InfrastructureError: There was no reply within `patience`, or asking again cannot help.
+        """
+        waited_s = 0.0
+        for attempt in range(1, self.patience.attempts + 1):
+            try:
+                async with self.lane.limiter:
+                    # Check this last: the provider may have asked for a pause while this request waited in the queue.
+                    waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
+                    return await self._attempt(messages, tools)
+            except AskAgain as failure:
+                pause_s = self._pause(attempt, failure.wait_s)
+                if attempt == self.patience.attempts or waited_s + pause_s > self.patience.total_wait_s:
+                    asked = "" if failure.wait_s is None else f", which asked for a pause of {failure.wait_s:.0f} s"
+                    raise InfrastructureError(
+                        f"{self.label} gave no reply in {attempt} attempts{asked}: {failure}"
+                    ) from failure
+                if failure.wait_s is not None:
+                    self.lane.shut_until = max(self.lane.shut_until, self.clock() + failure.wait_s)
+            self.retries += 1
+            waited_s += pause_s
+            await self.sleep(pause_s)
+        raise AssertionError("the last attempt returns or raises")
+
+    async def _attempt(self, messages: Sequence[ModelMessage], tools: Offer) -> ModelResponse:
+        try:
+            response = await model_request(
+                self.model,
+                messages,
+                model_settings=merge_model_settings(self.settings, tools.settings),
+                model_request_parameters=tools.parameters,
+                instrument=_SPANS if are_recorded() else None,
+            )
+        except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; `judge` says how
+            # Do not chain the error: a client's error holds the request, and with it the key.
+            failure = judge(error, self.key)
+            if isinstance(failure, PermanentFailure) and len(messages) > 1 and _is_rejected(error):
+                # The first request was accepted, so the provider rejects this conversation and not every conversation.
+                raise AgentError(str(failure)) from None
+            raise failure from None
+        reason = raw_finish_reason(response)
+        if response.finish_reason == "error" and reason not in MALFORMED_CALL:
+            raise AskAgain(f"the provider broke off its reply ({reason or 'no reason given'})")
+        return response
+
+    async def _wait_for_lane(self, patience_s: float) -> float:
+        """Wait as long as the provider asked for a pause. Returns how long that was [s]."""
+        wait_s = self.lane.shut_until - self.clock()
+        if wait_s <= 0:
+            return 0.0
+        if wait_s > patience_s:
+            raise InfrastructureError(f"{self.label} asked for a pause of {wait_s:.0f} s more")
+        wait_s += self.luck() * min(wait_s, self.patience.first_pause_s)
+        await self.sleep(wait_s)
+        return wait_s
+
+    def _pause(self, attempt: int, asked_s: float | None) -> float:
+        """Pause before the next attempt [s]: doubling, with jitter, and not shorter than the provider asked for."""
+        ceiling = min(self.patience.longest_pause_s, self.patience.first_pause_s * 2 ** (attempt - 1))
+        jittered = ceiling * (0.5 + self.luck() / 2)
+        return jittered if asked_s is None else max(asked_s, 0.0) + jittered / 10
+
+
+def _is_rejected(error: Exception) -> bool:
+    """Whether a provider rejected a request as malformed, which earlier replies of the model can cause."""
+    return isinstance(error, ModelHTTPError) and error.status_code in {400, 422}
+
+
+def raw_finish_reason(response: ModelResponse) -> str:
+    """The provider's word for why the reply ended; empty if it gave none."""
+    return str((response.provider_details or {}).get("finish_reason") or "")

@@ -1,0 +1,284 @@
+"""A run folder: records that survive a kill at any moment. Knows files, and not what records mean.
+
+`run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record,
+`frames` one file for each content. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
+is played again.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from evaluator.errors import StoreError
+from evaluator.records.episode import Episode, EpisodeKey, EvidenceRecord, Frame, GradeRecord, Record
+from evaluator.records.run import RunRecord
+from evaluator.store import durable
+from evaluator.store.redaction import Redaction
+from evaluator.store.seal import Seal
+
+R = TypeVar("R", bound=Record)
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """The files of one run."""
+
+    path: Path
+    redaction: Redaction = field(default_factory=Redaction, repr=False, compare=False)
+    """Takes secrets out of episodes before they are written."""
+    on_line: Callable[[bytes], object] = field(default=len, repr=False, compare=False)
+    """Called with the line of each episode that is on disk, without its line feed."""
+
+    @property
+    def run_file(self) -> Path:
+        """Path of the record of the run."""
+        return self.path / "run.json"
+
+    @property
+    def episodes_file(self) -> Path:
+        """One line for each episode played."""
+        return self.path / "episodes.jsonl"
+
+    @property
+    def grades_file(self) -> Path:
+        """One line for each grade."""
+        return self.path / "grades.jsonl"
+
+    @property
+    def evidence_file(self) -> Path:
+        """One line for each episode whose evidence was measured."""
+        return self.path / "evidence.jsonl"
+
+    @property
+    def seal_file(self) -> Path:
+        """The seal of the episodes."""
+        return self.path / "seal.json"
+
+    @property
+    def summary_file(self) -> Path:
+        """The numbers of the run."""
+        return self.path / "summary.json"
+
+    @property
+    def report_file(self) -> Path:
+        """The report."""
+        return self.path / "report.html"
+
+    def create(self, *, resume: bool) -> None:
+        """Make the folder, or check that it can be used.
+
+        Args:
+            resume: Whether the folder may hold a run already.
+
+        Raises:
+            StoreError: It cannot be written, or holds a run and `resume` is false.
+        """
+        if self.run_file.exists() and not resume:
+            raise StoreError(f"{self.path} holds a run already; add --resume to continue it, or choose another --out")
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            probe.write_text("", encoding="utf-8")
+            probe.unlink()
+        except OSError as error:
+            raise StoreError(f"the folder {self.path} cannot be written: {error.strerror}") from error
+
+    def held(self) -> AbstractContextManager[None]:
+        """Lock the folder while its run is played. The operating system unlocks it when the process ends in any way.
+
+        Raises:
+            StoreError: Another process has locked it.
+        """
+        return durable.locked(self.path)
+
+    def write_run(self, record: RunRecord) -> None:
+        """Write `run.json`."""
+        durable.replace(self.run_file, record.model_dump_json(indent=2) + "\n")
+
+    def read_run(self) -> RunRecord:
+        """Read `run.json`.
+
+        Raises:
+            StoreError: There is none, or it is not the record of a run.
+        """
+        try:
+            return RunRecord.model_validate_json(self.run_file.read_bytes())
+        except (OSError, ValidationError) as error:
+            reason = _first_problem(error) if isinstance(error, ValidationError) else str(error)
+            raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
+
+    @property
+    def frames_folder(self) -> Path:
+        """The frames that agents saw, one file for each content."""
+        return self.path / "frames"
+
+    def append_episode(self, episode: Episode) -> None:
+        """Add an episode. When this returns, it is on disk with its frames."""
+        for frame in _frames(episode):
+            if frame.png:
+                self._keep_frame(frame)
+        line = self.redaction.record(episode).model_dump_json().encode("utf-8")
+        durable.append_line(self.episodes_file, line)
+        self.on_line(line)
+
+    def copy_frames(self, source: "RunFolder", episode: Episode) -> None:
+        """Take the frames of an episode over from the folder that it was read from.
+
+        Raises:
+            StoreError: A frame is missing there, or cannot be written here.
+        """
+        for frame in _frames(episode):
+            file = source.frames_folder / f"{frame.name}.png"
+            try:
+                self._keep_frame(Frame(name=frame.name, png=file.read_bytes()))
+            except OSError as error:
+                raise StoreError(f"{file} cannot be read: {error.strerror}") from error
+
+    def episodes(self) -> dict[EpisodeKey, Episode]:
+        """All episodes by key. If several records have the same key, the last one counts.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
+
+    def episode_lines(self) -> list[bytes]:
+        """The complete lines of the episodes, as they are on disk."""
+        return self.episodes_file.read_bytes().split(b"\n")[:-1] if self.episodes_file.exists() else []
+
+    def read_seal(self) -> Seal | None:
+        """The seal of the episodes; None if there is none.
+
+        Raises:
+            StoreError: It cannot be read.
+        """
+        if not self.seal_file.exists():
+            return None
+        try:
+            return Seal.model_validate_json(self.seal_file.read_bytes())
+        except (OSError, ValidationError) as error:
+            raise StoreError(f"{self.seal_file} is no seal of a run: {error}") from error
+
+    def write_seal(self, seal: Seal) -> None:
+        """Write the seal of the episodes."""
+        durable.replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
+
+    def set_damage_aside(self) -> list[str]:
+        """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
+
+        An unfinished last line is damage only if it was sealed. Otherwise a kill left it, and the next episode that is
+        written moves it.
+
+        Returns:
+            A sentence for each such line.
+
+        Raises:
+            StoreError: A file cannot be read or written.
+        """
+        file = self.episodes_file
+        if not file.exists():
+            return []
+        lines = file.read_bytes().split(b"\n")
+        problems = {place: _damage(line) for place, line in enumerate(lines[:-1])}
+        seal = self.read_seal()
+        if lines[-1] and seal and len(lines) <= seal.lines:
+            problems[len(lines) - 1] = "its end is missing"
+            lines.append(b"")
+        damaged = [place for place, problem in problems.items() if problem]
+        if damaged:
+            durable.keep_aside(file, [lines[place] for place in damaged])
+            kept = [line for place, line in enumerate(lines) if place not in damaged]
+            durable.replace(file, b"\n".join(kept))
+        return [
+            f"{file}, line {place + 1} was damaged ({problems[place]}); it is in {file.name}.torn, and its episode is"
+            " played again"
+            for place in damaged
+        ]
+
+    def write_grades(self, grades: Iterable[GradeRecord]) -> None:
+        """Replace all grades."""
+        durable.replace(self.grades_file, "".join(grade.model_dump_json() + "\n" for grade in grades))
+
+    def grades(self) -> dict[EpisodeKey, GradeRecord]:
+        """All grades by the key of their episodes.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {grade.key: grade for grade in self._read(self.grades_file, GradeRecord)}
+
+    def append_evidence(self, evidence: EvidenceRecord) -> None:
+        """Add the evidence of an episode. When this returns, it is on disk."""
+        durable.append_line(self.evidence_file, evidence.model_dump_json().encode())
+
+    def evidence(self) -> dict[EpisodeKey, EvidenceRecord]:
+        """The evidence by the key of its episode. If several records have the same key, the last one counts.
+
+        Raises:
+            StoreError: A line in the middle is damaged.
+        """
+        return {found.key: found for found in self._read(self.evidence_file, EvidenceRecord)}
+
+    def keep_grades(self) -> Path:
+        """Copy the grades to a new file, which nothing overwrites, and return its path."""
+        number = 1
+        while (kept := self.path / f"grades.{number}.jsonl").exists():
+            number += 1
+        durable.replace(kept, self.grades_file.read_text(encoding="utf-8"))
+        return kept
+
+    def write_text(self, file: Path, text: str) -> None:
+        """Write a file that is made from the records, all at once."""
+        durable.replace(file, text)
+
+    def _keep_frame(self, frame: Frame) -> None:
+        """Write a frame, unless one with the same content is there."""
+        file = self.frames_folder / f"{frame.name}.png"
+        if file.exists():
+            return
+        try:
+            self.frames_folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StoreError(f"{self.frames_folder} cannot be written: {error.strerror}") from error
+        durable.replace(file, frame.png)
+
+    def _read(self, file: Path, kind: type[R]) -> list[R]:
+        if not file.exists():
+            return []
+        records: list[R] = []
+        # Split at line feeds only: agents write U+2028 and similar characters, at which `str.splitlines` would split.
+        for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
+            try:
+                records.append(kind.model_validate_json(line))
+            except ValidationError as error:
+                raise StoreError(
+                    f"{file}, line {number} is damaged: {_first_problem(error)}; `physment-eval run --resume` with the"
+                    " options of the run sets it aside"
+                ) from error
+        return records
+
+
+def _frames(episode: Episode) -> Iterator[Frame]:
+    for turn in episode.turns:
+        for exchange in turn.exchanges:
+            yield from exchange.frames
+
+
+def _damage(line: bytes) -> str:
+    """Why a line is no record of an episode; empty if it is one."""
+    try:
+        Episode.model_validate_json(line)
+    except ValidationError as error:
+        return _first_problem(error)
+    return ""
+
+
+def _first_problem(error: ValidationError) -> str:
+    """The first problem of a record, and the field that has it."""
+    first = error.errors(include_url=False)[0]
+    field = ".".join(str(part) for part in first["loc"])
+    return f"{field}: {first['msg']}" if field else first["msg"]
