@@ -14,12 +14,12 @@ from typing import Any
 
 import anyio
 import pytest
-from evaluator.run_record import RunRecord
 
 from evaluator.agents.recorded import RecordedAgent
 from evaluator.certify.in_memory import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, Exchange, ToolCall, Turn
+from evaluator.records.run import RunRecord
 from evaluator.report.pictures import pictures
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.store.run_folder import RunFolder
