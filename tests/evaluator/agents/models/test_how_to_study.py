@@ -1,4 +1,4 @@
-"""The page on studies is correct: its file and its commands, played against a server on loopback."""
+"""The pages on studies are correct: their files and commands, played against a server on loopback."""
 
 import os
 import re
@@ -16,19 +16,22 @@ from evaluator.store.run_folder import RunFolder
 from tests.builders.paths import DOCS
 from tests.builders.providers import Say, Service
 
-PAGE = (DOCS / "how-to" / "run-a-study.md").read_text(encoding="utf-8")
+PAGE, MACHINES, FORK, WATCH = (
+    (DOCS / "how-to" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("run-a-study", "many-machines", "fork-an-episode", "watch-a-run")
+)
 COMMAND = "physment-eval --config study.toml"
 WAIT = ("step", {"duration": 0.1})
 
 
-def file_of_page(name: str) -> str:
-    (text,) = re.findall(rf"```\w+ file={re.escape(name)}\n(.*?)```", PAGE, re.DOTALL)
+def file_of(page: str, name: str) -> str:
+    (text,) = re.findall(rf"```\w+ file={re.escape(name)}\n(.*?)```", page, re.DOTALL)
     return text
 
 
-def commands_of_page() -> list[str]:
-    """Every `physment-eval` command on the page, in code blocks of any language."""
-    code = "\n".join(re.findall(r"```[^\n]*\n(.*?)```", PAGE, re.DOTALL)).replace("\\\n", " ")
+def commands_of(page: str) -> list[str]:
+    """Every `physment-eval` command on a page, in code blocks of any language."""
+    code = "\n".join(re.findall(r"```[^\n]*\n(.*?)```", page, re.DOTALL)).replace("\\\n", " ")
     listed = re.findall(r"^ *command: \[(physment-eval.*)\]", code, re.MULTILINE)
     plain = re.findall(r"^(?:[A-Z_]+=\S+ )?(physment-eval .*)", code, re.MULTILINE)
     return [*plain, *(line.replace(",", "") for line in listed)]
@@ -38,7 +41,7 @@ def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
     openai: Service, tmp_path: Path, host_url: str
 ) -> None:
     assert f"```sh\n{COMMAND}\n```" in PAGE
-    (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(file_of(PAGE, "study.toml"), encoding="utf-8")
 
     def reply(seen: Any) -> Any:
         return Say("Done.", [("answer", {"answer": 7.848})]) if seen.returns else Say("I wait.", [WAIT])
@@ -66,15 +69,19 @@ def test_the_command_on_the_page_plays_a_study_of_four_budgets_fifty_at_a_time(
     assert {seen.body["model"] for seen in openai.seen} == {"Qwen/Qwen3-32B"}
 
 
-def test_every_command_on_the_page_is_valid(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("page", "number"), [(PAGE, 6), (MACHINES, 4), (FORK, 2), (WATCH, 2)], ids=["study", "machines", "fork", "watch"]
+)
+def test_every_command_on_a_page_is_valid(
+    page: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
+    if "file=study.toml" in page:
+        (tmp_path / "study.toml").write_text(file_of(page, "study.toml"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     for name in ("OPENAI_API_KEY", "ANTHROPIC_API_KEY"):
         monkeypatch.setenv(name, "sk-loopback")
-    commands = commands_of_page()
-    assert len(commands) == 14
+    commands = commands_of(page)
+    assert len(commands) == number
     for command in commands:
         _, *words = shlex.split(command)
         if words[0] not in {"merge", "fork", "watch"}:
@@ -85,13 +92,13 @@ def test_every_command_on_the_page_is_valid(
 def test_the_shards_on_the_page_are_merged_into_the_study(
     openai: Service, tmp_path: Path, host_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "study.toml").write_text(file_of_page("study.toml"), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(file_of(MACHINES, "study.toml"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("VLLM_BASE_URL", openai.url)
     for _ in range(100):
         openai.say("I know.", [("answer", {"answer": 7.848})])
-    (job,) = re.findall(r"^physment-eval (.*)", file_of_page("study.sbatch"), re.MULTILINE)
-    (merge,) = [command for command in commands_of_page() if " merge " in command]
+    (job,) = re.findall(r"^physment-eval (.*)", file_of(MACHINES, "study.sbatch"), re.MULTILINE)
+    (merge,) = [command for command in commands_of(MACHINES) if " merge " in command]
     for index in (1, 2):
         for name, value in {"ID": index, "MIN": 1, "STEP": 1, "COUNT": 2}.items():
             monkeypatch.setenv(f"SLURM_ARRAY_TASK_{name}", str(value))
