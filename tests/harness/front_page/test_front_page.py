@@ -113,7 +113,7 @@ def test_the_numbers_of_the_readme_are_true() -> None:
     }
     counts = [CERTIFICATES, PREDICTION_CERTIFICATES, CATCH_CERTIFICATES + FAMILY_CERTIFICATES]
     assert [len(names) for names in counts] == [6, 4, 2]
-    for claim in ("Six certificates, each on", "has four more:", "Two show, where they apply,"):
+    for claim in ("Every scene has six certificates, each on", "has four more:", "Two others, where they apply,"):
         assert claim in text
     categories = [read_pack(files).category for files in list_packs()]
     suite = [category for category in categories if category is not Category.OPEN]
