@@ -1,6 +1,6 @@
 """Scene packs: their format, their folders, and how hidden values are drawn from a seed.
 
-Knows JSON, XML text and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
+Handles JSON, XML text and random numbers. Depends on neither MCP nor MuJoCo, and has no code for agents or verdicts.
 """
 
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar

@@ -1,6 +1,6 @@
-"""What the answer of a scene is and how it is graded: the part of a pack that says so.
+"""The field `answer_spec` of a pack: the form of the answer and how it is graded.
 
-Which of its fields the laboratory may see is decided in `scenes.public`.
+`scenes.public` decides which of its fields the laboratory may see.
 """
 
 from enum import StrEnum
@@ -13,7 +13,7 @@ Scalar = float | int | str
 
 
 class AnswerKind(StrEnum):
-    """What an answer is, and so how it is graded."""
+    """Kinds of answers; the kind determines how an answer is graded."""
 
     NUMBER = "number"
     NUMBERS = "numbers"
@@ -46,7 +46,7 @@ class Variable(_SpecModel):
 
 
 class AnswerSpec(_SpecModel):
-    """The type of the answer, and how close is close enough."""
+    """Kind, unit, options and tolerance of the answer."""
 
     kind: AnswerKind
     """What the answer is; decides how it is graded."""

@@ -1,6 +1,6 @@
-"""What a pack says, apart from how its files are laid out: a hash of that, and what older hashes stand for.
+"""The content hash of a pack, which does not depend on its layout, and the conversion of older byte hashes.
 
-Knows JSON, XML and Python as syntax. Reads the files of a pack and runs nothing.
+Parses the JSON, XML and Python files of a pack; runs none of them.
 """
 
 import ast
@@ -15,30 +15,30 @@ from typing import Any, cast
 from scenes.folder import PackFiles
 
 _PREFIX = "c1:"
-"""Says that a hash is of content, by the first version of these rules. A hash of bytes has no prefix."""
+"""Prefix of a content hash by version 1 of these rules. A byte hash has no prefix."""
 _DIGITS = 12
 _TABLE = Path(__file__).with_name("byte_hashes.json")
-"""Hash of the bytes of a pack of the suite → hash of its content, from before packs were laid out."""
+"""Byte hash → content hash of each pack of the suite, from before the packs were formatted."""
 _IN_ORDER = frozenset({"objects", "knobs", "derive", "apply"})
-"""Fields of `scene{N}.json` whose names the reader goes through in the order in which they are written."""
+"""Fields of `scene{N}.json` whose order matters."""
 _DRAWN_ONLY = "schematic"
-"""Field of `scene{N}.json` that decides nothing but drawings."""
+"""Field of `scene{N}.json` that affects only drawings."""
 _NUMBER_LISTS = frozenset(
     {"act", "axis", "axisangle", "ctrl", "ctrlrange", "diaginertia", "dir", "euler", "forcerange", "friction", "fromto"}
     | {"fullinertia", "gear", "gravity", "magnetic", "polycoef", "pos", "qpos", "quat", "qvel", "range", "rgba", "size"}
     | {"solimp", "solimpfriction", "solimplimit", "solref", "solreffriction", "solreflimit", "springdamper"}
     | {"springlength", "wind", "xyaxes", "zaxis"}
 )
-"""Attributes that MuJoCo reads as numbers between any white space. In all others, white space is content."""
+"""Attributes that MuJoCo reads as numbers separated by white space. In all others, white space is content."""
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def pack_hash(files: PackFiles) -> str:
-    """Short hash of a pack's content, so that a record says which pack it was played on.
+    """Short hash of a pack's content, by which a record identifies the pack.
 
     White space, comments, docstrings, the order of fields and attributes, and the `schematic` do not change it. Every
-    other change does, also one of a number's type, since `1` and `1.0` are different values for `solution.py`. A file
-    that cannot be parsed counts with its bytes.
+    other change does, including that of a number's type, because `solution.py` may distinguish `1` from `1.0`. If a
+    file cannot be parsed, its bytes are hashed.
     """
     parts = [
         (file.name, _content(file, read))
@@ -48,27 +48,27 @@ def pack_hash(files: PackFiles) -> str:
 
 
 def content_hash_of(stored: str) -> str:
-    """The content hash for a hash that a record holds: itself, or what the table says of an older hash of bytes.
+    """The content hash for a stored hash. Older byte hashes are looked up in a table.
 
-    A hash that is not in the table is returned as it is.
+    A hash that is not in the table is returned unchanged.
     """
     return _table().get(stored, stored)
 
 
 def same_pack(stored: str, files: PackFiles) -> bool:
-    """Whether a hash that a record holds, of content or of bytes, is that of this pack."""
-    # The table knows the packs of the suite only; any other pack is recognised by its bytes while these are the same.
+    """Whether a stored hash, of content or of bytes, is that of this pack."""
+    # The table has only packs of the suite. Other packs are recognised as long as their bytes are unchanged.
     return content_hash_of(stored) == pack_hash(files) or stored == byte_hash(files)
 
 
 def same_packs(stored: Mapping[str, str], packs: Iterable[PackFiles]) -> bool:
-    """Whether the packs of a stored run (scene → hash) are these, and no others."""
+    """Whether the packs of a stored run (scene → hash) are exactly these packs."""
     found = {str(files.scene_id): files for files in packs}
     return stored.keys() == found.keys() and all(same_pack(stored[scene], files) for scene, files in found.items())
 
 
 def byte_hash(files: PackFiles) -> str:
-    """The hash of a pack's bytes: what records held before the hash was of content."""
+    """The hash of a pack's bytes, which older records contain instead of the content hash."""
     digest = hashlib.sha256()
     for file in (files.json, files.mjcf, files.solution):
         digest.update(file.name.encode())
@@ -82,7 +82,7 @@ def _table() -> Mapping[str, str]:
 
 
 def _content(file: Path, read: Callable[[bytes], str]) -> str | list[str] | None:
-    """What a file says, as text in one canonical form; None if there is no file."""
+    """The content of a file in a canonical form; None if there is no file."""
     if not file.is_file():
         return None
     content = file.read_bytes()
@@ -104,7 +104,7 @@ def _json(content: bytes) -> str:
 
 
 def _law(value: Any) -> Any:
-    """A law with the quantities of `let` in their order, in which they are computed."""
+    """A law with `let` as a list of pairs, because its quantities are computed in this order."""
     if not isinstance(value, dict):
         return value
     law = cast("dict[str, Any]", value)
@@ -132,7 +132,7 @@ def _code(content: bytes) -> str:
 
 
 def _tree(node: Any) -> Any:
-    """A syntax tree as plain lists, the same in every version of Python: `ast.dump` changes from version to version."""
+    """A syntax tree as nested lists, which are the same in every Python version, unlike the text of `ast.dump`."""
     if isinstance(node, list):
         return [_tree(item) for item in cast("list[Any]", node)]
     if isinstance(node, ast.Constant):

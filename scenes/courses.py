@@ -1,10 +1,10 @@
-"""Fit laws of motion to a course: pushes that are held for a while, with readings after each. For reference protocols.
+"""Fit laws of motion to a course, a sequence of constant pushes with readings after each. For reference protocols.
 
-A solution states how fast its state changes, for each structure that it can imagine, and ranges for the constants.
-`Laws.fitted` finds the constants of a structure, `Laws.best` the structure that fits best. Everything works on arrays
-of trial constants at once, because a step in Python costs the same for one trial as for hundreds.
+A solution defines the time derivative of the state for each candidate structure, and ranges for the constants.
+`Laws.fitted` finds the constants of a structure, and `Laws.best` the structure with the best fit. All functions are
+vectorised over trial constants, because a Python step takes as long for one trial as for hundreds.
 
-A `Predictor` goes from readings to the answer.
+A `Predictor` computes the answer from the readings.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,7 +43,7 @@ _BOUND = 1e4
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A number that a call carries or returns: part of a force that is held, or a reading."""
+    """A component of an applied force in the arguments of a call, or a reading in its result."""
 
     tool: str
     object_id: str
@@ -60,7 +60,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A record of n legs: what was held during each, and what was read at its end."""
+    """A record of n legs: the constant controls of each leg, and the readings at its end."""
 
     durations: Array
     """Simulated time of each leg [s]; shape (n,)."""
@@ -70,7 +70,7 @@ class Course:
     """What was read at the end of each leg; shape (n, readings); NaN where nothing was read."""
 
     def until(self, caught: NDArray[np.bool_]) -> "Course":
-        """The legs before the first one that is marked, such as the one in which a latch caught."""
+        """The legs before the first marked one, for example the one in which a latch caught the body."""
         return self.first(int(np.argmax(caught)) if caught.any() else len(caught))
 
     @property
@@ -99,12 +99,12 @@ def velocity(object_id: str, axis: int) -> Channel:
 
 
 def accepted(exchanges: Exchanges) -> Iterator[tuple[Call, Reading]]:
-    """The calls that were run and not refused, with what they returned."""
+    """The successful calls with their results."""
     return ((asked, reading) for asked, reading in exchanges if reading and "error" not in reading)
 
 
 def recorded(exchanges: Exchanges, controls: Sequence[Channel], readings: Sequence[Channel]) -> Course:
-    """The course that an episode's calls and readings tell of; what was read before the first step is left out."""
+    """The course of an episode's calls and readings, without the readings before the first step."""
     held, durations, forces, values = [0.0] * len(controls), list[float](), list[list[float]](), list[list[float]]()
     for request, result in accepted(exchanges):
         if request.tool == "step":
@@ -129,7 +129,7 @@ def _updated(
 
 @dataclass(frozen=True, slots=True)
 class Laws:
-    """Every law that a solution considers, with what it knows beforehand."""
+    """The candidate laws of a solution, with the ranges of their constants and the settings of their fits."""
 
     rates: Rates
     structures: Mapping[str, Sequence[str]]
@@ -156,8 +156,8 @@ class Laws:
     def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
         """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.
 
-        `search` is the number of the random search. Further ones have other and more starts, and fit growing parts of
-        the course, because the fit of a long one has many local minima.
+        `search` is the number of the random search. Later searches use other and more starting points, and fit growing
+        parts of the course, because the fit of a long course has many local minima.
         """
         starts = np.random.default_rng(search).random((len(self.names(structure)), self.starts * (1 + search)))
 
@@ -188,7 +188,7 @@ class Laws:
         return cost, {name: float(value) for name, value in self.constants(structure, unit).items()}
 
     def _followed(self, course: Course, structure: str, unit: Array, parts: Sequence[float]) -> Array:
-        """A fit that goes from one part of the course, as a share of its legs, to the next."""
+        """A sequence of fits to growing parts of the course, given as shares of its legs."""
         for share in parts:
             part = course.first(max(1, round(share * len(course.durations))))
 
@@ -199,13 +199,13 @@ class Laws:
         return unit
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure that fits best, each constant paid for, and its constants."""
+        """The structure with the best fit, penalised for each constant, and its constants."""
         return self.cheapest(self.fits(course))
 
     def fits(self, course: Course) -> dict[str, tuple[float, dict[str, float]]]:
         """Chi-square and constants of the best fit of every structure.
 
-        While none explains the course, and each search improves the fit, it is repeated from other points of the box.
+        The search is repeated from other starting points while no structure explains the course and the fit improves.
         """
         fits = {structure: self.fitted(course, structure) for structure in self.structures}
         for search in range(1, _SEARCHES):
@@ -225,12 +225,12 @@ class Laws:
         return course.count + _DEVIATIONS * float(np.sqrt(2 * course.count))
 
     def cheapest(self, fits: Mapping[str, tuple[float, dict[str, float]]]) -> tuple[str, dict[str, float]]:
-        """Of fits of structures, with their chi-square, the one that is best when each constant is paid for."""
+        """The best fit by chi-square with a penalty for each constant."""
         name = min(fits, key=lambda name: fits[name][0] + self.price * len(self.names(name)))
         return name, fits[name][1]
 
     def names(self, structure: str) -> Sequence[str]:
-        """Names of the constants of a structure, or of the plain law."""
+        """Names of the constants of a structure, or of the simplified law `PLAIN`."""
         return self.plain if structure == PLAIN and PLAIN not in self.structures else self.structures[structure]
 
     def constants(self, structure: str, units: Array) -> dict[str, Any]:
@@ -245,18 +245,19 @@ class Laws:
     def misfits(
         self, course: Course, structure: str, units: Array, *, by_legs: bool, spread: float = 1.0, pull: float = 0.3
     ) -> Array:
-        """How far the readings are from those of trial constants.
+        """Misfits between the readings and those of trial constants.
 
         Args:
-            course: What was held and read.
+            course: Controls and readings.
             structure: A structure, or `PLAIN`.
             units: Points of the unit cube; a column for each trial.
-            by_legs: Whether each leg begins from the readings before it.
+            by_legs: Whether each leg is integrated from the readings before it.
             spread: Factor of the standard deviations.
-            pull: Weight of a pull to the middle of the unit cube, which keeps constants that nothing tells of there.
+            pull: Weight of a regularisation towards the middle of the unit cube, for constants that the readings do
+                not determine.
 
         Returns:
-            Misfit of every reading in standard deviations, then the pull; a column for each trial.
+            Misfit of every reading in standard deviations, then the regularisation terms; a column for each trial.
         """
         knobs, trials, size = self.constants(structure, units), units.shape[1], len(self.sigma)
         follow = self._each_leg if by_legs and len(self.start) == size else self._all_legs
@@ -271,7 +272,7 @@ class Laws:
         return np.vstack([misfit.reshape(-1, trials), pull * (units - 0.5)])
 
     def _each_leg(self, course: Course, structure: str, knobs: Knobs, trials: int, _: bool) -> Array:
-        """States at the end of each leg, each begun from the readings before it, all legs at once."""
+        """States at the end of each leg, integrated from the readings before it, for all legs at once."""
         before = np.cumsum(course.durations) - course.durations
         starts = np.vstack([self.start, course.readings[:-1]]).T[:, :, None] + np.zeros(trials)
         states = self.advanced(
@@ -280,7 +281,7 @@ class Laws:
         return states.transpose(1, 0, 2)
 
     def _all_legs(self, course: Course, structure: str, knobs: Knobs, trials: int, by_legs: bool) -> Array:
-        """States at the end of each leg, one after the other; `by_legs` sets what can be read to its readings."""
+        """States at the end of each leg, one after the other. `by_legs` resets readable states to their readings."""
         state = np.array(self.start)[:, None] + np.zeros(trials)
         time, states, size = 0.0, list[Array](), len(self.sigma)
         for duration, control, reading in zip(course.durations, course.controls, course.readings, strict=True):
@@ -292,7 +293,7 @@ class Laws:
         return np.array(states)
 
     def advanced(self, structure: str, knobs: Knobs, time: Any, state: Array, duration: Any, controls: Array) -> Array:
-        """The state after controls were held for a duration."""
+        """The state after constant controls for a duration."""
 
         def rates(at: Any, now: Array) -> Array:
             return self.rates(structure, knobs, at, now, controls)
@@ -301,7 +302,7 @@ class Laws:
 
 
 class Fitter(Protocol):
-    """Fits structures to a course: `Laws`, or a way of its own."""
+    """Protocol of objects that fit structures to a course, such as `Laws`."""
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
         """Chi-square and constants of the best fit of a structure."""
@@ -329,7 +330,7 @@ class Predictor:
         return self.predict(structure, self._laws(course).fitted(course, structure)[1])
 
     def best(self, readings: Exchanges) -> AnswerValue:
-        """The answer of the structure that fits best."""
+        """The answer of the structure with the best fit."""
         course = self.course(readings)
         return self.predict(*self._laws(course).best(course))
 

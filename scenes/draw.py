@@ -1,7 +1,7 @@
 """The seeded draw: values of the knobs for a seed.
 
-The same seed gives the same values on every machine. Each knob has a random stream of its own (Mersenne Twister seeded
-by SHA-512 of scene, seed and knob name, as `random.Random` documents for text seeds), and values are rounded to six
+The same seed gives the same values on every machine. Each knob has its own random stream, a Mersenne Twister seeded
+with scene, seed and knob name as text (`random.Random` hashes text seeds with SHA-512). Values are rounded to six
 significant digits, because the last bits of `exp` and `log` differ between machines. Seed 0 is the scene as written.
 """
 
@@ -35,10 +35,10 @@ def draw_knobs(
         files: Where the pack is, for its id and for error messages.
         pack: The pack.
         seed: 0 for the scene as written, any other whole number for a variant.
-        reseed: Seeds of single knobs, in place of `seed`: for two variants that differ in these knobs alone.
+        reseed: Seeds of single knobs that replace `seed`, to get two variants that differ only in these knobs.
 
     Raises:
-        PackError: An expression is wrong, or no draw meets `accept_draw`.
+        PackError: An expression is invalid, or no draw satisfies `accept_draw`.
     """
     seeds = {name: (reseed or {}).get(name, seed) for name in pack.knobs}
     for attempt in range(_ATTEMPTS):
@@ -60,7 +60,7 @@ def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) ->
     """Intermediate quantity → its value for these knobs.
 
     Raises:
-        PackError: An expression is wrong, or gives a text.
+        PackError: An expression is invalid or evaluates to a string.
     """
     values = {name: evaluate(files, f"steps.{name}", step.value, knobs) for name, step in pack.steps.items()}
     for name, value in values.items():
@@ -70,13 +70,13 @@ def step_values(files: PackFiles, pack: Pack, knobs: Mapping[str, KnobValue]) ->
 
 
 def evaluate(files: PackFiles, field: str, expression: Expression, values: Mapping[str, KnobValue]) -> Scalar:
-    """Arithmetic over knob values, bounded in time and memory, since packs are written by strangers.
+    """Evaluate an expression over knob values, with bounded time and memory, because packs are untrusted.
 
-    Texts can be compared and chosen, and only numbers computed with: `'%1000000000d' % 1` would take 1 GB.
+    Strings can be compared and selected. Operators accept only numbers: `'%1000000000d' % 1` would take 1 GB.
 
     Raises:
-        PackError: The expression does not evaluate to a finite number or a text, is too long, or contains what is not
-            arithmetic.
+        PackError: The expression does not evaluate to a finite number or a string, is too long, or contains syntax
+            that is not allowed.
     """
     if not isinstance(expression, str):
         return expression
@@ -102,7 +102,7 @@ def _power(base: float, exponent: float) -> float:
 
 
 def _on_numbers(compute: Callable[..., float]) -> Callable[..., float]:
-    """An operator for numbers alone, whose results are bounded."""
+    """An operator that accepts only numbers and bounds its result."""
 
     def bounded(*operands: object) -> float:
         if not all(isinstance(operand, int | float) for operand in operands):

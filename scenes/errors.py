@@ -13,4 +13,4 @@ class PackError(Exception):
 
 
 class WorldError(Exception):
-    """A world cannot be made or read; the message is a sentence for whoever asked for it."""
+    """A world cannot be made or read; the message is a sentence for the user."""

@@ -1,4 +1,4 @@
-"""Exports packs without their private halves, for a host on another machine: it can play, but knows no answers."""
+"""Exports packs without their private halves, for a host on another machine that must not have the answers."""
 
 import tempfile
 import xml.etree.ElementTree as ET

@@ -1,8 +1,8 @@
-"""Compares the members of a family of laws on the same readings, for certificate 12 and whoever weighs structures.
+"""Compares the members of a family of laws on the same readings, for certificate 12 and for reference protocols.
 
-A task states which laws there may be. A solution fits each of them to calls and readings, and returns a `Member` for
-each: how well it fits, what it answers, and how far the readings leave its answer open. `surviving` then tells which
-members the readings cannot exclude.
+A task states the possible laws. A solution fits each of them to the calls and readings and returns a `Member` for each,
+with its chi-square, its answer, and the uncertainty of this answer. `surviving` returns the members that the readings
+do not exclude.
 """
 
 import math
@@ -34,16 +34,16 @@ def member(
     best: Sequence[float] | Array,
     ranges: Sequence[tuple[float, float]],
 ) -> Member:
-    """The member of a family whose best constants are known.
+    """The member of a family with these best constants.
 
-    Constants that are plausible follow the normal distribution around the best ones whose covariance is that of linear
-    least squares, (JᵀJ)⁻¹ with the derivatives J of the misfits. It is enlarged where the misfits are larger than their
-    stated standard deviations, and narrowed by the ranges, outside of which no constant is drawn.
+    Plausible constants are drawn from a normal distribution around the best ones. Its covariance is that of linear
+    least squares, (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard
+    deviations. Draws outside the ranges are rejected.
 
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
         predict: Constants → answer.
-        best: The constants that fit best.
+        best: The best-fit constants.
         ranges: Smallest and largest value of each constant.
     """
     low, high = np.array(ranges, dtype=float).T
@@ -77,7 +77,7 @@ def members(
 
     Args:
         laws: The family.
-        course: What was held and read.
+        course: Controls and readings.
         predict: The answer from a structure and its constants.
     """
     fits = laws.fits(course)
@@ -91,7 +91,7 @@ def _fitted(
     best: Mapping[str, float],
     predict: Callable[[str, Mapping[str, float]], AnswerValue],
 ) -> Member:
-    """A structure, fitted from the constants that `Laws` has found, with shorter steps of the integration."""
+    """A structure, refitted with shorter integration steps from the constants that `Laws` has found."""
     names = laws.structures[structure]
     finer = replace(laws, longest_s=laws.longest_s / _FINER)
     low, high = np.array([laws.box[name] for name in names]).T
@@ -114,7 +114,7 @@ def _fitted(
 
 
 def _misfits(laws: Laws, course: Course, structure: str, knobs: Mapping[str, Any], trials: int) -> Array:
-    """Misfit of every reading of a course followed from its start, in standard deviations; a column for each trial."""
+    """Misfit of every reading in standard deviations, integrated from the start; a column for each trial."""
     state, time, found = np.array(laws.start)[:, None] + np.zeros(trials), 0.0, list[Array]()
     sigma = np.array(laws.sigma)[:, None]
     with np.errstate(all="ignore"):
@@ -129,9 +129,9 @@ def _misfits(laws: Laws, course: Course, structure: str, knobs: Mapping[str, Any
 def surviving(fits: Mapping[str, Member]) -> list[str]:
     """The members that the readings do not exclude.
 
-    A member is excluded by the difference of its chi-square to the best one's, which for nested laws has the
-    chi-square distribution with as many degrees of freedom as constants are spared. If even the best member fits worse
-    than its standard deviations allow, differences count in units of its reduced chi-square.
+    A member is excluded by the difference between its chi-square and the lowest one. For nested laws this difference
+    has a chi-square distribution whose degrees of freedom are the difference in the number of constants. If the best
+    member has a reduced chi-square above 1, differences are divided by it.
     """
     best = min(fits.values(), key=lambda fit: fit.chi_square)
     scale = max(1.0, reduced_chi_square(best))
@@ -145,5 +145,5 @@ def surviving(fits: Mapping[str, Member]) -> list[str]:
 
 
 def reduced_chi_square(fit: Member) -> float:
-    """Chi-square over degrees of freedom: about 1 if the law is right and the standard deviations are."""
+    """Chi-square over degrees of freedom: about 1 if the law and the standard deviations are right."""
     return fit.chi_square / max(fit.readings - fit.constants, 1)

@@ -1,4 +1,4 @@
-"""The pack of a scene id: in a folder of packs, or of a world that is made from its record; and its split."""
+"""Finds the pack of a scene id, in a folder of packs or generated from the record of a world; and its split."""
 
 from pathlib import Path
 

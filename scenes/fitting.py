@@ -1,4 +1,4 @@
-"""Least squares on the unit cube, with misfits that are evaluated for many trials at once. For reference protocols."""
+"""Least squares on the unit cube, vectorised over trial points. For reference protocols."""
 
 from collections.abc import Callable
 from typing import cast
@@ -25,7 +25,7 @@ def chi_square(misfits: Misfits, unit: Array) -> float:
 
 
 def refined(misfits: Misfits, unit: Array, rounds: int) -> Array:
-    """Least squares from a point of the unit cube (Levenberg-Marquardt), with many sizes of a step tried at once.
+    """Levenberg-Marquardt from a point of the unit cube, with several damping factors tried at once.
 
     `misfits` returns a column for each column of its argument.
     """
@@ -47,7 +47,7 @@ def refined(misfits: Misfits, unit: Array, rounds: int) -> Array:
 
 
 def polished(misfits: Misfits, unit: Array) -> Array:
-    """Least squares from a point of the unit cube to the end of a narrow valley, where `refined` stops on the way."""
+    """Least squares with scipy, for narrow valleys in which `refined` stops before the minimum."""
 
     def slope(point: Array) -> Array:
         found = misfits(point[:, None] + _shifts(len(point)))
@@ -60,5 +60,5 @@ def polished(misfits: Misfits, unit: Array) -> Array:
 
 
 def _shifts(size: int) -> Array:
-    """Columns that add to a point nothing, then a small difference of each coordinate."""
+    """Offsets for finite differences: a column of zeros, then one with a small step in each coordinate."""
     return _SHIFT * np.column_stack([np.zeros(size), np.eye(size)])

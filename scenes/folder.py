@@ -1,4 +1,4 @@
-"""Where packs are: `{folder}/Scene{N}/scene{N}.json`, `scene{N}.xml` and, optionally, `solution.py`."""
+"""The folder of packs: `{folder}/Scene{N}/scene{N}.json`, `scene{N}.xml` and, optionally, `solution.py`."""
 
 import json
 import re
@@ -39,7 +39,7 @@ class PackFiles:
     def check_inside(self, *files: Path) -> None:
         """Refuse a file that is a link to somewhere outside the folder of packs.
 
-        A client names a scene by its id; it must not be able to make the laboratory read another file.
+        A client chooses the scene id and must not be able to make the laboratory read another file.
 
         Raises:
             PackError: A file is outside the folder.
@@ -56,10 +56,10 @@ def default_folder() -> Path:
 
 
 def list_packs(folder: Path | None = None) -> list[PackFiles]:
-    """All packs in `folder` (default: the suite), by ascending id; none in a folder that holds records of worlds alone.
+    """All packs in `folder` (default: the suite), by ascending id; empty for a folder that contains only worlds.
 
     Raises:
-        PackError: The folder does not exist or holds neither.
+        PackError: The folder does not exist, or contains neither packs nor worlds.
     """
     folder = folder or default_folder()
     if not folder.is_dir():

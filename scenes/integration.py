@@ -10,13 +10,13 @@ Array = NDArray[np.float64]
 
 
 def advanced(rates: Callable[[Any, Array], Array], time: Any, state: Array, duration: Any, longest_s: float) -> Array:
-    """The state after a duration, by the Runge-Kutta method of fourth order.
+    """The state after a duration, by the fourth-order Runge-Kutta method.
 
     Args:
         rates: Time derivative of the state from time and state.
-        time: When it begins [s]; a number, or an array of trials.
-        state: Shape (states, trials).
-        duration: How long [s]; a number, or an array of trials.
+        time: Initial time [s]; a number, or an array of trials.
+        state: Initial state; shape (states, trials).
+        duration: Duration [s]; a number, or an array of trials.
         longest_s: Longest step [s].
     """
     count = max(1, int(np.ceil(np.max(duration) / longest_s)))

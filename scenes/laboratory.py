@@ -1,4 +1,4 @@
-"""What a scene says about its laboratory, public in every pack: the limits on an agent, and its instruments."""
+"""The public fields of a pack about its laboratory: the limits of an episode, and the instruments."""
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -8,7 +8,7 @@ class _LaboratoryModel(BaseModel):
 
 
 class LabLimits(_LaboratoryModel):
-    """How far an agent may go in one episode. What is left out has only the limits of every laboratory."""
+    """Limits of an agent in one episode. Omitted fields have the default limits of every laboratory."""
 
     force: float | None = Field(default=None, ge=0)
     """Largest magnitude of the force that can be applied to an object [N]; 0 if none can."""
@@ -36,7 +36,7 @@ class Noise(_LaboratoryModel):
 
 
 class Instruments(_LaboratoryModel):
-    """How finely the state of the laboratory is read; 0 for full precision."""
+    """Resolution of each instrument; 0 for full precision."""
 
     position: float = Field(default=0.0, ge=0)
     """Resolution of each coordinate of a position [m]."""

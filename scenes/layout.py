@@ -1,8 +1,7 @@
-"""How the JSON and the XML of a pack are laid out: width 110, two spaces an indent, one text for one content.
+"""The formatter of the JSON and XML files of packs: width 110, indent 2.
 
-Only white space between tokens changes: numbers, texts and attributes keep their spelling and their order. Two more
-things are one way only: an element without children is closed in its own tag, and no line is empty. `solution.py` is
-left to `ruff format`.
+It changes only white space between tokens. Numbers, strings and attributes keep their spelling and order. Elements
+without children are closed in their own tag, and blank lines are removed. `ruff format` formats `solution.py`.
 """
 
 import json
@@ -33,7 +32,7 @@ _Node = str | tuple[str, _Items, str]
 
 
 def lay_out(files: PackFiles) -> list[Path]:
-    """Lay out the JSON and the XML of a pack; both, or nothing if one of them cannot be.
+    """Format the JSON and the XML of a pack: both, or neither if one of them cannot be formatted.
 
     Returns:
         The files that were changed.
@@ -71,7 +70,7 @@ def not_laid_out(files: PackFiles) -> list[Path]:
 
 
 def _laid_out(files: PackFiles) -> dict[Path, str]:
-    """File → its text, of those that are not laid out."""
+    """File → its formatted text, for the files that are not formatted."""
     found: dict[Path, str] = {}
     for file, lay in ((files.json, lay_out_json), (files.mjcf, lay_out_xml)):
         try:
@@ -87,7 +86,7 @@ def _laid_out(files: PackFiles) -> dict[Path, str]:
 
 
 def lay_out_json(text: str) -> str:
-    """JSON with one field of the outermost object a line, and inner values on one line where they fit.
+    """JSON with one line per field of the outermost object, and inner values on one line where they fit.
 
     Raises:
         ValueError: It is not JSON.
@@ -97,7 +96,7 @@ def lay_out_json(text: str) -> str:
 
 
 def _json_node(tokens: deque[str]) -> _Node:
-    """Take a value from the front of the tokens."""
+    """Parse a value from the front of the tokens."""
     opening = tokens.popleft()
     if opening not in {"[", "{"}:
         return opening
@@ -117,8 +116,8 @@ def _json_text(node: _Node, indent: str, taken: int) -> str:
 
     Args:
         node: The value.
-        indent: That of the line on which it begins.
-        taken: Characters of that line that are not the value's.
+        indent: Indent of the line on which the value begins.
+        taken: Number of other characters on that line.
     """
     line = _json_line(node)
     if isinstance(node, str) or not node[1] or (indent and taken + len(line) <= WIDTH):
@@ -140,11 +139,11 @@ def _json_line(node: _Node) -> str:
 
 
 def lay_out_xml(text: str) -> str:
-    """XML with one tag a line; attributes that do not fit go on below the first.
+    """XML with one tag per line; attributes that do not fit are aligned below the first one.
 
     Raises:
         SyntaxError: It is not XML.
-        ValueError: It has parts that a MuJoCo model has no use for, and whose white space could matter.
+        ValueError: It contains node types that MuJoCo models do not use and in which white space may be content.
     """
     ET.fromstring(text)  # noqa: S314 - packs are local files the operator named
     tokens = [token for token in _XML_TOKEN.findall(text) if not token.isspace()]

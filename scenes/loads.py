@@ -1,6 +1,6 @@
-"""Loads an apparatus with balls of known mass, and reads back what they weigh. For reference protocols.
+"""Load an apparatus with balls of known mass, and measure its response. For reference protocols.
 
-A ball of density ρ and radius r has the mass m = 4/3 π r³ ρ. It is created beside the apparatus and joined to it.
+A ball of density ρ and radius r has the mass m = 4/3 π r³ ρ. It is created next to the apparatus and attached to it.
 """
 
 from collections import defaultdict
@@ -34,7 +34,7 @@ def dense_ball(name: str, kg: float, place: Sequence[float], density: float) -> 
 
 
 def joined(ball: Call, body: str) -> list[Call]:
-    """Create a ball and join it to a body."""
+    """Create a ball and attach it to a body."""
     return [ball, call("attach_objects", object1_id=ball.arguments["name"], object2_id=body)]
 
 
@@ -44,12 +44,12 @@ def mass_of(asked: Call) -> float:
 
 
 def looks(body: str, spans: Sequence[float]) -> list[Call]:
-    """Wait for each of the spans [s], and read the place of a body after it."""
+    """Wait for each of the durations [s], and read the position of a body after it."""
     return [made for span in spans for made in (call("step", duration=span), call("get_position", object_id=body))]
 
 
 def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, float]]]:
-    """Each call that was run and not refused, with what it returned, and the masses [kg] of the balls on each body."""
+    """Each successful call with its result, and the masses [kg] of the balls on each body."""
     made, places, load = dict[str, float](), dict[str, str](), defaultdict[str, float](float)
     for asked, reading in accepted(exchanges):
         if asked.tool == "create_objects":
@@ -65,15 +65,15 @@ def hung(exchanges: Exchanges) -> Iterator[tuple[Call, Reading, Mapping[str, flo
 
 
 def torque_at_spin(engine: Any, body: str, spin: float, stiff: float, lasting: float, seconds: float = 40.0) -> float:
-    """Torque that keeps a wheel at a spin in the engine without its trigger, found by a controller [N·m].
+    """Torque that keeps a wheel at an angular velocity in the engine, found by a PI controller [N·m].
 
     Args:
         engine: The engine, with a body `trigger` and other forces already set.
         body: The wheel.
-        spin: Its spin [rad/s].
-        stiff: Torque per lack of spin [N·m·s].
-        lasting: Growth of the torque in each time step per lack of spin [N·m·s].
-        seconds: Time until the spin is steady [s].
+        spin: Its angular velocity [rad/s].
+        stiff: Proportional gain [N·m·s].
+        lasting: Integral gain for each time step [N·m·s].
+        seconds: Time until the angular velocity is steady [s].
     """
     torque = 0.0
     for _ in range(engine.whole_steps(seconds)):
@@ -86,7 +86,7 @@ def torque_at_spin(engine: Any, body: str, spin: float, stiff: float, lasting: f
 
 @dataclass(frozen=True, slots=True)
 class Pan:
-    """A pan that sinks under a ball, and is loaded with one ball instead of the one before."""
+    """A pan that sinks under a ball; each ball replaces the one before."""
 
     top_m: float
     """Height of the pan at the start."""
@@ -97,7 +97,7 @@ class Pan:
     body: str = "object_1"
 
     def load(self, number: int, kg: float, spans: Sequence[float], radius: float | None = None) -> list[Call]:
-        """Load the pan with ball `number` instead of the one before, and look at it after each of the spans [s]."""
+        """Replace the ball on the pan by ball `number`, and read the pan after each of the durations [s]."""
         where = [0.0, 0.3 * (number % 2) - 0.15, self.top_m]
         old = [call("delete_objects", object_id=f"b{number - 1}")] if number else []
         return [
@@ -109,7 +109,7 @@ class Pan:
     def scaled(
         self, first_kg: float, growth: float, seen_m: float, settle_s: float
     ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int, float]]:
-        """Load balls, each `growth` times as heavy, until the pan sinks visibly; exchanges, number and next mass."""
+        """Load balls, each `growth` times as heavy, until the pan sinks measurably; exchanges, number and next mass."""
         seen, number, kg = list[tuple[Call, Reading]](), 0, first_kg
         while not seen or self.course(seen).readings[-1, 0] < seen_m:
             calls = self.load(number, kg, [settle_s])
@@ -118,7 +118,7 @@ class Pan:
         return seen, number, kg
 
     def pressed(self, engine: Any, newtons: float, seconds: float) -> Any:
-        """The engine without the catch, after a force has pressed the pan."""
+        """The engine without the catch, after a force has pressed the pan down."""
         free = engine.changed({"joint[guide].range": (-5.0, 20.0), "body[trigger]/inertial.mass": 1e12})
         free.push(self.body, force=np.array([0.0, 0.0, -newtons]))
         free.step(free.whole_steps(seconds))
@@ -129,7 +129,7 @@ class Pan:
         return self.top_m - float(engine.pose(self.body).position[2])
 
     def course(self, exchanges: Exchanges) -> Course:
-        """Weights [N] and ways down [m] of the pan, until the catch holds it."""
+        """Weights [N] and deflections [m] of the pan, until the catch holds it."""
         legs = list[list[float]]()
         for asked, reading, load in hung(exchanges):
             if asked.tool == "step":
@@ -146,9 +146,9 @@ class Pan:
 
 @dataclass(frozen=True, slots=True)
 class Lever:
-    """A body on an axle that balls beside it turn step by step, slowly enough for a device that would brake it.
+    """A body on an axle, turned step by step by attached balls, slowly enough not to trigger a safety brake.
 
-    A ball of mass m that was joined at the height of the axle when the body had turned by b exerts the torque
+    A ball of mass m that is attached at the height of the axle while the body is at angle b exerts the torque
     m g l cos(a - b) at the angle a.
     """
 
@@ -180,13 +180,13 @@ class Lever:
     body: str = "object_1"
 
     def ball(self, number: int, kg: float, radius: float | None = None) -> list[Call]:
-        """Join ball `number`, at the height of the axle and beside it."""
+        """Attach ball `number` next to the axle, at its height."""
         side = 1 if number % 2 else -1
         place = [self.arm_m, side * (0.1 + self.apart_m * (number // 2)), self.height_m]
         return joined(ball(f"{self.name}{number}", kg, place, radius or self.radius), self.body)
 
     def look(self) -> list[Call]:
-        """Read the spin soon after a ball was joined."""
+        """Read the angular velocity shortly after a ball was attached."""
         return [call("step", duration=self.look_s), call("get_velocity", object_id=self.body)]
 
     def rest(self) -> list[Call]:
@@ -194,9 +194,12 @@ class Lever:
         return looks(self.body, [self.wait_s])
 
     def turned(self) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], int]]:
-        """Join balls as heavy as the device permits until the angle is enough; the exchanges and the number of balls.
+        """Attach the heaviest balls that do not trigger the brake until the angle is large enough.
 
-        The next ball is as much heavier as the spin after the last one leaves room for, at most eightfold.
+        The mass of the next ball follows from the angular velocity after the last one; it grows at most eightfold.
+
+        Returns:
+            The exchanges and the number of balls.
         """
         seen, kg, way, gained, number = list[tuple[Call, Reading]](), self.first_kg, 0.0, 0.0, 0
         while number < self.most and way < self.enough:

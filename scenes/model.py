@@ -1,6 +1,6 @@
-"""The model of a scene: its XML with the drawn values and the laws in it, and without the elements that are absent.
+"""Builds the model of a scene: inserts drawn values and laws into its XML, and removes absent elements.
 
-Knows XML text. What the elements mean is known to MuJoCo alone.
+Works on XML text; only MuJoCo interprets the elements.
 """
 
 import hashlib
@@ -63,9 +63,9 @@ def drawn_mjcf(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], *,
 
 
 def noise_of_seed(mjcf: str, seed: int) -> str:
-    """The model with the noise of a seed: of a world, seeds differ in the noise of its instruments alone.
+    """The model of a world with the noise of a seed; seeds of a world differ only in instrument noise.
 
-    Models without a salt of their own are as they were.
+    Models without a salt are returned unchanged.
     """
     if seed == 0:
         return mjcf
@@ -77,7 +77,7 @@ USUAL_TIMESTEP_S = 0.005
 
 
 def timestep_of(files: PackFiles) -> float:
-    """The time step that a model states, or MuJoCo's own [s].
+    """The time step of a model, or MuJoCo's default [s].
 
     Raises:
         PackError: The model cannot be read.
@@ -91,7 +91,7 @@ def timestep_of(files: PackFiles) -> float:
 
 
 def changed_mjcf(mjcf: str, changes: Mapping[str, Scalar | tuple[Scalar, ...]], without: Collection[str] = ()) -> str:
-    """A model with other values, or without some of its elements: a change of the apparatus.
+    """A model with other values, or without some of its elements.
 
     Args:
         mjcf: The model's XML text.
@@ -133,7 +133,7 @@ def _leave_out_absent(files: PackFiles, values: Mapping[str, KnobValue], root: E
 def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], root: ET.Element) -> None:
     """Write all laws into the model; those that the draw leaves out have the factor 0.
 
-    They stay because every law costs time in each step, so the duration of a step would tell how many were drawn.
+    Omitting them would shorten each step, and the duration of a step would reveal the number of laws.
     """
     drawn = [
         _drawn_law(law, values)
@@ -146,7 +146,7 @@ def _add_laws(files: PackFiles, pack: Pack, values: Mapping[str, KnobValue], roo
 
 
 def _drawn_law(law: Law, values: Mapping[str, KnobValue]) -> dict[str, Any]:
-    """A law with the values of the knobs that it names."""
+    """A law with the values of the knobs in its expressions."""
     drawn: dict[str, Any] = law.model_dump(by_alias=True, exclude={"present"}, exclude_none=True)
     for field in ("force", "torque"):
         drawn[field] = [str(part) for part in drawn[field]]

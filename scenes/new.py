@@ -1,4 +1,4 @@
-"""Starts a new scene from a template, with its id and category filled in; the result passes `physment-eval lint`."""
+"""Creates a new scene from a template with its id and category; the result passes `physment-eval lint`."""
 
 import re
 from importlib.resources import files as resources

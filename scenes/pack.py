@@ -1,7 +1,6 @@
-"""The format of `scene{N}.json`, for our packs and for those of the published prototype.
+"""The format of `scene{N}.json`, for packs of the suite and of the published prototype.
 
-Unknown keys are ignored, because packs are data of other people. Which fields the laboratory may see is decided in
-`scenes.public`.
+Unknown keys are ignored, because other people write packs. `scenes.public` decides which fields the laboratory may see.
 """
 
 from enum import StrEnum
@@ -17,7 +16,7 @@ CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 
 
 class Rung(StrEnum):
-    """The rungs of the ladder of scenes, from the lowest."""
+    """Difficulty of a scene, from the easiest rung."""
 
     EASY = "easy"
     HARD = "hard"
@@ -25,7 +24,7 @@ class Rung(StrEnum):
 
 
 class Category(StrEnum):
-    """The 13 categories of the suite (difficulty, breadth, modality), and the open worlds, a track of their own."""
+    """The 13 categories of the suite (difficulty, breadth, modality), and the separate track of open worlds."""
 
     EASY_SINGLE = "easy-single"
     EASY_SINGLE_CREATION = "easy-single-creation"
@@ -51,7 +50,7 @@ class Category(StrEnum):
 
     @property
     def infers(self) -> bool:
-        """Whether its scenes ask for a prediction from a law that has to be inferred, and not for a measurement."""
+        """Whether its scenes ask for a prediction from an inferred law, not for a measurement."""
         return self.value.startswith("hard") or self in {Category.CREATE_DELETE_ATTACH, Category.OPEN}
 
 
@@ -82,7 +81,7 @@ class SceneObject(_PackModel):
 
 
 class Permissions(_PackModel):
-    """What the agent may read of, and do to, one object. A static attribute not mentioned is withheld."""
+    """The attributes of an object that the agent may read or change. A static attribute not mentioned is withheld."""
 
     geom_type: bool = False
     """Shape."""
@@ -152,7 +151,7 @@ Expression = str | int | float
 
 
 class IntermediateQuantity(_PackModel):
-    """A quantity that a good experimenter finds on the way, which an agent may state beside its answer."""
+    """An intermediate quantity, which an agent may state together with its answer."""
 
     meaning: str = Field(min_length=1)
     """What it is. Public: it must not say how the answer follows."""
@@ -197,11 +196,11 @@ class Law(_PackModel):
 
 
 class Catch(_PackModel):
-    """A part of the apparatus that bounds what an agent can bring about: a latch, net, rim, guard or stop.
+    """A part of the apparatus that limits motion: a latch, net, rim, guard or stop.
 
     Certificate 11 drives the scene with the largest allowed loads and checks that it holds. Expressions are those of
-    laws, over readings of the true state: `object_1_x`, `object_1_vx`, `object_1_angle` and so on for any body, the
-    same with `caught_` before it for the value at which it acted, the time `t` [s], and numeric knobs.
+    laws, over the true state: `object_1_x`, `object_1_vx`, `object_1_angle` and so on for any body, the same names with
+    the prefix `caught_` for the value at which the part caught it, the time `t` [s], and numeric knobs.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -217,9 +216,9 @@ class Catch(_PackModel):
 
 
 class SchematicPart(_PackModel):
-    """A cord, spring, rod, rail or pulley that the task tells of and the model has no body for, for drawings.
+    """A cord, spring, rod, rail or pulley of the task without a body in the model, for drawings.
 
-    Public and the same at every seed: it names listed objects that are not hidden, and fixed places.
+    It is public and the same at every seed: it refers only to visible listed objects and fixed positions.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -305,5 +304,5 @@ class Pack(_PackModel):
         return self.category is not None and self.category.infers and self.limits is not None
 
     def permissions_of(self, key: str) -> Permissions:
-        """Permissions of the object listed under `key` (such as `object_1`); all withheld if not written."""
+        """Permissions of the object listed under `key` (such as `object_1`); by default all are withheld."""
         return self.object_permissions.get(f"{key}_permissions", Permissions())

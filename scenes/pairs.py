@@ -1,7 +1,7 @@
-"""Two bodies on rails that something joins behind a gear, between nets. For reference protocols.
+"""Two bodies on rails, coupled through a gear, between nets. For reference protocols.
 
-The joint passes on a force that depends on the slip s = n v1 - v2, and possibly on v2 besides. Forces are counted over
-the mass of the first body, so that one constant, this mass, holds the scale of all of them.
+The coupling force depends on the slip s = n v1 - v2, and possibly on v2. Forces are divided by the mass of the first
+body, so that this mass is the only constant with the scale of the forces.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -50,7 +50,7 @@ _FIRST_GAINS = 7.0, 14.0
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A family of laws of two joined bodies, of which one has a resistance of a kind that is not known."""
+    """A family of laws of two coupled bodies, one of which has a resistance of unknown form."""
 
     joints: Sequence[str]
     """Which of `JOINTS` there may be."""
@@ -76,9 +76,10 @@ class Pair:
         return Rig([force(body, 0) for body in BODIES[: self.pushed]], reads, significant=3)
 
     def laws(self, course: Course) -> Laws:
-        """Every structure, such as `oil, linear`, with masses near the one that the course shows at first sight.
+        """Every structure, such as `oil, linear`, with masses near a first estimate from the course.
 
-        If all is linear, motions and steady speeds tell r, n, c and p not apart: one resistance stands for all.
+        If all forces are linear, motions and steady speeds do not determine r, n, c and p separately. One resistance
+        then replaces all of them.
         """
         names = {
             f"{joint}, {drag}": [
@@ -129,7 +130,7 @@ class Pair:
             return float(joint(knobs, slip(other), other if self.held == 0 else speed))
 
         def excess(other: float) -> float:
-            """What drives the other body, over its resistance."""
+            """Coupling force on the other body, divided by its resistance."""
             return float(
                 (1.0 if self.held == 0 else -n) * passed(other) - self._resisted(structure, knobs, 1 - self.held, other)
             )
@@ -147,14 +148,14 @@ class Pair:
     def driven(
         self, first: float, greatest: float, brisk: float, levels: Sequence[tuple[float, float]], times: Sequence[float]
     ) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Push ever harder until the first body moves, then to and fro between the nets.
+        """Increase the push until the first body moves, then push back and forth between the nets.
 
         Args:
-            first: Force to begin with [N].
-            greatest: Greatest force [N].
-            brisk: Acceleration that is wanted of the first body [m/s²].
-            levels: Forces of the legs on both bodies, as shares of the one that gives this acceleration.
-            times: Durations of a leg, of which the longest is taken that keeps both off the nets [s].
+            first: Initial force [N].
+            greatest: Largest force [N].
+            brisk: Target acceleration of the first body [m/s²].
+            levels: Forces of the legs on both bodies, as multiples of the force for this acceleration.
+            times: Candidate durations of a leg; the longest that keeps both bodies off the nets is chosen [s].
         """
         touch = Rig(self.rig.controls, [velocity(BODIES[0], 0)], significant=3)
         seen, push = yield from touch.touched(
@@ -176,7 +177,7 @@ class Pair:
     def _chosen(
         self, level: Array, sense: float, times: Sequence[float], course: Course, top: float
     ) -> tuple[Array, float]:
-        """Pushes and duration of a leg: in this sense as long as the nets are far, else in the other, else a stop."""
+        """Pushes and duration of a leg: in this direction if the nets are far, else in the other one, else zero."""
         response = _response(course, top)
         stop = -top * np.sign(course.readings[-1, 2:])
         for pushes, duration in [
@@ -188,7 +189,7 @@ class Pair:
         return stop, times[-1]
 
     def _clear(self, reading: Array, pushes: Array, duration: float, response: Array) -> bool:
-        """Whether both stay off the nets under pushes, and if these then turn against the motion."""
+        """Whether both bodies stay off the nets during the pushes, and if the pushes are then reversed."""
         places, speeds = reading[:2].copy(), reading[2:].copy()
         room = np.maximum(0.85 * self.net, np.abs(places))
         pushed = np.array([1.0, self.pushed - 1.0])
@@ -202,7 +203,7 @@ class Pair:
 
 
 def _response(course: Course, top: float) -> Array:
-    """Change of both speeds per second, per share of the force on both and per both speeds: a rough linear law."""
+    """A linear approximation: acceleration of both bodies per unit of the force share and of each speed."""
     states = np.vstack([np.zeros(4), np.nan_to_num(course.readings)])
     pushes = np.zeros((len(course.durations), 2))
     pushes[:, : course.controls.shape[1]] = course.controls / top
@@ -217,13 +218,13 @@ def _response(course: Course, top: float) -> Array:
 
 
 def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) -> list[float]:
-    """The engine's speed of the other body, and the force that a body needs which is kept at its speed by a huge mass.
+    """Speed of the other body in the engine, and the force on a body that a huge mass keeps at its speed.
 
     Args:
         engine: The engine at the drawn values.
         held: Index of the body that is kept at its speed.
-        speeds: Speeds of both to begin with [m/s].
-        seconds: Time until the force is found from the loss of speed in one second more.
+        speeds: Initial speeds of both [m/s].
+        seconds: Time after which the force is computed from the loss of speed during one more second.
     """
     mass = 1e8
     free = engine.changed({f"geom[{BODIES[held]}_geom].mass": mass, "body[nets].pos": (1e6, 0.0, 0.0)})
@@ -237,7 +238,7 @@ def kept_speed(engine: Any, held: int, speeds: Sequence[float], seconds: float) 
 
 
 def left_over(engine: Any, held: int, speeds: Sequence[float], push: float, off: float, seconds: float) -> float:
-    """By which share speeds are off a while after they were set off by another share, under a steady force."""
+    """Relative error of the speeds a while after they were disturbed by another relative error, at constant force."""
     free = engine.changed({"body[nets].pos": (1e6, 0.0, 0.0)})
     for body, speed in zip(BODIES, speeds, strict=True):
         free.set_velocity(body, np.array([(1 + off) * speed, 0.0, 0.0]))

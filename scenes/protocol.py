@@ -1,4 +1,4 @@
-"""What a reference protocol is written with: calls of public tools. Each `yield` of `solve` is an iteration.
+"""Functions for writing reference protocols, which call public tools. Each `yield` of `solve` is an iteration.
 
     def solve(task):
         \"\"\"Weigh the puck with one known push.\"\"\"
@@ -9,8 +9,8 @@
 A `yield` returns a list with a dict for each call: the structured result, `{"error": sentence}` for a refused call, or
 `{}` for a call that was not run.
 
-A pack that asks for a prediction may define one function `predict(structure, constants)`, the answer by the law of a
-structure, instead of `structure` and `theory`: `load_solution` derives them from the drawn values.
+A pack that asks for a prediction may define `predict(structure, constants)`, the answer by the law of a structure,
+instead of `structure` and `theory`. `load_solution` derives these two from the drawn values.
 """
 
 import re
@@ -97,7 +97,7 @@ def call(tool: str, **arguments: Any) -> Call:
 
 
 def answer(value: AnswerValue, **steps: float) -> Call:
-    """The final answer, and beside it the intermediate quantities that the scene names."""
+    """The call with the final answer and the intermediate quantities that the scene names."""
     return Call(ANSWER, {"answer": value, "steps": steps} if steps else {"answer": value})
 
 
@@ -107,10 +107,10 @@ def drawn_kind(knobs: Mapping[str, KnobValue]) -> str:
 
 
 def load_solution(files: PackFiles) -> Solution:
-    """Import a pack's `solution.py`. This runs its code, so only for packs that the user named.
+    """Import a pack's `solution.py`. This runs its code, so use it only for packs that the user named.
 
-    Where the file defines `predict` or `fit`, it distinguishes structures: `structure` is then `drawn_kind` unless it
-    is defined. Where the file defines `predict` and no `theory`, this is `predict` of the drawn structure and values.
+    If the file defines `predict` or `fit`, the default of `structure` is `drawn_kind`. If it defines `predict` and no
+    `theory`, the default of `theory` is `predict` of the drawn structure and values.
 
     Raises:
         PackError: The pack has none, or it cannot be imported.
@@ -130,7 +130,7 @@ def load_solution(files: PackFiles) -> Solution:
 
 
 def _derived(defined: Mapping[str, Any]) -> dict[str, Any]:
-    """The functions that follow from those that `solution.py` defines."""
+    """The default functions that are derived from those that `solution.py` defines."""
     structure, theory, predict = (defined.get(name) for name in ("structure", "theory", "predict"))
     if structure is None and (predict is not None or "fit" in defined):
         structure = drawn_kind

@@ -32,7 +32,7 @@ class _Public(BaseModel):
 
 
 class PublicObject(_Public):
-    """An object of the scene. The agent knows it from the start, or after `find_objects` if it is hidden."""
+    """An object of the scene, which the agent knows from the start, or after `find_objects` if it is hidden."""
 
     object_id: str
     """Canonical id, such as `object_1`; also the name of its body."""
@@ -41,7 +41,7 @@ class PublicObject(_Public):
 
 
 class AnswerForm(_Public):
-    """What an answer must look like; it does not depend on the right answer."""
+    """The form of an answer, which does not depend on the right answer."""
 
     kind: AnswerKind
     unit: str | tuple[str, ...] | None = None
@@ -54,7 +54,7 @@ class AnswerForm(_Public):
 
 
 class PublicQuantity(_Public):
-    """A quantity that an agent may state beside its answer."""
+    """A quantity that an agent may state together with its answer."""
 
     name: str
     meaning: str
@@ -62,7 +62,7 @@ class PublicQuantity(_Public):
 
 
 class PublicPack(_Public):
-    """What the laboratory may see of a pack, copied field by field: a field that is added to packs stays private."""
+    """The fields of a pack that the laboratory may see, copied by an allow-list, so that new fields stay private."""
 
     scene_id: int
     name: str
@@ -106,7 +106,7 @@ class PublicPack(_Public):
 
 
 def read_public(files: PackFiles) -> PublicPack:
-    """The public half of a pack, whole or exported.
+    """The public half of a complete or an exported pack.
 
     Raises:
         PackError: A file is missing or malformed, or lies outside the folder of packs.
@@ -125,7 +125,7 @@ def read_public(files: PackFiles) -> PublicPack:
 
 
 def hosted_files(files: PackFiles, seed: int) -> tuple[Path, Path]:
-    """The two files that `read_hosted` reads, of a pack that is whole or exported.
+    """The two files that `read_hosted` reads, of a complete or an exported pack.
 
     Raises:
         PackError: One of them is outside the folder of packs, or the seed was not exported.
@@ -141,7 +141,7 @@ def hosted_files(files: PackFiles, seed: int) -> tuple[Path, Path]:
 
 
 def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
-    """What a laboratory needs of a pack, whole or exported: its public half, and the model of a seed.
+    """The public half of a complete or an exported pack, and the model of a seed.
 
     Raises:
         PackError: A file is missing, malformed or outside the folder of packs, or the seed was not exported.
@@ -159,7 +159,7 @@ def read_hosted(files: PackFiles, seed: int) -> tuple[PublicPack, str]:
 
 
 def exported_json(files: PackFiles) -> Path:
-    """The public half of an exported pack; whole packs have no such file."""
+    """The file with the public half of an exported pack; complete packs have no such file."""
     return files.folder / f"scene{files.scene_id}.public.json"
 
 

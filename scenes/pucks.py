@@ -1,4 +1,4 @@
-"""Leads a puck over a floor whose laws are unknown, and predicts from them. For reference protocols of open worlds."""
+"""Push a puck over a floor with unknown laws, fit the laws and predict. For reference protocols of open worlds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _SIZES = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class PuckFloor:
-    """How a solution leads the puck, fits its laws and predicts. Masses in kg, SI units throughout."""
+    """How a solution pushes the puck, fits its laws and predicts, in SI units."""
 
     laws: Laws
     """The state begins with x, y, vx and vy; the controls are the forces along x and y; one of the constants is `m`."""
@@ -73,7 +73,7 @@ class PuckFloor:
     """Legs after which a target that was not reached is left for the next one: what acts may keep the puck off it."""
 
     def solve(self, _: str) -> Protocol:
-        """Begin gently, then lead the puck to and fro with forces that suit its mass; fit every law to the course."""
+        """Begin with small pushes, then push the puck back and forth with forces that suit its mass; fit every law."""
         seen, place, speed = list[tuple[Call, Any]](), np.zeros(2), np.zeros(2)
         targets, mass, tried = list(self.targets), self.lightest_kg, 0
         for leg in range(self.legs):
@@ -95,7 +95,7 @@ class PuckFloor:
         yield [answer(self.best(seen))]
 
     def batch(self, _: str) -> Protocol:
-        """Pushes to and fro of fixed sizes and lengths, and the same fit."""
+        """Back-and-forth pushes of fixed sizes and durations, and the same fit."""
         calls = [asked for x, y, lasting in self.fixed_pushes for asked in self.push(np.array([x, y]), lasting)]
         readings = yield calls
         yield [answer(self.best(list(zip(calls, readings, strict=True))))]
@@ -105,33 +105,33 @@ class PuckFloor:
         return self.predict(structure, self.laws.fitted(self.course(readings), structure)[1])
 
     def best(self, readings: Exchanges) -> AnswerValue:
-        """The answer of the structure that fits best."""
+        """The answer of the structure with the best fit."""
         return self.predict(*self.laws.best(self.course(readings)))
 
     def course(self, readings: Exchanges) -> Course:
-        """Pushes and what was read after them, as long as the puck is on the floor."""
+        """Pushes and the readings after them, as long as the puck is on the floor."""
         course = _course(readings)
         if self.rim_m is None:
             return course
         return course.until(np.hypot(course.readings[:, 0], course.readings[:, 1]) > self.rim_m)
 
     def push(self, newtons: Array, duration: float) -> list[Call]:
-        """A push that is held, looked at in even intervals."""
+        """A constant push with readings at equal intervals."""
         look = round(duration / self.looks / 0.005) * 0.005
         eyes = [call("get_position", object_id=PUCK), call("get_velocity", object_id=PUCK)]
         pushed = call("apply_force", object_id=PUCK, force_vector=[*np.round(newtons, 3).tolist(), 0.0])
         return [pushed, *([call("step", duration=look), *eyes] * self.looks)]
 
     def mass(self, readings: Exchanges) -> float:
-        """Mass so far, as if there were a drag and a force across in proportion to the speed, and a uniform force."""
+        """Mass estimated by a linear law: drag and transverse force proportional to the speed, and a uniform force."""
         return float(1 / np.clip(self._plain(readings)[0], 1 / self.heaviest_kg, 1 / self.lightest_kg))
 
     def drift(self, readings: Exchanges) -> Array:
-        """Uniform force per kilogram by the same law [m/s²]."""
+        """Uniform force per mass by the same linear law [m/s²]."""
         return np.clip(self._plain(readings)[3:], -self.haste, self.haste) if readings else np.zeros(2)
 
     def _plain(self, readings: Exchanges) -> Array:
-        """One over the mass, drag and force across over speed and mass, and uniform force over the mass."""
+        """Linear law: 1/mass, drag and transverse force per speed and mass, and uniform force per mass."""
         course, sigma = _course(readings), self.laws.sigma[2]
         durations, after = course.durations, course.readings[:, 2:4]
         before = np.vstack([[0.0, 0.0], after[:-1]])
@@ -145,7 +145,7 @@ class PuckFloor:
         return cast(Array, np.linalg.lstsq(np.vstack([rows, weak]), right, rcond=None)[0])
 
     def aimed(self, place: Array, speed: Array, target: Array) -> Array:
-        """Of many pushes per kilogram, the one that brings the puck to rest nearest to a target, but not far out."""
+        """The push per mass, of many candidates, that brings the puck to rest nearest to a target and not far out."""
         angles = np.linspace(0, 2 * np.pi, 25)[:-1]
         ways = np.array([np.cos(angles), np.sin(angles)]).T
         pushes = np.concatenate([size * self.haste * ways for size in _SIZES])
@@ -164,9 +164,9 @@ def _course(readings: Exchanges) -> Course:
 def force_on_puck(
     engine: Any, place: tuple[float, float], speed: tuple[float, float] = (0.0, 0.0), time: float = 0.0
 ) -> Array:
-    """Force on the puck at a place, a velocity and a time, in the engine [N].
+    """Force on the puck at a position, a velocity and a time, in the engine [N].
 
-    A huge inertia keeps place and velocity during the time step in which the force is read.
+    A huge inertia keeps position and velocity constant during the time step in which the force is read.
     """
     heavy = heavy_puck(engine)
     heavy.step(heavy.whole_steps(time))
@@ -177,14 +177,14 @@ def force_on_puck(
 
 
 def heavy_puck(engine: Any, kg: float = HEAVY_KG) -> Any:
-    """The scene with a puck that keeps its velocity. The body `gate` is put away, so that the rim holds nothing."""
+    """The scene with a puck that keeps its velocity, without the body `gate`, so that the rim does not catch it."""
     heavy = engine.changed({f"joint[{PUCK}_{axis}].armature": kg for axis in "xy"})
     heavy.place("gate", np.array([0.0, 0.0, 1.0]), {})
     return heavy
 
 
 def force_now(heavy: Any, kg: float = HEAVY_KG) -> Array:
-    """Force on a heavy puck during the next time step, which is done [N]."""
+    """Do one time step, and return the force on a heavy puck during it [N]."""
     before = heavy.twist(PUCK).linear
     heavy.step(1)
     return (heavy.twist(PUCK).linear - before)[:2] * kg / heavy.timestep

@@ -1,4 +1,4 @@
-"""What a protocol pushes and reads: the calls of a leg, and the course that they make. For reference protocols."""
+"""The controls and readings of a protocol: the calls of a leg, and the course from them. For reference protocols."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ TICK_S = 0.005
 
 
 def motion(duration: float, body: str = "object_1") -> list[Call]:
-    """Wait [s], and read place and velocity of a body."""
+    """Wait [s], and read position and velocity of a body."""
     reads = (call(tool, object_id=body) for tool in ("get_position", "get_velocity"))
     return [call("step", duration=duration), *reads]
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What a protocol pushes and reads in each leg of a course."""
+    """The controls and readings in each leg of a course."""
 
     controls: Sequence[Channel]
     """Components of forces and torques; each is set at the start of a leg."""
@@ -33,17 +33,17 @@ class Rig:
     """Significant digits to which they are rounded instead."""
 
     def leg(self, pushes: Any, duration: float, looks: int = 1) -> list[Call]:
-        """Calls that hold pushes for a duration and read after each of its equal parts.
+        """Calls that apply constant pushes for a duration and read after each of its equal parts.
 
         Args:
             pushes: A value for each control [N, N·m]; the controls beyond the last value, or beyond a number, are 0.
-            duration: How long the pushes are held [s]; each part is rounded to whole time steps, at least one.
+            duration: Duration of the pushes [s]; each part is rounded to whole time steps, at least one.
             looks: Number of parts.
         """
         return [*self._set(pushes), *(self._look(duration / looks) * looks)]
 
     def along(self, pushes: Any, moments: Iterable[float]) -> list[Call]:
-        """Calls that hold pushes and read at these moments [s], rounded to whole time steps from look to look."""
+        """Calls that apply constant pushes and read at these times [s]; intervals are rounded to whole time steps."""
         calls, before = self._set(pushes), 0.0
         for moment in moments:
             look = self._look(moment - before)
@@ -66,10 +66,10 @@ class Rig:
     def touched(
         self, first: float, growth: float, duration: float, moved: Callable[[Array], bool]
     ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], float]]:
-        """Push with the first control, each time `growth` times as hard, until a reading shows that it moves.
+        """Push with the first control, each time `growth` times as hard, until a reading shows motion.
 
         Returns:
-            The exchanges, and the push that moved it.
+            The exchanges, and the push that caused the motion.
         """
         seen, push = list[tuple[Call, Reading]](), first
         while True:
@@ -83,5 +83,5 @@ class Rig:
         return round(push, self.decimals) if self.significant is None else float(f"{push:.{self.significant}g}")
 
     def course(self, exchanges: Exchanges) -> Course:
-        """The course that these calls and readings tell of."""
+        """The course of these calls and readings."""
         return recorded(exchanges, self.controls, self.readings)

@@ -38,10 +38,9 @@ class Split:
 def splits() -> Mapping[str, Split]:
     """Name → split.
 
-    `train` and `validation` share scenes and have seeds of their own; `validation` also has scenes whose main idea
-    `train` lacks. `test-seeds` has the scenes of `train`. The scenes of `test-ideas` and `test-categories` are in
-    neither `train` nor `validation`, and nothing there has their ideas or categories. `test` has the scenes of all
-    these splits. `test-open` holds the open worlds.
+    `train` and `validation` share scenes, with different seeds; `validation` also has scenes whose main idea `train`
+    lacks. `test-seeds` has the scenes of `train`. The ideas and categories of `test-ideas` and `test-categories` occur
+    in neither `train` nor `validation`. `test` has the scenes of all these splits. `test-open` has the open worlds.
     """
     listed: dict[str, Any] = json.loads(_FILE.read_text(encoding="utf-8"))
     train, validation = tuple(listed["train"]), _united(listed["validation_ideas"])

@@ -1,7 +1,7 @@
-"""Laws of springs that differ beyond a small stretch, fitted to forces at rest. For reference protocols.
+"""Nonlinear springs, fitted to forces at rest. For reference protocols.
 
-An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0): a second
-part joins at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
+An `even` spring pulls with k u, a `cubic` one with k u + c u³, and a `late` one with k u + c max(u - e, 0), where a
+second spring engages at the edge e. A law is the tuple (k,), (k, c) or (k, c, e).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -63,7 +63,7 @@ def drawn(knobs: Mapping[str, Any], number: int) -> tuple[float, ...]:
 
 
 def solved(columns: Sequence[Array], right: Array, size: Array) -> tuple[Array, Array]:
-    """Misfits in uncertainties, and factors of the columns, by linear least squares."""
+    """Misfits in standard deviations, and coefficients of the columns, by linear least squares."""
     weighed = np.column_stack(columns) / size[:, None]
     scale = np.linalg.norm(weighed, axis=0) + 1e-12
     found = cast(Array, np.linalg.lstsq(weighed / scale, right / size, rcond=None)[0]) / scale
@@ -71,11 +71,11 @@ def solved(columns: Sequence[Array], right: Array, size: Array) -> tuple[Array, 
 
 
 def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float], bounds: tuple[float, float]) -> float:
-    """The edge with the smallest misfits: the best of some edges, refined within bounds.
+    """The edge with the smallest misfits: the best candidate, refined within bounds.
 
     Args:
-        at: Misfits and factors at an edge.
-        edges: Edges to begin with.
+        at: Misfits and coefficients at an edge.
+        edges: Candidate edges.
         bounds: Smallest and largest edge.
     """
     edge = min(edges, key=lambda edge: float((at(edge)[0] ** 2).sum()))
@@ -83,17 +83,17 @@ def best_edge(at: Callable[[float], tuple[Array, Array]], edges: Iterable[float]
 
 
 def spin_errors(spin: Array, torque: Array) -> Array:
-    """Standard deviations of torques [N·m] by the errors of the steady spins [rad/s] that they keep."""
+    """Standard deviations of torques [N·m], from the errors of the steady angular velocities [rad/s]."""
     return torque / spin * 2 * SIGMA_RAD_S + 1e-3 * torque
 
 
 def resisted(columns: Callable[[float], Sequence[Array]], spin: Array, torque: Array) -> tuple[float, Array, float]:
-    """Chi-square, factors and edge of resistances to spins up to 10 rad/s, a part of which joins at an edge.
+    """Chi-square, coefficients and edge of a resistance up to 10 rad/s, part of which sets in at an edge.
 
     Args:
-        columns: What the torque is linear in, for an edge [rad/s].
-        spin: Steady spins that were read [rad/s].
-        torque: Torques that kept them [N·m].
+        columns: Basis functions of the torque, for an edge [rad/s].
+        spin: Steady angular velocities that were read [rad/s].
+        torque: Torques at these angular velocities [N·m].
     """
     size = spin_errors(spin, torque)
 
@@ -126,7 +126,7 @@ def fitted(points: Sequence[tuple[float, float]], kind: str) -> tuple[float, tup
 
 
 def best(points: Sequence[tuple[float, float]], alone: float) -> tuple[float, ...]:
-    """The law that fits best, each constant paid for; of a single point, an even spring of the stiffness `alone`."""
+    """The best-fit law with a penalty per constant; for a single point, an even spring of the stiffness `alone`."""
     if len(points) < 2:
         return (alone,)
     fits = [fitted(points, kind) for kind in KINDS]
@@ -136,13 +136,13 @@ def best(points: Sequence[tuple[float, float]], alone: float) -> tuple[float, ..
 def next_load(
     rows: Sequence[tuple[float, float]], goals: Sequence[float] = GOALS, near: float = 0.006, least: float = 5e-4
 ) -> tuple[float, float] | None:
-    """The next goal, and the force that reaches it if the last slope goes on; None where all goals are reached.
+    """The next goal, and the force that reaches it by extrapolation of the last slope; None if all are reached.
 
     Args:
-        rows: Stretches [m] and forces [N] so far, with the first row at no load.
-        goals: Stretches that are aimed at, ascending.
-        near: A goal is reached from so far below it on.
-        least: Smallest difference of stretches that gives a slope.
+        rows: Stretches [m] and forces [N] so far; the first row is without load.
+        goals: Target stretches, ascending.
+        near: Distance below a goal within which it counts as reached.
+        least: Smallest difference of stretches for which a slope is computed.
     """
     (a, before), (u, now) = rows[-2:]
     goal = next((goal for goal in goals if goal > u + near), None)
@@ -152,7 +152,7 @@ def next_load(
 
 
 def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) -> Any:
-    """Stretch [m] at which a spring has a pull, or each of an array of pulls [N]."""
+    """Stretch [m] for a pull, or for an array of pulls [N]."""
     if edge is not None:
         return force / k - part / k * np.maximum(force - k * edge, 0.0) / (k + part)
     u = force / k
@@ -165,8 +165,8 @@ def stretch(force: Any, k: float, part: float = 0.0, edge: float | None = None) 
 class _Fit:
     """A spring of one kind, fitted to stretches.
 
-    Its constants are the logarithm of the stiffness; of a cubic spring the share of the third power in the pull at
-    `LAST_M`; of a late one the logarithm of the second part's stiffness over the first one's, and the edge.
+    Its constants are the logarithm of the stiffness; for a cubic spring also the share of the cubic term in the pull at
+    `LAST_M`; for a late spring the logarithm of the ratio of the stiffnesses, and the edge.
     """
 
     kind: str
@@ -175,7 +175,7 @@ class _Fit:
 
     @property
     def ranges(self) -> list[tuple[float, float]]:
-        """Ranges of the constants, those that the prompts state among them."""
+        """Ranges of the constants, including those that the prompts state."""
         first = float(np.log(fitted(self.points, self.kind)[1][0]))
         return [(first - 1, first + 1), *_RANGES[self.kind]]
 
@@ -187,7 +187,7 @@ class _Fit:
         return (k,) if self.kind == "even" else (k, k * float(np.exp(more[0])), more[1])
 
     def misfits(self, constants: Array) -> Array:
-        """How far the stretches are from those of the law, in standard deviations."""
+        """Misfits of the stretches in standard deviations."""
         u, force = np.array(self.points).T
         return (stretch(force, *self.law(constants)) - u) / self.sigma
 
@@ -206,7 +206,7 @@ class _Fit:
 def members(
     springs: Sequence[Points], predict: Callable[[Sequence[Law]], AnswerValue], sigma: float
 ) -> dict[str, Member]:
-    """Springs of all kinds, fitted to what was read; by their kinds, such as `even, late`.
+    """Springs of all kinds, fitted to the readings; by their kinds, such as `even, late`.
 
     Args:
         springs: Stretches and forces of each spring.

@@ -1,4 +1,4 @@
-"""Pushes a body step by step, reads it at rest, and fits what holds it. For reference protocols."""
+"""Load a body step by step, read it at rest, and fit the restoring forces. For reference protocols."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _ALWAYS, _EACH = 3, 3
 
 @dataclass(frozen=True, slots=True)
 class PushSteps:
-    """Forces that grow step by step, slowly enough for a device that lets go of a fast or a far body."""
+    """Forces that grow in steps, small enough not to trigger a device that releases a fast or distant body."""
 
     bodies: Sequence[str]
     """The body that is pushed, then those that are read beside it."""
@@ -64,7 +64,7 @@ class PushSteps:
         return [call("step", duration=self.wait_s), *reads]
 
     def pushed(self) -> Generator[list[Call], list[Reading], list[tuple[Call, Reading]]]:
-        """Grow the force until the way is enough; the exchanges."""
+        """Increase the force until the displacement is large enough; the exchanges."""
         seen, force, more, number, way = list[tuple[Call, Reading]](), 0.0, self.first_n, 0, 0.0
         allowed, gained = np.inf, 0.0
         while number < self.most and way < self.enough:
@@ -85,7 +85,7 @@ class PushSteps:
         return seen
 
     def rows(self, exchanges: Exchanges) -> list[tuple[float, ...]]:
-        """Force [N], way down, and heights of the other bodies [m] at rest, until the body is beyond the deepest."""
+        """Force [N], deflection and heights of the other bodies [m] at rest, until the body is below the limit."""
         force, last, found, rows = 0.0, 0.0, list[float](), list[tuple[float, ...]]()
         for asked, reading in exchanges:
             if asked.tool == "apply_force":
@@ -105,14 +105,14 @@ class PushSteps:
 def fitted_strengths(
     columns: Callable[[Array], Array], places: Array, forces: Array, sigma: float, rounds: int
 ) -> tuple[float, Array]:
-    """Chi-square and strengths of what pushes back, where the places have errors and the forces none.
+    """Chi-square and strengths of restoring forces, with errors in the positions and exact forces.
 
     Args:
-        columns: Forces of unit strength at places; shape (n,) to (n, strengths).
-        places: Where the body rested [m].
-        forces: What was pushed there [N].
-        sigma: Standard deviation of a place [m].
-        rounds: How often the slope, which turns errors of places into errors of forces, is computed anew.
+        columns: Forces of unit strength at positions; shape (n,) to (n, strengths).
+        places: Positions of the body at rest [m].
+        forces: Forces applied there [N].
+        sigma: Standard deviation of a position [m].
+        rounds: Number of updates of the slope that converts errors of positions into errors of forces.
     """
     table, ahead = columns(places), columns(places + _STEP_M)
     slope = np.full(len(places), float(forces @ places / (places @ places)))
@@ -126,7 +126,7 @@ def fitted_strengths(
 
 
 def held_down(engine: Any, body: str, stiffness: float, asked_m: float, top_m: float) -> float:
-    """Force that holds a body in the engine so far below its start, by a stiff hand and without the device [N]."""
+    """Force that holds a body at a distance below its start in the engine, without the device [N]."""
     hand, goal, down = 100 * stiffness, asked_m, 0.0
     free = engine.changed({"joint[device_joint].damping": 1e9, f"joint[{body}_joint].stiffness": hand})
     while abs(down - asked_m) > 1e-6:
@@ -143,13 +143,13 @@ def fitted_from(
     bounds: tuple[Any, Any],
     sizes: Sequence[float],
 ) -> tuple[float, Array]:
-    """Chi-square and constants of least squares from several starts, of which the best is followed to its end.
+    """Chi-square and constants of least squares from several starting points; the best one is run to convergence.
 
     Args:
         misfits: Misfits in standard deviations, from the constants.
-        starts: Constants to begin with.
+        starts: Starting points.
         bounds: Smallest and largest values of the constants.
-        sizes: Usual sizes of the constants.
+        sizes: Typical sizes of the constants.
     """
     tries = [least_squares(misfits, start, bounds=bounds, x_scale=sizes, max_nfev=_FEW) for start in starts]
     first = min(tries, key=lambda found: found.cost)
@@ -159,10 +159,10 @@ def fitted_from(
 
 @dataclass(frozen=True, slots=True)
 class LateParts:
-    """Parts that hold a body only from a gap on: props that stand apart, cords with slack.
+    """Supports that act on a body only beyond a gap: props at a distance, cords with slack.
 
-    The constants of a body at rest are three of what always holds it, the matrix of a linear law of two loads, and then
-    place, strength and gap of each late part.
+    The constants are the three of the permanent support, the matrix of a linear law of two loads, and then position,
+    stiffness and gap of each late support.
     """
 
     pressed: Callable[[Array, Array], Array]
@@ -173,7 +173,7 @@ class LateParts:
     """At so many points."""
 
     def known(self, constants: Array, points: Array) -> Array:
-        """The constants without the strengths of late parts that are not known yet."""
+        """The constants without the stiffnesses of late supports that are still unknown."""
         known = np.array(constants, dtype=float)
         for part in known[_ALWAYS:].reshape(-1, _EACH):
             if np.sum(self.pressed(part, points) > self.least) < self.times:
@@ -188,18 +188,18 @@ class LateParts:
         calls: Callable[[str, Array, float, Any], list[Call]],
         fit: Callable[[Exchanges], tuple[str, Array, Array]],
     ) -> Generator[list[Call], list[Reading], tuple[str, Array]]:
-        """Load the body by the law fitted so far, whose late parts are trusted more from round to round.
+        """Load the body according to the current fit; each round gives more weight to the fitted late supports.
 
         Args:
-            seen: Exchanges so far, to which those of the rounds are added.
-            rounds: How far late parts are trusted, from 0 to 1, and what is aimed at.
-            first: Constants of what always holds the body.
-            calls: Calls for an aim, from the structure, the known constants, the trust and the aim; the structure is
-                empty in the first round.
-            fit: The structure that fits best, its constants, and the points, from all exchanges.
+        seen: Exchanges so far; those of the rounds are appended.
+        rounds: Weight of late supports, from 0 to 1, and target, for each round.
+        first: Constants of the permanent support.
+        calls: Calls for a target, from the structure, the known constants, the weight and the target; the structure
+            is empty in the first round.
+        fit: The best-fit structure, its constants, and the points, from all exchanges.
 
         Returns:
-            The structure that fits best in the end, and its constants.
+        The final best-fit structure and its constants.
         """
         structure, constants, known = "", first, first
         for trust, aims in rounds:

@@ -1,8 +1,8 @@
-"""Leads a body to wider and wider swings, short of a catch, and predicts from them. For reference protocols.
+"""Drive a body to increasing swings without reaching a catch, and predict from them. For reference protocols.
 
-A solution states what it pushes and reads (`Rig`), its laws with a plain one to plan with, and what it likes about a
-planned path. `Swing` touches the body until it moves, then repeats: fit the plain law to the course so far, try many
-sequences of pushes in it, and do the first pushes of the one that is worth most.
+A solution defines its controls and readings (`Rig`), its laws, a simplified law for planning, and an objective for
+planned paths. `Swing` increases a push until the body moves. Then it repeats: fit the simplified law to the course so
+far, simulate many sequences of pushes, and apply the first pushes of the best sequence (model predictive control).
 """
 
 from collections.abc import Callable, Sequence
@@ -27,8 +27,8 @@ _LOST = 9.0
 class LegFit:
     """Fits each leg of a course from the readings before it.
 
-    Such a fit is quick, and it does not depend on the start of the course, so that it also serves for bodies that leave
-    their place by themselves. A fit of the whole course tells more.
+    Such a fit is fast and independent of the start of the course, so it also works for bodies in unstable equilibrium.
+    A fit of the whole course is more precise.
     """
 
     laws: Laws
@@ -59,7 +59,7 @@ class LegFit:
         return refined(misfits, known, self.again)
 
     def fitted(self, course: Course, structure: str) -> tuple[float, dict[str, float]]:
-        """Chi-square and constants of the best fit, refined along long narrow valleys as well."""
+        """Chi-square and constants of the best fit, also refined by `polished`."""
 
         def misfits(unit: Array) -> Array:
             units = np.asarray(unit)[:, None]
@@ -70,13 +70,13 @@ class LegFit:
         return float((misfits(unit) ** 2).sum()), {name: float(value) for name, value in constants.items()}
 
     def best(self, course: Course) -> tuple[str, dict[str, float]]:
-        """The structure that fits best, each constant paid for, and its constants."""
+        """The structure with the best fit, penalised for each constant, and its constants."""
         return self.laws.cheapest({name: self.fitted(course, name) for name in self.laws.structures})
 
 
 @dataclass(frozen=True, slots=True)
 class SwingPlan:
-    """What is known before the next legs, and what they are for."""
+    """The state and the objective before the next legs."""
 
     knobs: Knobs
     """Constants of the plain law."""
@@ -93,21 +93,21 @@ class SwingPlan:
 
 
 def to_and_fro(rng: np.random.Generator, legs: int, trials: int, shares: Sequence[float] = SHARES) -> Array:
-    """Pushes of one control for each leg and trial, as shares of the strongest; shape (legs, 1, trials)."""
+    """Pushes of one control for each leg and trial, relative to the strongest; shape (legs, 1, trials)."""
     return rng.choice(shares, (legs, trials))[:, None, :]
 
 
 def to_a_side(plan: SwingPlan, place: Array, far: float, more: Array) -> Array:
-    """Value of paths that swing widely to the wanted side, within the reach.
+    """Objective for paths with wide swings to one side, within the reach.
 
     Args:
-        plan: What the path is for.
-        place: Coordinate at each look of each trial; shape (looks, trials).
-        far: Distance from which on a swing counts as wide.
-        more: What else a look is worth; shape (looks, trials).
+        plan: State and objective.
+        place: Coordinate at each reading of each trial; shape (looks, trials).
+        far: Distance beyond which a swing counts as wide.
+        more: Additional value of a reading; shape (looks, trials).
 
     Returns:
-        For each trial the sum over the looks of 10 max(min(side x, reach) - far, 0) + more - 1000 max(|x| - reach, 0).
+        For each trial, the sum over readings of 10 max(min(side x, reach) - far, 0) + more - 1000 max(|x| - reach, 0).
     """
     wide = 10 * np.maximum(np.minimum(plan.side * place, plan.reach) - far, 0.0)
     return (wide + more - 1e3 * np.maximum(abs(place) - plan.reach, 0.0)).sum(axis=0)
@@ -119,7 +119,7 @@ def _coasts(_: Course) -> Sequence[tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """How a solution leads the body, fits its laws and predicts."""
+    """How a solution drives the body, fits its laws and predicts."""
 
     rig: Rig
     model: Predictor
@@ -167,7 +167,7 @@ class Swing:
     """Most calls before the answer."""
 
     def solve(self, _: str) -> Protocol:
-        """Touch the body until it moves; then pushes that the plain law so far chooses; fit every law to the course."""
+        """Increase a push until the body moves, then push as planned with the simplified law; fit every law."""
         seen: list[tuple[Call, Any]] = []
         for strength in self.touches:
             calls = self.rig.leg(strength, self.touch_s)
@@ -193,7 +193,7 @@ class Swing:
         yield [answer(self.model.best(seen))]
 
     def planned(self, plan: SwingPlan) -> Array:
-        """Pushes of the next legs: of many sequences, the one whose path is worth most; shape (legs, controls)."""
+        """Pushes of the next legs: the best of many sequences by the objective; shape (legs, controls)."""
         pushes = self.strongest(plan) * self.pattern(np.random.default_rng(2), self.ahead, self.trials)
         states, path = plan.course.readings[-1][:, None] + np.zeros(self.trials), list[Array]()
         for held in pushes:

@@ -1,7 +1,7 @@
-"""Wheels that loads on pans turn, press or brake, and what resists them. For reference protocols.
+"""Wheels that are driven or braked by loads on pans, and their resistance. For reference protocols.
 
-A pan bears one ball after the other. Each load leads to a steady spin, at which the torques balance. They are linear in
-some factors, except for the spin at which a part joins.
+A pan carries one ball at a time. At each load the torques balance at a steady angular velocity. They are linear in the
+coefficients, except for the angular velocity at which a part of the resistance sets in (the edge).
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -30,7 +30,7 @@ _ROOM = 3.0
 
 @dataclass(frozen=True, slots=True)
 class LoadedPan:
-    """A pan, loaded with one ball instead of the one before."""
+    """A pan whose ball is replaced at each load."""
 
     body: str
     x_m: float
@@ -43,7 +43,7 @@ class LoadedPan:
     height_m: float = 1.0
 
     def put(self, number: int, kg: float) -> list[Call]:
-        """Load the pan with ball `number` instead of the one before."""
+        """Replace the ball on the pan by ball `number`."""
         place = [self.x_m + _WAY_M * (number % 2), 0.0, self.height_m]
         old = [call("delete_objects", object_id=f"{self.letter}{number - 1}")] if number else []
         return [*joined(dense_ball(f"{self.letter}{number}", kg, place, _DENSITY), self.body), *old]
@@ -53,23 +53,23 @@ class LoadedPan:
         return [call("step", duration=wait_s or self.wait_s), call("get_velocity", object_id=self.wheel)]
 
     def load(self, number: int, kg: float) -> list[Call]:
-        """Load the pan with ball `number` instead of the one before, wait, and read the spin."""
+        """Replace the ball on the pan by ball `number`, wait, and read the angular velocity."""
         return [*self.put(number, kg), *self.look()]
 
     def turned(
         self, number: int, kg: float, first: Sequence[Call], goals: Sequence[Sequence[float]], enough: float
     ) -> Generator[list[Call], list[Reading], tuple[list[tuple[Call, Reading]], list[tuple[float, float]]]]:
-        """Turn the wheel faster and faster; each load follows from the spins before.
+        """Turn the wheel at increasing angular velocities; each load is computed from the previous ones.
 
         Args:
-            number: Number of the first ball.
-            kg: Mass of it.
-            first: Calls before it.
-            goals: For each ball, the spins that are aimed at with the next one, ascending [rad/s].
-            enough: Spin that is enough [rad/s].
+        number: Number of the first ball.
+        kg: Mass of the first ball.
+        first: Calls before it.
+        goals: For each ball, candidate target angular velocities of the next one, ascending [rad/s].
+        enough: Angular velocity at which the loads end [rad/s].
 
         Returns:
-            The exchanges, and spins and loads, with a first row at rest.
+        The exchanges, and angular velocities and loads; the first row is at rest.
         """
         seen, rows, calls = list[tuple[Call, Reading]](), [(0.0, 0.0)], list(first)
         for ahead in goals:
@@ -92,13 +92,13 @@ def resisted_member(
     predict: Callable[[Array, float], AnswerValue],
     edges: tuple[float, float],
 ) -> Member:
-    """A law of resistances, fitted; none of its parts drives a wheel.
+    """A fitted law of resistance with nonnegative coefficients.
 
     Args:
-        columns: What the torque is linear in, for an edge [rad/s].
-        spin: Steady spins that were read [rad/s].
-        torque: Torques that kept them [N·m].
-        predict: The answer from the factors of the columns and the edge.
+        columns: Basis functions of the torque, for an edge [rad/s].
+        spin: Steady angular velocities that were read [rad/s].
+        torque: Torques at these angular velocities [N·m].
+        predict: The answer from the coefficients and the edge.
         edges: Smallest and largest edge.
     """
     error = spin_errors(spin, torque)
@@ -119,15 +119,15 @@ def resisted_member(
 
 
 def left_spin(engine: Any, body: str, wheel: str, torques: Sequence[float], asked: float, seconds: float) -> float:
-    """By which share a wheel is off an asked spin in the engine, after a disturbed torque and then the asked one.
+    """Relative error of a wheel's angular velocity in the engine, after a disturbed torque and then the asked one.
 
     Args:
         engine: The engine without brakes.
-        body: The body that is turned.
-        wheel: The body whose spin is read.
+        body: The body on which the torque acts.
+        wheel: The body whose angular velocity is read.
         torques: Torques, one after the other, such as a disturbed and the asked one [N·m].
-        asked: The asked spin [rad/s].
-        seconds: How long each acts [s].
+        asked: The asked angular velocity [rad/s].
+        seconds: Duration of each torque [s].
     """
     for torque in torques:
         engine.push(body, torque=np.array([0.0, 0.0, torque]))

@@ -1,7 +1,7 @@
-"""A potential from places, speeds and the work of pushes on a body that nothing slows. For reference protocols.
+"""Fit a potential to positions, speeds and the work of pushes on a body without friction. For reference protocols.
 
-The energy m v²/2 + V(x) of the body changes by the work of the pushes alone. A push F that begins at x0 has done the
-work F (x - x0) at x. The error of x0 stays in the work from then on, so the errors of all later points go together.
+The energy m v²/2 + V(x) of the body changes only by the work of the pushes. A push F that begins at x0 has done the
+work F (x - x0) at x. The error of x0 enters the work of all later points, so their errors are correlated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,14 +20,14 @@ def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> 
     """Points of a motion until a latch holds the body.
 
     Args:
-        exchanges: What was done and read.
-        rig: A push, and a place and a speed that are read after each look.
-        error: Standard deviation of a place [m, rad].
+        exchanges: Calls and results.
+        rig: A push, and the position and speed that are read.
+        error: Standard deviation of a position [m, rad].
         within: Distance beyond which a latch holds the body [m, rad].
 
     Returns:
-        Places, speeds, works of the pushes up to there, the pushes, and the variances of the works by the errors of the
-        places where pushes began; shape (5, n), with n at least 1.
+        Positions, speeds, accumulated work, pushes, and the variances of the work from the errors of the positions
+        where pushes began; shape (5, n), with n at least 1.
     """
     pushed, (place, speed) = rig.controls[0], rig.readings
     began = push = work = doubt = last = 0.0
@@ -48,11 +48,11 @@ def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> 
 
 
 def whitening(doubt: Array, alone: Array) -> Array:
-    """Matrix that makes the errors of all points independent and of size 1.
+    """Whitening matrix: with it, the errors of all points are independent with variance 1.
 
     Args:
-        doubt: Variance of the work at each point, which goes on to all later points; never falls.
-        alone: Variance of each point by itself.
+        doubt: Variance of the accumulated work at each point; it is shared with all later points and never decreases.
+        alone: Independent variance of each point.
     """
     together = np.minimum.outer(doubt, doubt) + np.diag(alone)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(together)), dtype=float)
@@ -68,17 +68,17 @@ def refitted(
     highest: Array,
     clip: tuple[float, Array],
 ) -> tuple[float, Array, float]:
-    """Fit the free constants twice, with the errors that follow from those before.
+    """Fit the free constants twice; the second fit uses the errors computed from the first.
 
     Args:
-        constants: All constants to begin with.
+        constants: Initial values of all constants.
         free: Indices of the free ones.
         doubt: Variance of the work at each point.
-        alone: Variance of each point by itself, from the constants.
-        misfits: Misfits of the points, and further ones that are in uncertainties already, from the constants.
-        scale: Usual sizes of the free constants.
+        alone: Independent variance of each point, from the constants.
+        misfits: From the constants, misfits of the points, and others that are already in standard deviations.
+        scale: Typical sizes of the free constants.
         highest: Upper bounds of the free constants; the lower ones are 0.
-        clip: Bounds into which they are brought after a fit.
+        clip: Bounds to which the constants are clipped after a fit.
 
     Returns:
         Half the sum of the squares, the constants, and the logarithm of the determinant of the last whitening matrix.
@@ -102,7 +102,7 @@ def refitted(
 def cheapest(
     fits: Mapping[str, tuple[float, Array]], free: Mapping[str, Sequence[int]], count: int
 ) -> tuple[str, Array]:
-    """The structure that fits best, and its constants, of which each costs the logarithm of the number of points.
+    """The best-fit structure and its constants, by chi-square plus the logarithm of the number of points per constant.
 
     Args:
         fits: Chi-square and constants of each structure.
@@ -124,7 +124,7 @@ def weighed(
     """The members of a family of potentials, fitted to the points with the same errors.
 
     Args:
-        fits: All constants of each structure, from which the fit goes on.
+        fits: Initial values of all constants of each structure.
         free: Which constants each structure has.
         white: Whitening matrix of the points.
         misfits: Misfits of the points from all constants.
@@ -151,14 +151,14 @@ def weighed(
 
 
 def parts_of_way(speed_at: Callable[[Array], Array], start: float, end: float, count: int = 400) -> tuple[Array, Array]:
-    """Durations of the parts of a way between two places, and the places.
+    """Durations of the parts of a path between two positions, and the positions.
 
-    The substitution x = (start + end)/2 - (end - start)/2 cos(u) takes care of speeds 0 at the ends.
+    The substitution x = (start + end)/2 - (end - start)/2 cos(u) removes the singularity where the speed is 0.
 
     Args:
-        speed_at: Speed at places, above 0.
-        start: First place.
-        end: Last place.
+        speed_at: Speed at positions, above 0 between the ends.
+        start: First position.
+        end: Last position.
         count: Number of parts.
     """
     edges = np.linspace(0, pi, count + 1)

@@ -1,4 +1,4 @@
-"""References to worlds: `world:LEVEL:INDEX`, and the scene ids that stand for them wherever a number is needed."""
+"""References to worlds: `world:LEVEL:INDEX`, and the scene ids that represent them as numbers."""
 
 import re
 
@@ -15,7 +15,7 @@ def scene_id_of(level: int, index: int) -> int:
 
 
 def is_world(scene_id: int) -> bool:
-    """Whether a scene id stands for a world."""
+    """Whether a scene id represents a world."""
     return scene_id >= FIRST_ID
 
 
@@ -25,7 +25,7 @@ def place_of(scene_id: int) -> tuple[int, int]:
 
 
 def reference_of(scene_id: int) -> str:
-    """What people read for a scene id: `world:LEVEL:INDEX` of a world, the number itself of any other scene."""
+    """Display name of a scene id: `world:LEVEL:INDEX` for a world, the number for any other scene."""
     return "world:{}:{}".format(*place_of(scene_id)) if is_world(scene_id) else str(scene_id)
 
 
