@@ -351,6 +351,7 @@ async def test_an_attached_object_is_moved_neither_by_itself_nor_with_its_parent
         assert "attached" in await lab.refused("change_position", object_id=number, dx=0, dy=0, dz=1)
     await lab("delete_objects", object_id=3)
     await lab("move_object", object_id=1, x=0, y=5, z=5)
+    assert [await lab.position(number) for number in (1, 2)] == [pytest.approx([0, 5, 5]), pytest.approx([1, 5, 5])]
 
 
 async def test_the_ropes_of_a_scene_do_not_hinder_moving() -> None:
@@ -359,3 +360,5 @@ async def test_the_ropes_of_a_scene_do_not_hinder_moving() -> None:
         '<equality><connect body1="object_1" body2="object_2" anchor="0 0 0"/></equality>',
     )
     await lab("change_position", object_id=1, dx=0, dy=0.01, dz=0)
+    assert await lab.position(1) == pytest.approx([0, 0.01, 5])
+    assert await lab.position(2) == pytest.approx([1, 0, 5])

@@ -113,15 +113,20 @@ async def test_a_child_that_rides_along_must_fit_too() -> None:
 async def test_what_overlaps_already_may_be_moved_out_and_not_further_in() -> None:
     lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "0.15 0 5"))
     assert "overlap" in await lab.refused("change_position", object_id=1, dx=0.01, dy=0, dz=0)
+    assert await lab.position(1) == pytest.approx([0, 0, 5])
     await lab("change_position", object_id=1, dx=-0.01, dy=0, dz=0)
+    assert await lab.position(1) == pytest.approx([-0.01, 0, 5])
     await lab("change_position", object_id=1, dx=-1, dy=0, dz=0)
+    assert await lab.position(1) == pytest.approx([-1.01, 0, 5])
 
 
 async def test_soft_surfaces_may_be_sunk_into_from_either_side() -> None:
     lab = open_bench(ball_mjcf(1, "0 0 5") + ball_mjcf(2, "3 0 5"), soft=("object_2",))
     await lab("move_object", object_id=1, x=2.9, y=0, z=5)
     await lab("change_position", object_id=2, dx=-0.05, dy=0, dz=0)
-    await lab("create_objects", name="p", pos=[2.95, 0, 5.15], density=10, rgba=[1, 1, 1, 1], radius=0.05)
+    created = await lab("create_objects", name="p", pos=[2.95, 0, 5.15], density=10, rgba=[1, 1, 1, 1], radius=0.05)
+    places = [await lab.position(number) for number in (1, 2, created["object_id"])]
+    assert places == [pytest.approx(place) for place in ([2.9, 0, 5], [2.95, 0, 5], [2.95, 0, 5.15])]
 
 
 async def test_an_obstacle_that_was_moved_is_in_the_way_where_it_is_now() -> None:
