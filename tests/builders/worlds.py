@@ -1,11 +1,12 @@
 """Folders with a few worlds of level 1."""
 
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 
-from evaluator.certify.world_making import make_world
+from evaluator.certify.world_making import Made, make_world
 from scenes.worlds.drawing import structures_of
-from scenes.worlds.levels import difficulty_of
+from scenes.worlds.levels import Difficulty, difficulty_of
 from scenes.worlds.orders import PUBLIC
 from scenes.worlds.records import as_line, keys_file, lines_file
 
@@ -15,11 +16,17 @@ def write_worlds(folder: Path, indexes: Iterable[int] = (0,), secret: str = PUBL
     difficulty = difficulty_of(1).changed(**attributes)
     folder.mkdir(parents=True, exist_ok=True)
     for index in indexes:
-        made = make_world(1, difficulty, secret, index)
+        made = _made(difficulty, secret, index)
         for file, line in ((keys_file(folder, 1), made.certificate), (lines_file(folder, 1), made.record)):
             with file.open("a", encoding="utf-8") as stream:
                 stream.write(as_line(line) + "\n")
     return folder
+
+
+@functools.cache
+def _made(difficulty: Difficulty, secret: str, index: int) -> Made:
+    """A world; kept, because it takes seconds to make one."""
+    return make_world(1, difficulty, secret, index)
 
 
 def structure_rows(levels: Iterable[int]) -> list[str]:

@@ -79,6 +79,7 @@ def test_tags_are_indented_and_attributes_that_do_not_fit_go_on_below_the_first(
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=15,
 )
 
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 from pydantic import JsonValue
 
+from evaluator.answers.steps import grade_steps
 from evaluator.certify.certificate import BUDGET, certify, check_sane, play_reference
 from evaluator.certify.driving import drive
 from evaluator.certify.keys import check_key
@@ -18,6 +19,7 @@ from evaluator.certify.twins import check_twins, same
 from evaluator.episode.connect import EpisodeConnector
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
 from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack
+from scenes.draw import step_values
 from tests.builders.author import Author
 from tests.builders.records import episode, episode_key, returned, turn
 
@@ -320,19 +322,27 @@ def test_lint_reports_gaps_in_object_numbers(author: Author) -> None:
 async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(
     scene: int, memory: EpisodeConnector
 ) -> None:
-    """Seeds 0 and 1: the reference plays the first through MCP and the second on a session. `make verify` plays 20."""
+    """The reference plays seed 0 through MCP and seed 1 on a session; the engine is asked for the key of seed 0.
+
+    `physment-eval verify --all`, which runs each night, asks it on 20 seeds, and at half the time step.
+    """
     files = find_pack(scene)
     subject = Subject.open(files)
-    session = subject.session(subject.draw(1))
+    draw = subject.draw(1)
+    session = subject.session(draw)
     assert subject.solution.solve is not None
     assert not (await drive(session, subject.solution.solve)).failure
     prompt, answer = opening_prompt(session, PromptOptions(budget=BUDGET)), cast("JsonValue", session.state.answer)
+    assert subject.agrees(answer, subject.truth(draw), 0.5)
     answered = returned("answer", answer=answer, steps=session.state.steps)
-    episodes = [
-        await play_reference(subject, 0, memory),
-        episode(turn("", answered), key=episode_key(scene, seed=1), answer=answer, prompt=prompt),
+    first = await play_reference(subject, 0, memory)
+    second = episode(turn("", answered), key=episode_key(scene, seed=1), answer=answer, prompt=prompt)
+    assert all((grade_steps(second, step_values(files, subject.pack, draw.knobs)) or {}).values())
+    checks = [
+        check_key(subject, [first]),
+        await check_twins(subject, [first, second]),
+        check_sane(subject, 1, lint(files)),
     ]
-    checks = [check_key(subject, episodes), await check_twins(subject, episodes), check_sane(subject, 1, lint(files))]
     # Two draws of a choice may be equal; the stored certificates prove that keys differ over twenty seeds.
     reasons = [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
     assert [reason.split(":")[0] for reason in reasons] == UNDECLARED.get(scene, [])

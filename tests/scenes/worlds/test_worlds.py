@@ -37,7 +37,7 @@ from scenes.worlds.records import (
 from scenes.worlds.tasks import task_of
 from scenes.worlds.terms import Structure, Term
 
-LEVEL = 3
+LEVEL = 1
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +86,8 @@ def test_records_survive_their_file(made: tuple[WorldRecord, Certificate], tmp_p
 
 
 def test_a_line_that_is_no_record_is_named(tmp_path: Path) -> None:
-    lines_file(tmp_path, LEVEL).write_text('{"level": 3}\n', encoding="utf-8")
-    with pytest.raises(WorldError, match=r"level-3\.jsonl, line 1: grammar: Field required"):
+    lines_file(tmp_path, LEVEL).write_text('{"level": 1}\n', encoding="utf-8")
+    with pytest.raises(WorldError, match=r"level-1\.jsonl, line 1: grammar: Field required"):
         list(read_records(tmp_path, LEVEL))
     with pytest.raises(WorldError, match="there are no such worlds"):
         list(read_records(tmp_path, 4))
