@@ -1,4 +1,4 @@
-"""Figures of the structure: lines of Python, rooms and arrows, imports per 100 lines of code, the path of a short run.
+"""Figures of the structure: lines of Python, rooms and arrows, imports per 100 lines, the paths of a run and of a call.
 
 python -m tests.harness.structure
 """
@@ -68,6 +68,65 @@ print(*seen, sep="\\n", file=sys.stderr)
 """
 
 
+def files_of_a_call() -> list[str]:
+    """Own files whose functions a host calls for one `apply_force` over HTTP, in the order of their first call.
+
+    The client repeats a call that it has made before, on an open connection.
+    """
+    done = subprocess.run([sys.executable, "-c", _TRACED_HOST], cwd=ROOT, capture_output=True, text=True, check=True)
+    return [Path(line).relative_to(ROOT).as_posix() for line in done.stderr.splitlines() if line.startswith(str(ROOT))]
+
+
+_TRACED_HOST = """
+import asyncio, inspect, io, json, os, sys, threading
+import httpx2
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from physment_mcp.commands.program import main
+
+seen, tracing = {}, threading.Event()
+
+def note(frame, event, argument):
+    if event == "call" and tracing.is_set():
+        code = frame.f_code
+        if "/physment_mcp/" in code.co_filename and code.co_flags & inspect.CO_OPTIMIZED:
+            seen.setdefault(code.co_filename)
+
+async def play(address):
+    async with httpx2.AsyncClient() as http:
+        opened = (await http.post(address + "/episodes", json={"scene": 7})).json()
+        async with Client(streamable_http_client(opened["mcp_url"], http_client=http), cache=None) as client:
+            for trace in (False, True):
+                if trace:
+                    tracing.set()
+                done = await client.call_tool("apply_force", {"object_id": "object_1", "force_vector": [1, 0, 0]})
+                assert not done.is_error, done
+            await asyncio.sleep(0.2)
+            tracing.clear()
+
+class Printed(io.StringIO):
+    def write(self, text):
+        if "listening" in text:
+            threading.Thread(target=client, args=[json.loads(text)["listening"]]).start()
+        return len(text)
+
+def client(address):
+    sys.setprofile(None)
+    code = 1
+    try:
+        asyncio.run(play(address))
+        print(*seen, sep="\\n", file=sys.stderr, flush=True)
+        code = 0
+    finally:
+        os._exit(code)
+
+sys.stdout = Printed()
+threading.setprofile(note)
+sys.setprofile(note)
+main(["serve", "--port", "0"])
+"""
+
+
 def main() -> int:
     """Print the figures."""
     print(f"{lines_of_python()} lines of Python")
@@ -78,6 +137,8 @@ def main() -> int:
         print(f"{package}: {len(graph)} rooms, {arrows} arrows, {share:.1f} imports per 100 lines of code")
     found = files_of_a_run(RUN)
     print(f"a run of one scene calls functions of {len(found)} files of evaluator:", *found, sep="\n  ")
+    found = files_of_a_call()
+    print(f"a call over HTTP calls functions of {len(found)} files of physment_mcp:", *found, sep="\n  ")
     return 0
 
 
