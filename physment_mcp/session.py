@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from physment_mcp.errors import BeyondLimit, EpisodeOver, NotPermitted, NotPossible, SceneError, UnknownObject
-from physment_mcp.limits import readout_of
+from physment_mcp.instruments import readout_of
 from physment_mcp.scene import Scene
 from physment_mcp.session_state import LabObject, SessionState
 from physment_mcp.world import World

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from evaluator.answers.engine import READING_TOOLS, session_of
 from evaluator.records.episode import Episode, Exchange
 from physment_mcp.errors import RefusedCall
-from physment_mcp.limits import readout_of
+from physment_mcp.instruments import readout_of
 from physment_mcp.session import Session
 from physment_mcp.tools.calls import call
 from physment_mcp.tools.edit import FIND_OBJECTS

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import mcp_types as types
 from pydantic_core import to_json
 
-from physment_mcp.tools.bounds import MAX_NAME, excess
+from physment_mcp.tools.calls import MAX_NAME, excess
 from physment_mcp.tools.episode import ANSWER
 
 MAX_EPISODE_BYTES = 4_000_000

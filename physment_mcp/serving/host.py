@@ -34,7 +34,7 @@ from physment_mcp.errors import NotOpened
 from physment_mcp.scene import Scene
 from physment_mcp.serving.admission import Admission, EpisodeQuota
 from physment_mcp.serving.frames import Frames
-from physment_mcp.serving.http_guard import HttpGuard, fault_of, has_token, refuse, with_body
+from physment_mcp.serving.http_guard import MAX_BODY, HttpGuard, fault_of, has_token, refuse, with_body
 from physment_mcp.serving.scheduling import Scheduler
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
@@ -126,7 +126,7 @@ class Host:
         return Starlette(
             routes=routes,
             lifespan=self._lifespan,
-            middleware=[Middleware(HttpGuard, reaches_episode=self._is_open, names=self.names)],
+            middleware=[Middleware(HttpGuard, admit=self._admit, names=self.names)],
         )
 
     @contextlib.asynccontextmanager
@@ -174,7 +174,9 @@ class Host:
                 session, watch=self.watch, find_visibility=self._find_visibility, scheduler=self._scheduler
             )
             server = build_server(slot)
-            manager = StreamableHTTPSessionManager(server, session_idle_timeout=None, max_sessions=_SESSIONS)
+            manager = StreamableHTTPSessionManager(
+                server, session_idle_timeout=None, max_sessions=_SESSIONS, max_request_body_size=MAX_BODY
+            )
             manager, close = await self._run(manager)
         except BaseException:
             self._admission.quota.release()
@@ -235,10 +237,11 @@ class Host:
             return self._may_play(request, episode)  # only the program that opened it knows its URL
         return has_token(request, self.token, episode.owner_token)
 
-    def _is_open(self, path: str) -> bool:
-        """Whether a path belongs to an open episode."""
+    async def _admit(self, path: str) -> None:
+        """Let a request in: at once if its path belongs to an open episode."""
         _, _, rest = path.partition("/episodes/")
-        return rest.partition("/")[0] in self._episodes
+        if rest.partition("/")[0] not in self._episodes:
+            await self._scheduler.enter()
 
     async def _health(self, _request: Request) -> Response:
         return JSONResponse({"status": "ok", "episodes": self._admission.quota.taken})
@@ -281,7 +284,7 @@ class Host:
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
         # Kept here, because the episode may be closed while this waits.
-        session, log, lock, turns = episode.slot.open_session(), episode.slot.log, episode.slot.lock, episode.slot.turns
+        session, log, turns = episode.slot.open_session(), episode.slot.log, episode.slot.turns
         if session.max_calls is None:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
         start = request.query_params.get("start", "0")
@@ -289,7 +292,7 @@ class Host:
             return refuse(400, "start must be a whole number: the index of the first call to return, counted from 0")
         episode.last_used = time.monotonic()
         # A running call belongs to the log.
-        async with turns.turn(), lock:
+        async with turns.turn(), turns.exclusive:
             calls = ",".join(logged.as_json() for logged in log.page_from(int(start)))
             ended = json.dumps(session.ended)
             return Response(f'{{"ended":{ended},"calls":[{calls}]}}', media_type="application/json")

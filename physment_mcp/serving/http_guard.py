@@ -1,12 +1,18 @@
-"""What a request must fulfil before the host serves it: names, origin, token, order, size, time, and JSON-RPC.
+"""What connections and requests must fulfil before the host serves them.
 
-Knows HTTP, ASGI and the frame of JSON-RPC. Knows no episodes and no scenes.
+The protocol bounds the number of connections and the time that headers take. The middleware checks names, origin, and
+the size and time of bodies. Functions for the host check tokens and the frame of JSON-RPC. Knows no episodes.
 """
 
+import asyncio
+import contextlib
 import logging
 import re
 import secrets
-from collections.abc import Callable, Iterable
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Iterable, Sized
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, cast
 
 import anyio
@@ -15,6 +21,8 @@ from pydantic_core import from_json
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
+from uvicorn.protocols.http.flow_control import FlowControl
 
 from physment_mcp.contract.addresses import LOOPBACK, named_host
 from physment_mcp.errors import quoted
@@ -26,8 +34,128 @@ MAX_BODY = 64_000
 BODY_S = 15.0
 """Wall time from the headers of a request to the end of its body [s]."""
 
+REQUEST_S = 15.0
+"""Wall time from the opening of a connection, or from the first byte of a request, to the end of its headers [s]."""
+_READ = 2048
+"""Bytes that are read of a connection before others are looked at: all requests among them are parsed at once."""
+_WARN_S = 60.0
+"""Shortest wall time between two warnings that connections are turned away [s]."""
 _SCHEME = re.compile(r"[a-z][a-z0-9+.-]*://", re.ASCII | re.IGNORECASE)
 _ONE_OBJECT = 'a message is one JSON object, such as {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}'
+
+
+@dataclass(slots=True)
+class Connections:
+    """The open connections, in all and of each address."""
+
+    most: int
+    most_of_address: int
+    _open: Counter[str] = field(default_factory=Counter[str])
+    _warned_at: float = -_WARN_S
+
+    def enter(self, address: str) -> bool:
+        """Count a new connection; returns False, and does not count it, if there are too many."""
+        if self._open.total() < self.most and self._open[address] < self.most_of_address:
+            self._open[address] += 1
+            return True
+        if time.monotonic() - self._warned_at >= _WARN_S:
+            self._warned_at = time.monotonic()
+            logger.warning(
+                "connections are turned away: %d are open, %d of them from %s (at most %d and %d)",
+                *(self._open.total(), self._open[address], address, self.most, self.most_of_address),
+            )
+        return False
+
+    def leave(self, address: str) -> None:
+        """A connection that was counted is closed."""
+        self._open[address] -= 1
+        if not self._open[address]:
+            del self._open[address]
+
+
+def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:
+    """The protocol for one host.
+
+    Args:
+        connections: Counts its connections.
+        request_s: As `REQUEST_S`.
+    """
+    return type("HostProtocol", (_BoundedProtocol,), {"open_connections": connections, "request_s": request_s})
+
+
+class _Reading(FlowControl):
+    """Reads no more of a connection while requests that were read wait for their turn.
+
+    uvicorn reads on whenever the application awaits a part of a request, so that all requests of the connection, which
+    may be thousands, would be parsed and kept.
+    """
+
+    def __init__(self, transport: asyncio.Transport, waiting: Sized) -> None:
+        super().__init__(transport)
+        self._waiting = waiting
+
+    def resume_reading(self) -> None:
+        """Read, unless requests wait."""
+        if not self._waiting:
+            super().resume_reading()
+
+
+class _BoundedProtocol(AutoHTTPProtocol):
+    """One connection."""
+
+    open_connections: Connections
+    request_s: float
+    _address: str | None = None
+    """Where it comes from; None while it is not counted."""
+    _deadline: asyncio.TimerHandle | None = None
+    _transport: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Count the connection, or close it at once if there are too many."""
+        peer = transport.get_extra_info("peername")
+        address = str(peer[0]) if peer else ""
+        self._transport = transport
+        with contextlib.suppress(AttributeError):  # other event loops than asyncio's read as much as they like
+            transport.max_size = _READ
+        super().connection_made(transport)
+        waiting = getattr(self, "pipeline", None)  # uvicorn's other parser, h11, stops by itself
+        if waiting is not None:
+            self.flow = _Reading(transport, waiting)
+        if self.open_connections.enter(address):
+            self._address = address
+            self._wait()
+        else:
+            transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Time the headers of a request, from its first byte on."""
+        if self._deadline is None and not self._in_request():
+            self._wait()
+        super().data_received(data)
+        if self._in_request() and self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop counting it."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        if self._address is not None:
+            self.open_connections.leave(self._address)
+            self._address = None
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        self._deadline = asyncio.get_running_loop().call_later(self.request_s, self._give_up)
+
+    def _give_up(self) -> None:
+        logger.info("a connection was closed: no complete request within %g s", self.request_s)
+        self._transport.close()
+
+    def _in_request(self) -> bool:
+        """Whether the headers of a request have been read, and its response is not complete."""
+        cycle: Any = getattr(self, "cycle", None)
+        return cycle is not None and not cycle.response_complete
 
 
 class HttpGuard:
@@ -37,13 +165,9 @@ class HttpGuard:
     machine can make its own host name resolve to our address (DNS rebinding), and its requests then name that host. The
     address that the connection was made to cannot be forged in this way, so it is accepted.
 
-    Requests that reach no open episode enter one after another, so that many of them delay an episode little. Between
-    two of them, the event loop serves whatever else is ready. The next does not wait for the end of the one before,
-    because opening an episode takes long.
-
     Args:
         app: The application behind.
-        reaches_episode: Whether a path belongs to an open episode.
+        admit: Awaited with the path of each request before it is looked at.
         names: Names that it accepts besides its addresses and loopback.
         most: Largest accepted body [bytes].
         within_s: As `BODY_S`.
@@ -52,26 +176,23 @@ class HttpGuard:
     def __init__(
         self,
         app: ASGIApp,
-        reaches_episode: Callable[[str], bool],
+        admit: Callable[[str], Awaitable[None]],
         names: Iterable[str] = (),
         most: int = MAX_BODY,
         within_s: float = BODY_S,
     ) -> None:
         self._app = app
-        self._reaches_episode = reaches_episode
+        self._admit = admit
         self._names = LOOPBACK | {name.lower() for name in names}
         self._most = most
         self._within_s = within_s
-        self._entrance = anyio.Semaphore(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it: 400 for a wrong Host, 403 for a wrong Origin, 413 or 408 for its body."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        if not self._reaches_episode(scope["path"]):
-            async with self._entrance:
-                pass
+        await self._admit(scope["path"])
         # White space after a value does not belong to it (RFC 9110, 5.5), but httptools leaves it there.
         scope["headers"] = [(name, value.rstrip(b" \t")) for name, value in scope["headers"]]
         if refusal := self._wrong_place(Request(scope)):

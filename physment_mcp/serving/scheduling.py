@@ -43,6 +43,17 @@ class Scheduler:
         self._last: object = None
         """The episode of the latest request."""
         self._last_at = self._others_at = -math.inf
+        self._entrance = anyio.Semaphore(1)
+
+    async def enter(self) -> None:
+        """Wait for the turn of a request that reaches no open episode.
+
+        Such requests enter one after another, so that many of them delay an episode little: between two of them, the
+        event loop serves whatever else is ready. None waits for the end of the one before, because opening an episode
+        takes long.
+        """
+        async with self._entrance:
+            pass
 
     def begin(self, episode: object) -> None:
         """A request of an episode is being served."""
@@ -96,6 +107,8 @@ class Turns:
         self._turn = anyio.Semaphore(1, fast_acquire=True)
         self._holder: object = None
         """Stands for the request that has the turn; None if none has it."""
+        self.exclusive = anyio.Lock(fast_acquire=True)
+        """Held by whatever reads or changes the episode, because requests are also let in while another one runs."""
         self._spent_s = 0.0
         """Wall time of the pieces of its steps, less what it has regained since."""
         self._spent_at = time.monotonic()

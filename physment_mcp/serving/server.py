@@ -7,16 +7,17 @@ import functools
 import logging
 import time
 from contextlib import nullcontext
-from typing import Any, NoReturn
+from typing import Any
 
 import mcp_types as types
 from mcp.server import ServerRequestContext
 from mcp.server.caching import CacheHint
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
+from pydantic_core import to_json
 
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
-from physment_mcp.errors import BeyondLimit, EpisodeGone, RefusedCall, SceneError, quoted
+from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving import lab_app
 from physment_mcp.serving.attachments import frame_with, view_with
 from physment_mcp.serving.call_log import FULL
@@ -28,9 +29,7 @@ from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.serving.views import recorded
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
-from physment_mcp.tools.bounds import MAX_NAME
-from physment_mcp.tools.calls import call_async
-from physment_mcp.tools.episode import ANSWER
+from physment_mcp.tools.calls import MAX_NAME, call_async
 from physment_mcp.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -123,7 +122,7 @@ class _Service:
     async def call_tool(
         self, ctx: ServerRequestContext[Any], params: types.CallToolRequestParams
     ) -> types.CallToolResult:
-        async with self._slot.lock:
+        async with self._slot.turns.exclusive:
             log, session = self._slot.log, self._slot.session
             if session is None or session.ended:
                 return await self._call(ctx, params)
@@ -147,12 +146,11 @@ class _Service:
             return await give_way()
 
         try:
-            session = self._slot.open_session()
-            if self._slot.log.full and params.name != ANSWER.name:
-                _refuse(session, FULL)
-            viewed, arguments = self._shows_app(ctx) and params.name in lab_app.SHOWING, params.arguments or {}
+            session, arguments = self._slot.session or self._slot.open_session(), params.arguments or {}
+            viewed = params.name in lab_app.SHOWING and self._shows_app(ctx)
+            only_answer = FULL if self._slot.log.full else ""
             with recorded(session, params.name, arguments) if viewed else nullcontext(()) as states:
-                result = await call_async(session, params.name, arguments, report)
+                result = await call_async(session, params.name, arguments, report, only_answer)
         except EpisodeGone as gone:
             return _error(str(gone), {GONE: True})
         except RefusedCall as refusal:
@@ -164,13 +162,14 @@ class _Service:
             return _error(
                 f"{params.name[:MAX_NAME]} failed inside the laboratory and was rolled back; try something else"
             )
-        content: list[types.ContentBlock] = [types.TextContent(type="text", text=result.model_dump_json())]
+        written = result.model_dump(mode="json")
+        content: list[types.ContentBlock] = [types.TextContent(type="text", text=to_json(written).decode())]
         if self._slot.frames is not None and params.name in SHOWING_TOOLS:
             content += await frame_with(self._slot.frames)
         view = await view_with(session, self._slot.visibility, states) if viewed else None
         return types.CallToolResult(
             content=content,
-            structured_content=result.model_dump(mode="json"),
+            structured_content=written,
             _meta=None if view is None else {VIEW: view},
         )
 
@@ -214,7 +213,7 @@ class _Service:
             raise _bad_request(f"there is no prompt {quoted(params.name)}; the prompt is {_PROMPT}")
         arguments = params.arguments or {}
         options = _prompt_options(arguments)
-        async with self._slot.lock:
+        async with self._slot.turns.exclusive:
             session = self._session_for(arguments.get("scene_id"))
             text = opening_prompt(session, options)
         message = types.PromptMessage(role="user", content=types.TextContent(type="text", text=text))
@@ -261,7 +260,7 @@ class _Service:
         uri, shows_app = str(params.uri), self._shows_app(ctx)
         if shows_app and uri == lab_app.APP_URI:
             return lab_app.app_page()
-        async with self._slot.lock:
+        async with self._slot.turns.exclusive:
             if shows_app and uri == VIEW_URI:
                 session = self._slot.session
                 return lab_app.view_page(None if session is None else await view_with(session, self._slot.visibility))
@@ -283,13 +282,6 @@ class _Service:
         return types.CompleteResult(
             completion=types.Completion(values=matching[:100], total=len(matching), has_more=len(matching) > 100)
         )
-
-
-def _refuse(session: Session, sentence: str) -> NoReturn:
-    """Refuse a call before it runs; it counts all the same, or is refused because the episode is over."""
-    session.check_open()
-    session.count_call(answers=False)
-    raise BeyondLimit(sentence)
 
 
 def _prompt_options(arguments: dict[str, str]) -> PromptOptions:

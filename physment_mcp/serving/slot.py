@@ -6,8 +6,6 @@ Knows sessions and the log of calls. Knows no MCP handlers, no transports and no
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-import anyio
-
 from physment_mcp.errors import EpisodeGone, EpisodeOver
 from physment_mcp.scene import Scene
 from physment_mcp.serving.call_log import CallLog
@@ -52,7 +50,6 @@ class EpisodeSlot:
         self.reopen = reopen
         self.scene_ids = scene_ids or ([] if session is None else [session.scene.public.scene_id])
         self.gone = gone
-        self.lock = anyio.Lock(fast_acquire=True)
         self.turns = Turns(scheduler)
         self.log = CallLog()
         self.frames: Frames | None = None

@@ -1,16 +1,26 @@
 """Tools that act on objects: push, twist, move, give a velocity, collide."""
 
-from collections.abc import Generator
+import math
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from physment_mcp.errors import NotPermitted, NotPossible, RefusedCall
-from physment_mcp.limits import check_load
+from physment_mcp.errors import BeyondLimit, NotPermitted, NotPossible, RefusedCall
 from physment_mcp.mechanics import rotation_matrix
 from physment_mcp.session import LabObject, Session
-from physment_mcp.tools.base import Arguments, Number, ObjectArguments, ObjectId, Tool, Vector, array, plain
+from physment_mcp.tools.base import (
+    LIMIT_SLACK,
+    Arguments,
+    Number,
+    ObjectArguments,
+    ObjectId,
+    Tool,
+    Vector,
+    array,
+    plain,
+)
 from physment_mcp.tools.results import Collision, ForceSet, Moved, Shifted, TorqueSet, VelocitySet
 from physment_mcp.world import Contact
 
@@ -118,9 +128,24 @@ def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
     return VelocitySet(sim_time=session.world.time, status="velocity set", object_id=item.object_id, velocity=obtained)
 
 
+def _check_load(session: Session, kind: Literal["force", "torque"], load: Sequence[float]) -> None:
+    """Refuse a force [N] or torque [N·m] that is larger than the scene allows.
+
+    Raises:
+        BeyondLimit: Its magnitude is beyond the limit.
+    """
+    limit, unit = (session.limits.force, "N") if kind == "force" else (session.limits.torque, "N·m")
+    size = math.hypot(*load)
+    if limit is None or size <= limit * (1 + LIMIT_SLACK):
+        return
+    if limit == 0:
+        raise BeyondLimit(f"no {kind} can be applied in this laboratory")
+    raise BeyondLimit(f"a {kind} of {size:.6g} {unit} is too large: at most {limit:g} {unit} can be applied here")
+
+
 def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
     item = session.movable(args.object_id)
-    check_load(session.limits, "force", args.force_vector)
+    _check_load(session, "force", args.force_vector)
     session.world.push(item.body, force=array(args.force_vector))
     return ForceSet(
         sim_time=session.world.time, status="force set", object_id=item.object_id, force=plain(array(args.force_vector))
@@ -129,7 +154,7 @@ def _apply_force(session: Session, args: ForceArguments) -> ForceSet:
 
 def _apply_torque(session: Session, args: TorqueArguments) -> TorqueSet:
     item = session.movable(args.object_id)
-    check_load(session.limits, "torque", args.torque_vector)
+    _check_load(session, "torque", args.torque_vector)
     session.world.push(item.body, torque=array(args.torque_vector))
     return TorqueSet(
         sim_time=session.world.time,

@@ -14,6 +14,8 @@ from physment_mcp.tools.results import Result
 
 LIMIT = 1e6
 """Largest magnitude of a number argument, unless its tool says otherwise."""
+LIMIT_SLACK = 1e-9
+"""Share of a limit of the scene by which rounding errors may exceed it."""
 
 
 def _id_text(value: object) -> object:

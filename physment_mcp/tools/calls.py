@@ -1,18 +1,17 @@
 """The only entrance to the tools: a name and raw arguments in, a result out, or a refusal that changed nothing."""
 
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import anyio.lowlevel
 import anyio.to_thread
 from pydantic import ValidationError
 
-from physment_mcp.errors import BadArgument, NotAvailable, Unstable, quoted
+from physment_mcp.errors import BadArgument, BeyondLimit, NotAvailable, Unstable, quoted
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Arguments, Pieces, Progress, Tool
-from physment_mcp.tools.bounds import excess
 from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
@@ -23,6 +22,22 @@ _SHORT_S = 1e-3
 """Pieces that are expected to take less wall time [s] than this are not worth a thread, which takes up to 0.3 ms."""
 _UNSHARED_S = 1.0
 """Wall time of a piece [s] if no other episode waits; Ctrl-C is heeded after it."""
+MAX_NAME = 64
+"""Longest name of a tool, in characters."""
+MAX_CALL_BYTES = 20_000
+"""Most text in the arguments of a call, names and integers of more than 64 bits included [bytes of UTF-8]."""
+MAX_ARGUMENTS = 32
+"""Most arguments of a call."""
+MAX_VALUES = 4000
+"""Most values in the arguments of a call, lists and objects included."""
+MAX_NESTING = 16
+"""Most levels of lists and objects in the arguments of a call."""
+_SHORT = MAX_NAME
+"""Length of a text that is not worth counting [characters, each at most 4 bytes]."""
+_FEW = 16
+"""Numbers in a list that is not worth counting."""
+_LONG = 2**64
+"""Least size of an integer whose digits are counted as text; JSON allows thousands of them."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
@@ -51,14 +66,25 @@ def call(session: Session, name: str, arguments: dict[str, Any]) -> Result:
 
 
 async def call_async(
-    session: Session, name: str, arguments: dict[str, Any], report: ReportProgress = no_progress
+    session: Session,
+    name: str,
+    arguments: dict[str, Any],
+    report: ReportProgress = no_progress,
+    only_answer: str = "",
 ) -> Result:
     """As `call`, but long pieces of work run in a thread, report progress, and are undone if the task is cancelled.
+
+    Args:
+        session: The episode.
+        name: Name of the tool.
+        arguments: Its arguments as they came.
+        report: Told how much of the work is done.
+        only_answer: Why every call but the answer is refused; empty if none is.
 
     Raises:
         RefusedCall: As for `call`.
     """
-    tool, checked = _checked(session, name, arguments)
+    tool, checked = _checked(session, name, arguments, only_answer)
     if tool.reads_only:
         return _read(session, tool, checked)
     with _all_or_nothing(session, tool):
@@ -79,10 +105,15 @@ async def call_async(
         return made
 
 
-def _checked(session: Session, name: str, arguments: dict[str, Any]) -> tuple[Tool[Any], Arguments]:
-    """Count a call, and check all that can be known before it runs."""
+def _checked(
+    session: Session, name: str, arguments: dict[str, Any], only_answer: str = ""
+) -> tuple[Tool[Any], Arguments]:
+    """Count a call, and check all that can be known before it runs. Arguments as for `call_async`."""
     session.check_open()
-    session.count_call(answers=name == ANSWER.name)
+    answers = name == ANSWER.name
+    session.count_call(answers=answers)
+    if only_answer and not answers:
+        raise BeyondLimit(only_answer)
     too_large = excess(name, arguments)
     if too_large:
         raise BadArgument(too_large)
@@ -125,3 +156,67 @@ def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:
         return pieces.send(most_s)
     except StopIteration as end:
         return end.value
+
+
+def excess(name: str, arguments: Mapping[str, Any]) -> str:
+    """Why a call is too large to be looked at; empty if it is not. Stops at the first bound that is exceeded.
+
+    Args:
+        name: Name of the tool, as the client wrote it.
+        arguments: Values that JSON can hold.
+    """
+    if len(name) <= MAX_NAME and len(arguments) <= MAX_ARGUMENTS:
+        for key, value in arguments.items():
+            if len(key) > _SHORT or not _is_small(value):
+                break
+        else:
+            return ""  # as most calls are; the rest takes 15 to 50 µs
+    return _excess(name, arguments)
+
+
+def _excess(name: str, arguments: Mapping[str, Any]) -> str:
+    if len(name) > MAX_NAME:
+        return f"the name of a tool has at most {MAX_NAME} characters, not {len(name)}"
+    if len(arguments) > MAX_ARGUMENTS:
+        return f"a call has at most {MAX_ARGUMENTS} arguments, not {len(arguments)}"
+    level: list[Any] = [arguments]
+    values = size = 0
+    for _ in range(MAX_NESTING + 1):
+        size += sum(map(_text_of, level))
+        level = [part for value in level for part in _parts(value)]
+        values += len(level)
+        if values > MAX_VALUES:
+            return f"the arguments of a call hold at most {MAX_VALUES} values"
+        if size > MAX_CALL_BYTES:
+            return f"the arguments of a call hold at most {MAX_CALL_BYTES} bytes of text"
+        if not level:
+            return ""
+    return f"the arguments of a call nest at most {MAX_NESTING} levels"
+
+
+def _is_small(value: Any) -> bool:
+    """Whether as many such values as a call may have are within the bounds: a number, a short text, a short vector."""
+    if isinstance(value, list):
+        items = cast("list[Any]", value)
+        return len(items) <= _FEW and all(map(_is_number, items))
+    return value is None or _is_number(value) or (isinstance(value, str) and len(value) <= _SHORT)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that takes no more memory than others."""
+    return isinstance(value, float) or (isinstance(value, int) and -_LONG < value < _LONG)
+
+
+def _text_of(value: Any) -> int:
+    """Text of a value without its parts [bytes]; that of a long integer from its bits, as its digits take long."""
+    if isinstance(value, str):
+        return len(value.encode("utf-8", "surrogatepass"))
+    return value.bit_length() * 3 // 10 if isinstance(value, int) and not -_LONG < value < _LONG else 0
+
+
+def _parts(value: Any) -> Sequence[Any]:
+    """What a value holds: the items of a list; the names and values of an object."""
+    if isinstance(value, Mapping):
+        named = cast("Mapping[Any, Any]", value)
+        return [*named.keys(), *named.values()]
+    return cast("list[Any]", value) if isinstance(value, list) else ()

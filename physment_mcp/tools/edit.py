@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from physment_mcp.errors import BadArgument, NotPermitted, NotPossible, quoted
-from physment_mcp.limits import check_created_mass
+from physment_mcp.errors import BadArgument, BeyondLimit, NotPermitted, NotPossible, quoted
 from physment_mcp.session import MAX_CREATED, LabObject, Session
 from physment_mcp.tools.base import (
+    LIMIT_SLACK,
     Arguments,
     NoArguments,
     ObjectArguments,
@@ -52,6 +52,25 @@ class AttachArguments(Arguments):
     axis: Annotated[Vector | None, Field(description="Axis of a hinge [x, y, z], world; null otherwise.")] = None
 
 
+def _check_created_mass(session: Session, mass: float) -> None:
+    """Refuse an object that would bring the mass of all created objects beyond the limit.
+
+    Args:
+        session: The episode. Deleted objects count as well.
+        mass: Mass of the new object [kg].
+
+    Raises:
+        BeyondLimit: It would.
+    """
+    limit, created = session.limits.created_mass, session.state.created_mass
+    if limit is None or created + mass <= limit * (1 + LIMIT_SLACK):
+        return
+    raise BeyondLimit(
+        f"an object of {mass:.6g} kg is too heavy: of the {limit:g} kg that can be created here,"
+        f" {max(0.0, limit - created):.6g} kg are left, and what is deleted does not come back"
+    )
+
+
 def _create_objects(session: Session, args: CreateArguments) -> Created:
     if not _NAME.fullmatch(args.name):
         raise BadArgument(
@@ -65,7 +84,7 @@ def _create_objects(session: Session, args: CreateArguments) -> Created:
     if session.state.created_count >= MAX_CREATED:
         raise NotPossible(f"no more than {MAX_CREATED} objects can be created in an episode")
     mass = args.density * 4 / 3 * math.pi * args.radius**3
-    check_created_mass(session.limits, session.state.created_mass, mass)
+    _check_created_mass(session, mass)
     body = f"created:{args.name}"
     position = array(args.pos)
     try:

@@ -24,16 +24,6 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 START_KEY = "start"
 """Name of the keyframe that holds the initial state."""
 
-_INSTABILITY = [
-    int(kind)
-    for kind in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-    )
-]
-"""Indices of the warning counters that the engine raises when its state is no longer finite."""
-
 
 def _ignore_warning(_text: str) -> None:
     """Discard the text of engine warnings, which could name hidden things; the world reads the warning counters."""
@@ -86,7 +76,8 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
     data.time = started.time
     for field in ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat"):
         getattr(data, field)[:] = getattr(started, field)
-    state = state_of(model, data)
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
     laws = laws_at_start(spec, model)
     if laws is not None:
         refuse_faults(laws, model, data)
@@ -108,13 +99,6 @@ def model_of(start: CompiledScene) -> mujoco.MjModel:
     model = copy.copy(start.model)
     let_act(model, start.laws)
     return model
-
-
-def state_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """The state in `data`: all that the next step depends on, in a new array."""
-    state = np.empty(mujoco.mj_stateSize(model, STATE))
-    mujoco.mj_getState(model, data, state, STATE)
-    return state
 
 
 def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -176,18 +160,6 @@ def joint_slices(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
     sizes = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
     n_position, n_dof = sizes.get(kind, (1, 1))
     return slice(position, position + n_position), slice(dof, dof + n_dof)
-
-
-def is_finite(data: mujoco.MjData, state: Array) -> bool:
-    """Whether a state is finite and the engine raised no instability warning since the counters were cleared.
-
-    Args:
-        data: Data that a step has just brought to the state.
-        state: The state in `data`, as `state_of` gives it.
-    """
-    raised = data.warning.number.tolist()  # faster to look into than the array
-    unstable = any(raised[kind] for kind in _INSTABILITY)
-    return not unstable and bool(np.isfinite(state).all()) and bool(np.isfinite(data.qacc).all())
 
 
 def _name_everything(spec: mujoco.MjSpec) -> None:

@@ -23,11 +23,6 @@ def own_joints(model: mujoco.MjModel, body: int) -> list[int]:
     return list(range(first, first + count)) if driver and count else []
 
 
-def is_movable(model: mujoco.MjModel, body: int) -> bool:
-    """Whether any joint, its own or an ancestor's, lets the body move."""
-    return driving_body(model, body) != 0
-
-
 def place(model: mujoco.MjModel, settled: mujoco.MjData, qpos: Array, body: int, target: Array) -> None:
     """Write into `qpos` the joint positions that bring the body's origin as near to `target` as its joints allow.
 

@@ -17,10 +17,19 @@ import numpy as np
 
 from physment_mcp.errors import Unstable
 from physment_mcp.world import passive, readings
-from physment_mcp.world.loading import STATE, cached_model, carry_state, compiled_edit, is_finite, model_of, state_of
+from physment_mcp.world.loading import STATE, cached_model, carry_state, compiled_edit, model_of
 from physment_mcp.world.readings import Array
 
 _UNSTABLE = "the simulation became unstable and was rolled back; use smaller forces or speeds"
+_INSTABILITY = [
+    int(kind)
+    for kind in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+]
+"""Indices of the warning counters that the engine raises when its state is no longer finite."""
 
 
 class _Instant(NamedTuple):
@@ -155,13 +164,13 @@ class Simulation:
         try:
             if steps > 1:
                 mujoco.mj_step(model, data, steps - 1)
-            before = state_of(model, data)
+            before = _state_of(model, data)
             mujoco.mj_step(model, data)
         except mujoco.FatalError as error:
             raise _given_up(model, data) from error
         self._pace_s = (time.perf_counter() - started) / steps
-        state = state_of(model, data)
-        if not is_finite(data, state):
+        state = _state_of(model, data)
+        if not _is_finite(data, state):
             raise Unstable(_UNSTABLE)
         self._before_step, self._disturbed = _Instant(model, before), frozenset()
         self._state, self._is_live = state, True
@@ -199,7 +208,7 @@ class Simulation:
 
     def _keep(self) -> None:
         """Make what is in the live data the state of the world."""
-        self._state, self._is_live = state_of(self._model, self._data), True
+        self._state, self._is_live = _state_of(self._model, self._data), True
 
     def _now(self) -> mujoco.MjData:
         """The data, with everything derived from the state up to date; valid until the next change of the world."""
@@ -220,6 +229,25 @@ class Simulation:
         moved = (before.places != after.places).any(axis=1)
         turned = ~np.isclose(before.velocities, after.velocities, rtol=1e-12, atol=1e-12).all(axis=1)
         self._disturbed |= {self._model.body(index).name for index in np.flatnonzero((moved | turned)[1:]) + 1}
+
+
+def _state_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """The state in `data`: all that the next step depends on, in a new array."""
+    state = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, data, state, STATE)
+    return state
+
+
+def _is_finite(data: mujoco.MjData, state: Array) -> bool:
+    """Whether a state is finite and the engine raised no instability warning since the counters were cleared.
+
+    Args:
+        data: Data that a step has just brought to the state.
+        state: The state in `data`, as `_state_of` gives it.
+    """
+    raised = data.warning.number.tolist()  # faster to look into than the array
+    unstable = any(raised[kind] for kind in _INSTABILITY)
+    return not unstable and bool(np.isfinite(state).all()) and bool(np.isfinite(data.qacc).all())
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:

@@ -120,7 +120,7 @@ class World(Simulation):
 
     def is_movable(self, body: str) -> bool:
         """Whether any joint lets the body move."""
-        return motion.is_movable(self._model, self._id(body))
+        return bool(self._model.body_weldid[self._id(body)])  # 0: rigidly fixed to the world
 
     def with_children(self, body: str) -> tuple[str, ...]:
         """The body and everything jointed to it, directly or not."""

@@ -159,9 +159,9 @@ async def test_a_cancelled_call_is_in_the_log_without_a_result(inside: OpenHost)
         slot = host._episodes[episode["episode_id"]].slot
         with anyio.fail_after(120):
             async with client_of(http, episode) as client, anyio.create_task_group() as tasks:
-                async with slot.lock:
+                async with slot.turns.exclusive:
                     tasks.start_soon(client.call_tool, "step", {"duration": 60})
-                    while not slot.lock.statistics().tasks_waiting:
+                    while not slot.turns.exclusive.statistics().tasks_waiting:
                         await anyio.lowlevel.checkpoint()
                 while slot.session is not None and slot.session.calls == 0:
                     await anyio.lowlevel.checkpoint()

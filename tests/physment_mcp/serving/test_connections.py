@@ -18,8 +18,9 @@ from starlette.responses import PlainTextResponse
 from starlette.types import Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from physment_mcp.serving.http_guard import HttpGuard
-from physment_mcp.serving.listening import Connections, PatientServer, bounded_protocol
+from physment_mcp.serving.http_guard import Connections, HttpGuard, bounded_protocol
+from physment_mcp.serving.listening import PatientServer
+from physment_mcp.serving.scheduling import Scheduler
 
 PATIENCE_S = 30.0
 """How long a test waits for what must happen [s]."""
@@ -36,7 +37,7 @@ def served(connections: Connections, request_s: float = 0.3) -> Generator[Dial]:
     """An application behind the gate on a free port; gives a function that connects to it."""
     listener = socket.create_server(("127.0.0.1", 0))
     config = uvicorn.Config(
-        HttpGuard(echo, lambda _path: True, names=["x"], most=1000, within_s=0.3),
+        HttpGuard(echo, _at_once, names=["x"], most=1000, within_s=0.3),
         http=bounded_protocol(connections, request_s),
         log_config=None,
         lifespan="off",
@@ -242,10 +243,16 @@ async def test_many_requests_outside_episodes_let_those_of_an_episode_pass() -> 
     async def note(scope: Scope, _receive: Receive, _send: Send) -> None:
         served.append(scope["path"])
 
-    gate = HttpGuard(note, lambda path: path == "/episode")
+    scheduler = Scheduler()
+
+    async def admit(path: str) -> None:
+        if path != "/episode":
+            await scheduler.enter()
+
+    guard = HttpGuard(note, admit)
 
     async def ask(path: str) -> None:
-        await gate(_scope(path), _no_body, _nothing)
+        await guard(_scope(path), _no_body, _nothing)
 
     async with anyio.create_task_group() as tasks:
         for number in range(100):
@@ -264,14 +271,23 @@ async def test_a_request_that_takes_long_outside_episodes_keeps_no_other_out() -
             await opening.wait()
         served.append(scope["path"])
 
-    gate = HttpGuard(open_or_note, lambda _path: False)
+    scheduler = Scheduler()
+
+    async def admit(_path: str) -> None:
+        await scheduler.enter()
+
+    guard = HttpGuard(open_or_note, admit)
     with anyio.fail_after(60):
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(gate, _scope("/episodes"), _no_body, _nothing)
+            tasks.start_soon(guard, _scope("/episodes"), _no_body, _nothing)
             await anyio.wait_all_tasks_blocked()
-            await gate(_scope("/healthz"), _no_body, _nothing)
+            await guard(_scope("/healthz"), _no_body, _nothing)
             opening.set()
     assert served == ["/healthz", "/episodes"]
+
+
+async def _at_once(_path: str) -> None:
+    """Admit every request."""
 
 
 async def _nothing(*_: object) -> Any:

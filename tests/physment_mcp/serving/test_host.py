@@ -281,7 +281,7 @@ async def test_a_log_that_is_read_while_its_episode_is_closed_is_complete(inside
         async def read() -> None:
             replies.append(await http.get(f"{path}/calls", headers=owner))
 
-        async with anyio.create_task_group() as tasks, host._episodes[opened["episode_id"]].slot.lock:
+        async with anyio.create_task_group() as tasks, host._episodes[opened["episode_id"]].slot.turns.exclusive:
             tasks.start_soon(read)
             await anyio.wait_all_tasks_blocked()
             assert (await http.delete(path, headers=owner)).status_code == 204

@@ -7,15 +7,15 @@ import pytest
 from physment_mcp.errors import BadArgument
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
-from physment_mcp.tools.bounds import (
+from physment_mcp.tools.calls import (
     MAX_ARGUMENTS,
     MAX_CALL_BYTES,
     MAX_NAME,
     MAX_NESTING,
     MAX_VALUES,
+    call,
     excess,
 )
-from physment_mcp.tools.calls import call
 
 
 def nested(levels: int) -> Any:
