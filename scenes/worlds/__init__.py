@@ -1,4 +1,4 @@
-"""Worlds that are drawn from a grammar of laws, with records that certify them.
+"""Worlds generated from a grammar of laws, with records that certify them.
 
-Knows arithmetic, texts and random numbers. Knows no MCP, no MuJoCo, no agents and no verdicts.
+Handles arithmetic, text and random numbers. Depends on neither MCP nor MuJoCo, and has no code for agents or verdicts.
 """

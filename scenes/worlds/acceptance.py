@@ -1,7 +1,8 @@
 """Draws worlds and accepts those that pass the certificates that need no engine.
 
-A drawn world is accepted if every part matters, a fit of its course can converge, its answers follow from readings, and
-nobody finds them without. Constants of a part that does not matter are drawn again; after that, the whole world.
+A drawn world is accepted if every part of its law affects an answer, a fit of its course can converge, the readings
+determine its answers, and no answer can be found without experiments. Constants of a part without effect are redrawn;
+if that does not help, the whole world is.
 """
 
 import random
@@ -57,11 +58,11 @@ class DrawnWorld:
     questions: tuple[Question, ...]
     key: tuple[float, ...]
     bounds: tuple[float, ...]
-    """Smallest standard error of each answer by the readings of the certificate's course, in tolerances."""
+    """Smallest standard error of each answer from the certificate's readings, in tolerances."""
 
 
 class Refused(Exception):
-    """A draw fails a certificate; the message names it."""
+    """A draw failed a certificate; the message names it."""
 
 
 @dataclass(slots=True)
@@ -76,10 +77,10 @@ class Maker:
     """Why draws were refused, and how often."""
 
     def world(self, most: int = 400) -> DrawnWorld:
-        """The first draw that is accepted.
+        """The first accepted draw.
 
         Raises:
-            WorldError: None of so many draws is.
+            WorldError: No draw was accepted within the limit of attempts.
         """
         for _ in range(most):
             try:
@@ -119,7 +120,7 @@ class Maker:
     def _repaired(
         self, structure: Structure, constants: dict[str, float], asked: Sequence[Question]
     ) -> tuple[Flags, Array]:
-        """Draw the constants of parts that do not matter again; returns which question each part matters for."""
+        """Redraw the constants of parts without effect; returns which questions each part affects."""
         for _ in range(_REDRAWN):
             key = answers(structure, constants, asked, _QUICK_S)[:, 0]
             matter = _matters(structure, constants, asked, key)
@@ -144,7 +145,7 @@ def _sane(key: Array) -> Flags:
 def _less(
     structure: Structure, constants: Mapping[str, float], part: tuple[int, int | None]
 ) -> tuple[Structure, dict[str, float]]:
-    """The structure without a part, and the constants that remain by their new names."""
+    """The structure without a part, and the remaining constants by their new names."""
     fewer, renamed = structure.without(*part)
     return fewer, {new: value for name, value in constants.items() if (new := renamed(name)) is not None}
 
@@ -160,7 +161,7 @@ def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequen
 
 
 def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> None:
-    """Refuse a course that leaves the floor, or that small errors change: no fit of it could converge."""
+    """Refuse a course that leaves the floor or is sensitive to small errors, because no fit of it would converge."""
     if not np.isfinite(course.readings).all():
         raise Refused("thrown out")
     if told.apparatus is not Apparatus.WHEEL:
@@ -176,7 +177,7 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
 
 
 class _Information:
-    """What a course tells of the answers. Source: Cramér and Rao."""
+    """Information of a course about the answers. Source: Cramér-Rao bound."""
 
     def __init__(
         self, structure: Structure, constants: Mapping[str, float], told: Situation, asked: Sequence[Question]
@@ -193,13 +194,13 @@ class _Information:
         self._tolerance = tolerance(found[:, 0])
 
     def spread(self, looks: int) -> Array:
-        """Smallest standard error of each answer after so many looks, in tolerances."""
+        """Smallest standard error of each answer after a number of readings, in tolerances."""
         rows = np.vstack([self._slope[: looks * len(self._told.sigma)], self._prior])
         variance = np.einsum("qi,ij,qj->q", self._gradient, np.linalg.inv(rows.T @ rows), self._gradient)
         return _finite(np.sqrt(np.abs(variance)) / self._tolerance)
 
     def tightened(self, bound: float, chosen: Sequence[int]) -> Situation:
-        """The situation with the fewest looks, and then the most noise, that leave the answers as sure as wanted."""
+        """The situation with the fewest readings, and then the most noise, that still determines the answers."""
         told = self._told
         looks = next(
             (count for count in range(_LEAST_LOOKS, told.looks, 4) if self.spread(count)[chosen].max() <= bound),
@@ -212,12 +213,12 @@ class _Information:
 
 
 def _finite(found: Array) -> Array:
-    """The numbers, with a very large one in place of each that is none."""
+    """The numbers, with NaN replaced by a very large one."""
     return np.where(np.isfinite(found), found, 1e9)
 
 
 def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int]:
-    """Numbers of the questions that are asked: each part matters for one, and kinds differ where they can."""
+    """Indices of the selected questions: each part affects at least one, and their kinds differ where possible."""
     chosen: list[int] = []
     able = [bool(column.any()) for column in matter.T]
     while len(chosen) < ASKED:
@@ -233,7 +234,7 @@ def _chosen(asked: Sequence[Question], matter: Flags, spread: Array) -> list[int
 
 
 def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
-    """Refuse a world of which two answers are found without experiments, or from the nearest situation allowed."""
+    """Refuse a world with two answers that need no experiment, or follow from the nearest allowed situation."""
     structure, constants, asked = world.structure, world.constants, world.questions
     key = np.array(world.key)
     numbers = np.array([not question.options for question in asked])  # another draw has the same terms
@@ -266,7 +267,7 @@ def _determined(world: DrawnWorld, difficulty: Difficulty) -> DrawnWorld:
 
 
 def _refuse_useless(world: DrawnWorld, course: Course) -> None:
-    """Refuse a world whose answers hardly change if a part is left out and the rest is fitted to the readings."""
+    """Refuse a world whose answers hardly change if a part is removed and the rest is refitted to the readings."""
     key = np.array(world.key)
     for part in world.structure.parts:
         fewer, rest = _less(world.structure, world.constants, part)
@@ -290,14 +291,14 @@ def _fit(structure: Structure, told: Situation, course: Course, unit: Array, rou
 
 
 def _refuse_mistakable(world: DrawnWorld, course: Course, rng: random.Random) -> None:
-    """Refuse a world of which another option of a question explains the readings as well."""
+    """Refuse a world if another option of a `which` question explains the readings equally well."""
     for question in world.questions:
         if question.options and mistakable(world.structure, world.constants, world.told, question, course, rng):
             raise Refused("another option explains the readings")
 
 
 def _refuse_unsolved(world: DrawnWorld, course: Course, rng: random.Random) -> None:
-    """Refuse a world that the reference which knows its structure cannot solve from other readings."""
+    """Refuse a world that the reference with the true structure cannot solve from other readings."""
     structure, key = world.structure, np.array(world.key)
     laws = laws_of_fit(structure, world.told)
     unit = on_unit(laws, world.constants)
@@ -310,6 +311,6 @@ def _refuse_unsolved(world: DrawnWorld, course: Course, rng: random.Random) -> N
 def bounds_of(
     structure: Structure, constants: Mapping[str, float], told: Situation, questions: Sequence[Question]
 ) -> tuple[float, ...]:
-    """Smallest standard error of each answer by the readings of the certificate's course, in tolerances."""
+    """Smallest standard error of each answer from the certificate's readings, in tolerances."""
     with np.errstate(all="ignore"):
         return _numbers(_Information(structure, constants, told, questions).spread(told.looks))

@@ -1,4 +1,4 @@
-"""Draws questions of the kinds that a difficulty names, and says what somebody would answer who did not experiment."""
+"""Draws questions of the kinds that a difficulty names, and computes the answers of naive shortcuts."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def drawn(
 
     Args:
         structure: Which terms act.
-        constants: Their constants, by which a `push` question asks for something that can be brought about.
+        constants: Their constants, which make the target of a `push` question reachable.
         told: The laboratory.
         difficulty: Names the kinds.
         rng: The random stream.
@@ -61,7 +61,7 @@ def drawn(
 
 
 def _way(width: int, size: float, rng: random.Random) -> list[float]:
-    """A vector of a size and of any direction."""
+    """A vector of a given length in a random direction."""
     if width == 1:
         return [round(size * rng.choice((-1, 1)), 2)]
     turn = rng.uniform(0, 2 * np.pi)
@@ -98,7 +98,7 @@ def _push(
     difficulty: Difficulty,
     rng: random.Random,
 ) -> Question:
-    """A question for a force, drawn so that the answer is beyond the limit."""
+    """A question for a force, drawn so that the answer exceeds the limit."""
     situation = _question(structure, told, difficulty, "strong", rng)
     width = 2 if told.apparatus.flat else 1
     way = [0.0] * len(situation.push)
@@ -109,7 +109,7 @@ def _push(
 
 
 def _reached(structure: Structure, constants: Mapping[str, float], asked: Question, force: float) -> float:
-    """How far a force brings the body of a `push` question."""
+    """Distance that a force moves the body of a `push` question."""
     axis = next(axis for axis, part in enumerate(asked.push) if part)
     what = ("dx", "dy")[axis] if structure.apparatus.flat else "dq"
     held = replace(asked, what=what, push=tuple(force * part for part in asked.push))
@@ -126,7 +126,7 @@ def _which(structure: Structure, rng: random.Random) -> Question:
 def nearby(
     structure: Structure, constants: Mapping[str, float], asked: Sequence[Question], told: Situation
 ) -> dict[str, Array]:
-    """Answers of somebody who brings about the nearest situation that is allowed, and the same in proportion.
+    """Answers measured in the nearest allowed situation, plain and scaled in proportion.
 
     NaN for a `which` question, which no single situation answers.
     """
@@ -147,7 +147,7 @@ def nearby(
 
 
 def _staged(asked: Question, told: Situation) -> Question:
-    """The nearest situation that can be brought about."""
+    """The nearest situation that the laboratory allows."""
     strength, far = float(np.linalg.norm(asked.push)), float(np.linalg.norm(asked.place))
     push = tuple(part * min(1.0, told.force / max(strength, 1e-9)) for part in asked.push)
     place = tuple(part * min(1.0, told.radius / max(far, 1e-9)) for part in asked.place)

@@ -1,7 +1,8 @@
-"""Parts that a law may lack: which of them promise to explain what it leaves, by the score test.
+"""Ranks the parts that could be added to a law, by the score test on the residuals of the law.
 
-For each form of the grammar, alone and with each modulation, constants are sampled, and `weak_form` tells what such a
-term would do to each leg. A term promises as much as it takes off the squared misfits beside all constants of the law.
+Constants are sampled for each form of the grammar, alone and with each modulation, and `weak_form` computes the effect
+of the term on each leg. The score of a term is the decrease of chi-square in a linear fit of the term and all constants
+of the law.
 """
 
 import math
@@ -31,7 +32,7 @@ _TINY = 1e-9
 
 @dataclass(frozen=True)
 class Fit:
-    """A structure with the constants that fit best."""
+    """A structure with its best-fit constants."""
 
     structure: Structure
     unit: Array
@@ -61,14 +62,14 @@ class Fit:
 
 
 def score_of(structure: Structure, misfits: Array, slope: Array) -> float:
-    """Minus twice the logarithm of the evidence of a structure (Laplace), but for a constant."""
+    """Minus twice the log evidence of a structure (Laplace approximation), up to a constant."""
     count = sum(1 + len(term.modulations) for term in structure.terms)
     return float(misfits @ misfits + np.linalg.slogdet(slope.T @ slope / (2 * math.pi))[1]) + PART * count
 
 
 @dataclass
 class _Library:
-    """What terms with sampled constants do to each leg; an entry for each form alone and with each modulation."""
+    """Effects of terms with sampled constants on each leg; an entry for each form alone and with each modulation."""
 
     terms: list[Term]
     units: list[Array]
@@ -82,13 +83,13 @@ class _Library:
 
 @dataclass
 class Candidates:
-    """Terms and modulations to add to laws, by misfits of the same legs.
+    """Proposes terms and modulations to add to laws, from the residuals of the same legs.
 
     Attributes:
         whitened: The legs.
         forms: Forms that may occur.
         factors: Modulations that may occur.
-        rng: Gives samples of constants.
+        rng: Source of sampled constants.
     """
 
     whitened: Whitened
@@ -98,13 +99,13 @@ class Candidates:
     _kept: dict[str, _Library] = field(default_factory=dict[str, _Library])
 
     def more(self, node: Fit, barred: frozenset[str], most: int) -> list[tuple[Structure, Array]]:
-        """The structures with a term or a modulation more that promise most."""
+        """The structures with an additional term or modulation with the highest scores."""
         offers = [*self._terms(node, barred), *self._modulations(node, barred)]
         offers.sort(key=lambda offer: -offer[0])
         return [(structure, unit) for _, structure, unit in offers[:most]]
 
     def _terms(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
-        """Terms to add, with what they promise to gain."""
+        """Terms to add, with their scores."""
         library, parts = self._columns(node), node.parts()
         gains, sizes = self._gains(node, library.columns, library)
         used = {name for term in node.structure.terms for name in term.modulations}
@@ -125,7 +126,7 @@ class Candidates:
             yield float(gains[at]) - price, *changed(node, [*parts, (term, unit)])
 
     def _modulations(self, node: Fit, barred: frozenset[str]) -> Iterator[tuple[float, Structure, Array]]:
-        """Modulations to add to a term, with what they promise to gain."""
+        """Modulations to add to a term, with their scores."""
         parts = node.parts()
         used = {name for term, _ in parts for name in term.modulations}
         constants = named(node.structure, node.unit[:, None])
@@ -149,7 +150,7 @@ class Candidates:
                 yield float(gains[best]) - price, *changed(node, [*rest, (more, units[:, best])])
 
     def _gains(self, node: Fit, columns: Array, library: _Library | None) -> tuple[Array, Array]:
-        """What each column takes off chi-square beside all constants of a law, and in which size."""
+        """Decrease of chi-square by each column in a fit with all constants of a law, and its coefficient."""
         rows = len(columns)
         basis = np.linalg.qr(node.slope[:rows])[0]
         left = node.misfits[:rows] - basis @ (basis.T @ node.misfits[:rows])
@@ -163,7 +164,7 @@ class Candidates:
         return 2 * sizes * along - sizes**2 * length, sizes
 
     def _columns(self, node: Fit) -> _Library:
-        """The library, made when it is first needed, with the masses of that law."""
+        """The library, computed on first use with the masses of that law."""
         if "library" in self._kept:
             return self._kept["library"]
         constants = named(node.structure, node.unit[:, None])
@@ -188,7 +189,7 @@ class Candidates:
         return self._kept.setdefault("library", found)
 
     def _column(self, term: Term, masses: Mapping[str, Any], values: dict[str, Any], samples: int) -> Array:
-        """What a term does to the legs for sampled constants."""
+        """Effect of a term on the legs for sampled constants."""
         own = {name: np.broadcast_to(masses[name], samples) for name in ("m", "m2") if name in masses}
         with np.errstate(all="ignore"):
             return np.nan_to_num(self.whitened.legs.columns(term, own | values, samples))
@@ -206,7 +207,7 @@ class Candidates:
 
 
 def changed(node: Fit, parts: Sequence[tuple[Term, Array]]) -> tuple[Structure, Array]:
-    """A structure with the masses of a fit and these terms, and its point."""
+    """A structure with the masses of a fit and these terms, and its point of the unit cube."""
     parts = sorted(parts, key=lambda part: part[0])
     structure = Structure(node.structure.apparatus, tuple(term for term, _ in parts), node.structure.radius)
     return structure, np.concatenate([node.masses, *(unit for _, unit in parts)])
@@ -225,7 +226,7 @@ def plainer(term: Term, unit: Array, gone: int) -> tuple[Term, Array]:
 
 
 def _with_modulation(term: Term, unit: Array, name: str, fresh: Array) -> Array:
-    """The constants of a term with a modulation more; a column for each sample of those of the modulation."""
+    """The constants of a term with an additional modulation; a column for each sample of its constants."""
     blocks = [np.repeat(unit[: len(term.kind.constants), None], fresh.shape[1], axis=1)]
     at = len(term.kind.constants)
     own: list[tuple[str, Array]] = [(name, fresh)]
@@ -237,7 +238,7 @@ def _with_modulation(term: Term, unit: Array, name: str, fresh: Array) -> Array:
 
 
 def _linear(form: Form) -> bool:
-    """Whether the force is in proportion to the first constant."""
+    """Whether the force is proportional to the first constant."""
     return not next(iter(form.constants)).startswith("q")
 
 
@@ -254,7 +255,7 @@ def _limits(form: Form) -> tuple[float, float]:
 
 
 def _sampled(bounds: Range, count: int, rng: np.random.Generator) -> Array:
-    """Points of the box, by the range from which the constant is drawn."""
+    """Points of the box that correspond to the range from which the constant is drawn."""
     share, sign = rng.random(count), np.where(rng.random(count) < 0.5, -1.0, 1.0)
     low, high = bounds.low, bounds.high
     match bounds.scale:

@@ -1,4 +1,4 @@
-"""Whether readings tell the options of a `which` question apart."""
+"""Tests whether readings distinguish the options of a `which` question."""
 
 import random
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _STARTS, _ROUNDS = 2, 8
 
 
 def unexplained(structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> bool:
-    """Whether a structure with these constants leaves the readings of a course unexplained."""
+    """Whether a structure with these constants fails to explain the readings of a course."""
     laws = laws_of_fit(structure, told)
     unit = on_unit(laws, constants)[:, None]
     apart = laws.misfits(course, structure.label, unit, by_legs=False)[: course.readings.size]
@@ -34,7 +34,7 @@ def mistakable(
     course: Course,
     rng: random.Random,
 ) -> bool:
-    """Whether a fit with another option in place of the one that acts explains the readings of a course."""
+    """Whether a fit with a wrong option in place of the true one explains the readings of a course."""
     at = next(at for at, term in enumerate(structure.terms) if term.form in asked.options)
     for name in asked.options:
         if name == structure.terms[at].form:
@@ -47,7 +47,7 @@ def mistakable(
 
 
 def _fitted(structure: Structure, begun: Mapping[str, float], told: Situation, course: Course) -> Mapping[str, float]:
-    """Constants by a fit, leg by leg and then of the whole course."""
+    """Constants from a fit, first leg by leg and then of the whole course."""
     laws = laws_of_fit(structure, told)
     unit = np.clip(on_unit(laws, begun), 0, 1)
     for by_legs in (True, False):
@@ -62,7 +62,7 @@ def _fitted(structure: Structure, begun: Mapping[str, float], told: Situation, c
 def _swapped(
     structure: Structure, constants: Mapping[str, float], at: int, name: str, rng: random.Random
 ) -> tuple[Structure, dict[str, float]]:
-    """A structure with another form in place of a term, and constants: those of the other terms, and drawn ones."""
+    """A structure with another form in place of a term; its constants are drawn, the others are kept."""
     kept = tuple(part for part in structure.terms[at].modulations if FORMS[name].group in MODULATIONS[part].fits)
     new = Term(name, kept)
     rest = [term for number, term in enumerate(structure.terms) if number != at]

@@ -1,4 +1,4 @@
-"""Draws structures and constants from a random stream, the same on every machine; and splits structures."""
+"""Draws structures and constants reproducibly from a random stream, and assigns structures to splits."""
 
 import functools
 import hashlib
@@ -27,7 +27,7 @@ _DRAWS = 10_000
 
 
 def draw_structure(difficulty: Difficulty, rng: random.Random, split: str | None = None) -> Structure:
-    """A structure of a difficulty.
+    """A random structure of a difficulty.
 
     Args:
         difficulty: Numbers of terms, modulations and hidden bodies.
@@ -51,7 +51,7 @@ def draw_structure(difficulty: Difficulty, rng: random.Random, split: str | None
 
 
 def split_of(apparatus: Apparatus, forms: Sequence[Form]) -> str:
-    """The split of a combination of forms, whatever their modulations are: so splits share no combination."""
+    """The split of a combination of forms. It does not depend on modulations, so splits share no combination."""
     single = _single_terms()
     if len(forms) == 1 and (apparatus, forms[0].name) in single:
         # There are so few that a hash alone would leave a split empty.
@@ -79,7 +79,7 @@ def _single_terms() -> tuple[tuple[Apparatus, str], ...]:
 
 
 def compatible(apparatus: Apparatus, forms: Sequence[Form]) -> bool:
-    """Whether forms may be in one world, perhaps with others: there are not too many, and no two do nearly the same."""
+    """Whether forms may be combined in one world: there are not too many, and no two are alike."""
     groups = [form.group for form in forms]
     names = {form.name for form in forms}
     return (
@@ -93,7 +93,7 @@ def compatible(apparatus: Apparatus, forms: Sequence[Form]) -> bool:
 
 
 def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) -> bool:
-    """Whether forms make a world: they are compatible, and something brakes."""
+    """Whether forms make a world: they are compatible, and one of them is dissipative."""
     groups = [form.group for form in forms]
     return (
         compatible(apparatus, forms)
@@ -106,7 +106,7 @@ def _agree(apparatus: Apparatus, forms: Sequence[Form], difficulty: Difficulty) 
 def _modulated(
     apparatus: Apparatus, forms: Sequence[Form], count: int, rng: random.Random
 ) -> list[tuple[str, ...]] | None:
-    """Names of the modulations of each form; None if they cannot have so many."""
+    """Names of the modulations of each form; None if the forms allow fewer."""
     own: list[list[str]] = [[] for _ in forms]
     places = [
         (at, part.name)
@@ -124,7 +124,7 @@ def _modulated(
 
 
 def options_with(structure: Structure, form: str, count: int, rng: random.Random) -> tuple[str, ...]:
-    """Names of forms in random order: one of the structure, and others that are none of it nor nearly the same.
+    """Names of forms in random order: one of the structure, and others that are neither in it nor alike.
 
     Args:
         structure: Which terms act.
@@ -167,7 +167,7 @@ def draw_constant(bounds: Range, rng: random.Random) -> float:
 
 
 def searched(bounds: Range) -> tuple[float, float]:
-    """The range in which a fit looks for a constant: somewhat wider, and in even ratios if both ends are positive."""
+    """The search range of a constant in a fit: wider than its range, and logarithmic if both ends are positive."""
     match bounds.scale:
         case "log":
             return 0.8 * bounds.low, 1.25 * bounds.high
@@ -185,7 +185,7 @@ def searched(bounds: Range) -> tuple[float, float]:
 
 
 def structures_of(difficulty: Difficulty) -> dict[str, int]:
-    """How many structures of a difficulty can be drawn, by split. It takes seconds for many terms."""
+    """Number of structures of a difficulty, by split. It takes seconds for many terms."""
     found = dict.fromkeys((name for name, _ in SPLITS), 0)
     for apparatus in difficulty.apparatuses:
         count = difficulty.terms if apparatus.flat else min(difficulty.terms, MOST_LINE_TERMS)
@@ -199,7 +199,7 @@ def structures_of(difficulty: Difficulty) -> dict[str, int]:
 
 @functools.lru_cache(10_000)
 def _placements(groups: tuple[str, ...], fits: tuple[frozenset[str], ...], count: int) -> int:
-    """In how many ways so many different modulations can be given to terms of these groups, at most two to a term."""
+    """Number of ways to distribute different modulations over terms of these groups, at most two per term."""
     ways = Counter({(0,) * len(groups): 1})
     for fitting in fits:
         more = Counter[tuple[int, ...]](ways)  # the modulation is not used

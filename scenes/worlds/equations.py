@@ -1,6 +1,6 @@
-"""The equations of motion of a structure in numpy, compiled from the texts of which its laws are made.
+"""The equations of motion of a structure in numpy, compiled from the expressions of its laws.
 
-Constants and states may be arrays with a value for each trial, because a step costs the same for one as for hundreds.
+Constants and states may be arrays with a value for each trial, because a step takes as long for one as for hundreds.
 """
 
 import functools
@@ -30,7 +30,7 @@ def rates_of(structure: Structure, *, walled: bool, held: bool = False) -> Rates
     Args:
         structure: Which terms act.
         walled: Whether the soft wall acts.
-        held: Whether what can be seen is held where it is; hidden bodies move on.
+        held: Whether visible bodies are fixed while hidden bodies move.
     """
     writer = _Writer(structure)
     if not held:  # what is held moves by no term
@@ -109,7 +109,7 @@ class _Writer:
             self._rows([f"b{body}_{speed}" for speed in self.speeds], sums, zero=held)
 
     def unseen(self) -> None:
-        """The derivative of hidden bodies and of the way."""
+        """The time derivative of the hidden bodies and of the odometer."""
         for at in self.structure.hidden:
             texts = self.structure.terms[at].hidden_at(at)
             self._rows([f"h{at}_{speed}" for speed in self.speeds], [swapped(t, self.names(1)) for t in texts])
@@ -130,15 +130,15 @@ def _mass(body: int) -> str:
 def moved(
     rates: Rates, constants: Mapping[str, Any], time: Any, state: Array, controls: Any, lasting: Any, longest_s: float
 ) -> Array:
-    """The state after controls were held for a while.
+    """The state after constant controls for a duration.
 
     Args:
         rates: The equations of motion.
         constants: Numbers, or arrays of trials.
-        time: When it begins [s].
+        time: Initial time [s].
         state: Shape (states, trials).
-        controls: What is held [N, N·m]; a row for each control.
-        lasting: For how long [s]; a number, or an array of trials.
+        controls: Forces and torques [N, N·m]; a row for each control.
+        lasting: Duration [s]; a number, or an array of trials.
         longest_s: Longest step of the integration [s].
     """
 

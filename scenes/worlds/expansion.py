@@ -1,6 +1,6 @@
-"""From records to packs on disk, each made once and kept.
+"""Generates packs from records of worlds, in a cache on disk.
 
-With a certificate it is a whole pack. Without one it is as an exported pack: the public half and the model alone.
+With a certificate the pack is complete. Without one it is like an exported pack: only the public half and the model.
 """
 
 import contextlib
@@ -19,15 +19,15 @@ from scenes.worlds.reference import SOLUTION
 
 
 def expand(record: WorldRecord, folder: Path, certificate: Certificate | None = None) -> PackFiles:
-    """Write the pack of a world into a folder, unless it is there.
+    """Write the pack of a world into the cache folder, unless it exists.
 
     Args:
         record: The world.
-        folder: Where packs of worlds are kept.
-        certificate: Gives the key; None for a laboratory on another machine, which gets none.
+        folder: Cache folder of packs of worlds.
+        certificate: Contains the key; None for a laboratory on another machine, which must not have it.
 
     Raises:
-        WorldError: The folder cannot be written, or the certificate is that of another record.
+        WorldError: The folder cannot be written, or the certificate belongs to another record.
     """
     if certificate is not None and certificate.record != record.digest:
         raise WorldError(f"the certificate of world {record.level}:{record.index} is that of another record")
@@ -50,7 +50,7 @@ def expand(record: WorldRecord, folder: Path, certificate: Certificate | None = 
 
 
 def _write_whole(path: Path, text: str) -> None:
-    """Write a file, which no other process sees half written."""
+    """Write a file atomically, so that no other process reads a partial one."""
     written = text.encode()
     with contextlib.suppress(OSError):
         if path.read_bytes() == written:
@@ -69,7 +69,7 @@ def find_world(scene_id: int, folder: Path) -> PackFiles:
     """The pack of a world, from the records in a folder of packs or worlds.
 
     Raises:
-        PackError: There is no such world, or its pack cannot be kept.
+        PackError: There is no such world, or its pack cannot be written.
     """
     try:
         record = find_record(*place_of(scene_id), folder)
@@ -93,6 +93,6 @@ def world_ids(text: str, folder: Path) -> list[int]:
 
 
 def _cache() -> Path:
-    """Where packs of worlds are kept. Source: the XDG Base Directory Specification."""
+    """The cache folder of packs of worlds. Source: the XDG Base Directory Specification."""
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "physment" / "worlds"

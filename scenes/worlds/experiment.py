@@ -1,7 +1,7 @@
-"""Experiments in a world: which pushes to hold, the course that they give, and fits of a structure to it.
+"""Experiments in a world: the choice of pushes, the resulting course, and fits of a structure to it.
 
-`Excitation` decides pushes from readings alone, so that the reference holds the same ones in the laboratory that a
-certificate holds in theory.
+`Excitation` chooses pushes from readings only, so the reference makes the same pushes in the laboratory as the
+certificate makes in the simulation of the theory.
 """
 
 import functools
@@ -39,7 +39,7 @@ _LINE_REACH = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What an experimenter is told: the apparatus, its limits and its instruments."""
+    """The information in the prompt: the apparatus, its limits and its instruments."""
 
     apparatus: Apparatus
     radius: float
@@ -74,14 +74,14 @@ class Situation:
 
     @property
     def turns(self) -> tuple[int, ...]:
-        """Numbers of the legs that are planned at a time, since an episode has few iterations."""
+        """Indices of the legs that are planned together, because an episode has few iterations."""
         size = -(-self.legs // TURNS)
         return tuple(min(size, self.legs - begun) for begun in range(0, self.legs, size))
 
 
 @dataclass(slots=True)
 class Excitation:
-    """Leads each body to random places with pushes of many sizes, and sometimes lets it coast."""
+    """Pushes each body towards random targets with forces of many sizes, and sometimes lets it coast."""
 
     situation: Situation
     seed: int = 1
@@ -117,14 +117,14 @@ class Excitation:
 
 @dataclass(slots=True)
 class _Lead:
-    """The way of one body to its target."""
+    """The current target of a body and its push."""
 
     target: Array | None = None
     gain: float = 0.0
     legs: int = 0
 
     def towards(self, place: Array, speed: Array, reach: float, rng: np.random.Generator) -> Array:
-        """The push, as a share of the greatest one."""
+        """The push, relative to the largest one."""
         if self.target is None or self.legs > 2 or float(np.linalg.norm(self.target - place)) < 0.15 * reach:
             turn = rng.uniform(0, 2 * math.pi)
             way = np.array([math.cos(turn), math.sin(turn)][: len(place)])
@@ -142,13 +142,13 @@ def simulated(
     noise_seed: int | None,
     longest_s: float = COURSE_S,
 ) -> Course:
-    """The course that theory gives.
+    """The simulated course by theory.
 
     Args:
         structure: Which terms act.
         constants: Their constants.
         told: Limits and instruments.
-        noise_seed: Seed of the noise of readings, which are rounded too; None for exact readings.
+        noise_seed: Seed of the noise of readings, which are then also rounded; None for exact readings.
         longest_s: Longest step of the integration [s].
     """
     rng = None if noise_seed is None else np.random.default_rng(noise_seed)
@@ -171,7 +171,7 @@ def simulated(
 
 @functools.lru_cache(1024)
 def laws_of_fit(structure: Structure, told: Situation, longest_s: float = SEARCH_S) -> Laws:
-    """What fits a structure to a course in a situation."""
+    """The `Laws` that fit a structure to a course in a situation."""
     rates = rates_of(structure, walled=True)
 
     def of_course(_structure: str, knobs: Mapping[str, Any], time: Any, state: Array, controls: Array) -> Array:

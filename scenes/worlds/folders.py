@@ -1,4 +1,4 @@
-"""Which worlds a folder holds: by reference, by split, by what they have."""
+"""Looks up the worlds in a folder by reference, level and split."""
 
 import functools
 from collections.abc import Sequence
@@ -35,14 +35,14 @@ def worlds_of(folder: Path, level: int) -> tuple[WorldRecord, ...]:
     """All worlds of a level in a folder of packs or worlds, by ascending index.
 
     Raises:
-        WorldError: There is no such level, there are no worlds of it, or a line is no record.
+        WorldError: There is no such level, it has no worlds, or a line is not a record.
     """
     place = _place(folder, level)
     return _records(place, level, _stamp(lines_file(place, level)))
 
 
 def levels_of(folder: Path) -> list[int]:
-    """The levels of which a folder of packs or worlds holds worlds."""
+    """The levels with worlds in a folder of packs or worlds."""
     places = (folder, folder / PUBLISHED)
     return [level for level in LEVELS if any(lines_file(place, level).exists() for place in places)]
 
@@ -66,7 +66,7 @@ def find_certificate(record: WorldRecord, folder: Path) -> Certificate | None:
     """The certificate of a world; None in a folder without keys.
 
     Raises:
-        WorldError: A line is no certificate.
+        WorldError: A line is not a certificate.
     """
     place = _place(folder, record.level)
     return _certificate(place, record.level, record.index, _stamp(keys_file(place, record.level)))
@@ -98,7 +98,7 @@ def _place(folder: Path, level: int) -> Path:
 
 @functools.lru_cache(16)
 def _records(place: Path, level: int, stamp: int | None) -> tuple[WorldRecord, ...]:
-    """The records of a level; read again when the file has changed."""
+    """The records of a level, cached until the file changes."""
     del stamp
     return tuple(sorted(read_records(place, level), key=lambda record: record.index))
 
@@ -116,7 +116,7 @@ def _certificate(place: Path, level: int, index: int, stamp: int | None) -> Cert
 
 
 def _stamp(file: Path) -> int | None:
-    """What tells whether a file has changed; None if there is none."""
+    """A stamp that changes with the file; None if there is no file."""
     try:
         return file.stat().st_mtime_ns
     except OSError:

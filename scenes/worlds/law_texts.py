@@ -1,4 +1,4 @@
-"""The laws of a structure for the engine, in the language of packs; constants are knobs."""
+"""The laws of a structure for the engine, as expressions of packs whose knobs are the constants."""
 
 import re
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 def swapped(text: str, names: Mapping[str, str]) -> str:
-    """A text of the grammar with other names."""
+    """An expression of the grammar with renamed variables."""
     return _WORD.sub(lambda found: names.get(found[0], found[0]), text)
 
 
 def laws_of(structure: Structure) -> list[dict[str, Any]]:
-    """The laws of the terms and of what they need. The wall has laws of its own."""
+    """The laws of the terms and of their hidden bodies, without the wall."""
     laws = [law for at, term in enumerate(structure.terms) for law in _laws_of_term(structure, at, term)]
     if structure.worn:
         speeds = {Apparatus.WHEEL: "sqrt(b_spin**2+1e-6)", Apparatus.GLIDER: "sqrt(b_vx**2+1e-6)"}
@@ -42,7 +42,7 @@ def walls_of(structure: Structure) -> list[dict[str, Any]]:
 
 
 def _names(apparatus: Apparatus, mass: str) -> dict[str, str]:
-    """Local name → name in a law on a body."""
+    """Local name of a variable → its name in a law on a body."""
     if apparatus.flat:
         return {"odo": "odo_z", "px": f"(push_x/{mass})", "py": f"(push_y/{mass})"}
     if apparatus is Apparatus.WHEEL:

@@ -1,4 +1,4 @@
-"""The dial: what a world of a level has. Every attribute can be set alone."""
+"""Levels of difficulty and their attributes. Each attribute can also be set separately."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -39,7 +39,7 @@ class Difficulty:
     """Smallest error of an informed answer, in tolerances, to which the noise is raised."""
 
     def changed(self, **attributes: Any) -> "Difficulty":
-        """With other attributes.
+        """A difficulty with other attributes.
 
         Raises:
             WorldError: There is no such attribute, or its value is out of range.
@@ -61,7 +61,7 @@ class Difficulty:
         return found
 
     def changed_by(self, settings: Iterable[str]) -> "Difficulty":
-        """With attributes as a command line writes them: `terms=4`, `noise=0.01`, `kinds=strong,late`.
+        """A difficulty with attributes as on the command line: `terms=4`, `noise=0.01`, `kinds=strong,late`.
 
         Raises:
             WorldError: As for `changed`, or a value cannot be read.
@@ -83,7 +83,7 @@ KINDS = (*_PLAIN, "apart", "push", "which")
 
 
 def kinds_for(apparatus: Apparatus, kinds: Iterable[str]) -> list[str]:
-    """Those kinds that mean something for an apparatus: no place is far for a wheel, and one body is not apart."""
+    """The kinds of questions that an apparatus supports: `far` needs a position, and `apart` two bodies."""
     none = {"far"} if apparatus is Apparatus.WHEEL else set[str]()
     return [kind for kind in kinds if kind not in none and (kind != "apart" or apparatus is Apparatus.PAIR)]
 

@@ -1,4 +1,4 @@
-"""Modulations: factors that depend on the place, the time, the motion or the past."""
+"""Modulations: factors that depend on position, time, velocity or history."""
 
 from scenes.worlds.parts import PERIOD, TURN, Modulation, Range
 

@@ -1,4 +1,4 @@
-"""What worlds are wanted: of which level and attributes, by which key, for which split. Draws nothing."""
+"""Orders of worlds: level, attributes, key and split. This module draws nothing."""
 
 import hashlib
 import itertools
@@ -29,12 +29,12 @@ class WorldOrder:
     """`PUBLIC`, or the text of a key: the worlds of a key cannot be foreseen without it."""
 
     def split_at(self, index: int) -> str:
-        """The split of the structure at an index; all worlds of a key are held back."""
+        """The split of the structure at an index; all worlds of a key are held-back."""
         return _SPLITS[index % len(_SPLITS)] if self.secret == PUBLIC else HELD_BACK
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """The attributes that are not those of the level, as `--set` takes them, by name."""
+        """The attributes that differ from those of the level, by name, in the notation of `--set`."""
         usual = asdict(difficulty_of(self.level))
         changed = {name: value for name, value in sorted(asdict(self.difficulty).items()) if value != usual[name]}
         return tuple(
@@ -44,16 +44,16 @@ class WorldOrder:
 
     @property
     def commitment(self) -> str:
-        """What binds to the key without telling it; empty for the public worlds."""
+        """Cryptographic commitment to the key; empty for the public worlds."""
         if self.secret == PUBLIC:
             return ""
         return hashlib.sha256(f"physment worlds 1: {self.secret}".encode()).hexdigest()
 
     def indexes(self, count: int, split: str | None = None, first: int = 0) -> list[int]:
-        """So many indexes from the first one on, or so many of a split.
+        """The ordered indexes: consecutive ones, or the next ones of a split.
 
         Raises:
-            WorldError: There are not so many.
+            WorldError: The split has fewer.
         """
         if split is not None and (split == HELD_BACK) != (self.secret != PUBLIC):
             raise WorldError(f"the worlds of a key are those of the split {HELD_BACK}, and no others are")
@@ -66,10 +66,10 @@ class WorldOrder:
         return found
 
     def missing(self, wanted: Sequence[int], folder: Path) -> list[int]:
-        """The wanted indexes of which a folder holds no world.
+        """The ordered indexes without a world in a folder.
 
         Raises:
-            WorldError: The worlds that are there cannot be read, or one that is wanted was made otherwise.
+            WorldError: The existing worlds cannot be read, or an ordered one exists with other settings.
         """
         lines = lines_file(folder, self.level)
         records = read_records(folder, self.level) if lines.exists() else ()

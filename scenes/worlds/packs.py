@@ -1,4 +1,4 @@
-"""From a record to a pack: the JSON and the XML that the laboratory opens."""
+"""Generates a pack from a record: the JSON and the XML that the laboratory opens."""
 
 import json
 import re
@@ -40,7 +40,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
 
     Args:
         record: The world.
-        certificate: Gives the key; None for a laboratory, which has no use for one.
+        certificate: Contains the key; None for a laboratory, which does not need it.
     """
     apparatus, structure = record.apparatus, record.structure
     numbers = [asked_of(apparatus, question) for question in record.questions]
@@ -87,7 +87,7 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
 
 @dataclass(frozen=True, slots=True)
 class StartState:
-    """A state at the start that is another one than that of the experiment."""
+    """An initial state that differs from that of the experiment."""
 
     clock: float
     """What the clock shows [s]."""
@@ -101,7 +101,7 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, start: StartState | Non
     Args:
         record: The world.
         walled: Whether there is a wall.
-        start: Where it begins; None for the start of the experiment.
+        start: Initial state; None for that of the experiment.
     """
     structure, apparatus = record.structure, record.apparatus
     parts = [_ground(apparatus, record.radius)]
@@ -125,14 +125,14 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, start: StartState | Non
 
 
 def _with_constants(law: Mapping[str, Any], constants: Mapping[str, float]) -> dict[str, Any]:
-    """A law with the constants that it names."""
+    """A law with the values of the constants in its expressions."""
     texts = (*law.get("let", {}).values(), *law.get("force", ()), *law.get("torque", ()))
     words = {word for text in texts for word in _WORD.findall(text)}
     return {**law, "constants": {name: value for name, value in constants.items() if name in words}}
 
 
 def _key(structure: Structure, padding: Padding, start: StartState) -> str:
-    """The element for a state at the start: coordinates are counted from where the bodies of the model are."""
+    """The XML element of an initial state; its coordinates are relative to the positions of the bodies in the model."""
     padded = [0.0] * (padding.way + (2 if structure.apparatus.flat else 1) * len(padding.hidden))
     width, places, rates, at = 2 if structure.apparatus.flat else 1, list[float](), list[float](), 0
     away = [now - then for now, then in zip(start.state, structure.start, strict=True)]
@@ -174,6 +174,6 @@ def _seen(apparatus: Apparatus, body: int, place: tuple[float, float, float], ma
 
 
 def _unseen(name: str, axes: str) -> str:
-    """A hidden body of 1 kg on slides."""
+    """The XML element of a hidden body of 1 kg on slide joints."""
     geom = f'<geom name="{name}_geom" type="sphere" size="0.01" mass="1" rgba="0 0 0 0" {_INERT}/>'
     return f'<body name="{name}">{_slides(name, axes)}{geom}</body>'

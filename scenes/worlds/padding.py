@@ -1,7 +1,7 @@
-"""Laws and bodies that do nothing, so that the time of a step does not tell what acts.
+"""Laws and bodies without effect, so that the duration of a step does not reveal the terms of a world.
 
-All worlds of a level with the same apparatus have as many laws, bodies, function calls and operations. A world that was
-made with other attributes than those of its level has no fewer.
+All worlds of a level with the same apparatus have equal numbers of laws, bodies, function calls and operations. A world
+with other attributes than its level has at least as many.
 """
 
 import functools
@@ -34,7 +34,7 @@ class _Cost(NamedTuple):
 
 
 class Padding(NamedTuple):
-    """What a model has for no other reason than to be like others."""
+    """The parts of a model that exist only for padding."""
 
     hidden: tuple[str, ...]
     """Names of bodies that move as hidden ones do."""
@@ -44,7 +44,7 @@ class Padding(NamedTuple):
 
 
 def padding_of(structure: Structure, level: int) -> Padding:
-    """What makes a world like the others of its level."""
+    """The padding that equalises a world with the others of its level."""
     room, difficulty = _room(structure.apparatus, level), difficulty_of(level)
     hidden = tuple(f"hidden_p{number}" for number in range(difficulty.hidden - len(structure.hidden)))
     way = difficulty.modulations > 0 and not structure.worn
@@ -59,7 +59,7 @@ def _inert(body: str) -> dict[str, Any]:
 
 
 def _filler(structure: Structure, hidden: Iterable[str], way: bool, room: _Cost, used: _Cost) -> dict[str, Any]:
-    """A law that reads all that laws of this apparatus may read, and does the rest of their arithmetic."""
+    """A law that reads every variable of this apparatus and performs the missing arithmetic."""
     unseen = [*(f"hidden_{at}" for at in structure.hidden), *hidden]
     others = {f"h{number}": body for number, body in enumerate(unseen)}
     others |= {"o": "object_2"} if structure.bodies == 2 else {}
@@ -89,7 +89,7 @@ def _texts(law: Mapping[str, Any]) -> list[str]:
 
 @functools.lru_cache(100)
 def _room(apparatus: Apparatus, level: int) -> _Cost:
-    """The most that laws of a level can take: the dearest forms with the dearest modulations."""
+    """The largest cost of the laws of a level, that of the most expensive forms and modulations."""
     difficulty = difficulty_of(level)
     terms = difficulty.terms if apparatus.flat else min(difficulty.terms, MOST_LINE_TERMS)
     plain = _most(

@@ -1,13 +1,13 @@
-"""The parts of which a world's laws are made: forms of accelerations, and modulations that multiply them.
+"""The parts of a world's laws: forms, which are accelerations, and modulations, which multiply them.
 
-A part is written once, in the language of `laws`. `#` in a text stands for the place of the part in its world, so that
-two parts of one kind do not share constants. A form gives an acceleration; `scenes.worlds.terms` multiplies it with the
-mass of its body and by its modulations. Local names are those of the body on which it acts:
+A part is written once, as expressions of `laws`. `#` in an expression is replaced by the index of the part in its
+world, so that two parts of one kind do not share constants. `scenes.worlds.terms` multiplies a form by the mass of its
+body and by its modulations. Local names refer to the body on which the part acts:
 
 - on a floor `x y` [m], `vx vy` [m/s], and `px py`, the applied force over the mass [m/s²];
 - on a hinge or a rail `q` [rad or m], `u` [rad/s or m/s], and `pq`, the applied torque or force over the inertia;
-- of the other puck of a pair the same with `o_` before it; of the hidden body of the form with `h#_` before it;
-- `t` [s], and `odo`, the way that the body has gone, smoothed [m or rad].
+- the same with the prefix `o_` for the other puck of a pair, and with `h#_` for the hidden body of the form;
+- `t` [s], and `odo`, the smoothed path length of the body [m or rad].
 """
 
 import math
@@ -16,7 +16,7 @@ from enum import StrEnum
 
 
 class Apparatus(StrEnum):
-    """What an agent can push in a world."""
+    """Kinds of apparatus, with the bodies that an agent can push."""
 
     PUCK = "puck"
     """A puck on a floor, which slides both ways."""
@@ -29,7 +29,7 @@ class Apparatus(StrEnum):
 
     @property
     def flat(self) -> bool:
-        """Whether its bodies move in a plane, and not along one coordinate."""
+        """Whether its bodies move in a plane instead of along one coordinate."""
         return self in {Apparatus.PUCK, Apparatus.PAIR}
 
 
@@ -47,7 +47,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """An acceleration of one body. The first of its constants is its size."""
+    """An acceleration of one body. The first of its constants is its magnitude."""
 
     name: str
     group: str

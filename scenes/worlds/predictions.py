@@ -1,7 +1,7 @@
-"""Predicts the answers to a world's questions from a course alone, with what remains uncertain.
+"""Predicts the answers to a world's questions from a course, with their uncertainty.
 
-The search of `scenes.worlds.search` finds structures; the best of them are fitted to the whole course, weighed by
-their evidence, and each predicts with the constants that the readings leave possible.
+The search of `scenes.worlds.search` finds structures. The best ones are fitted to the whole course and weighted by
+their evidence, and each predicts with samples of the constants that the readings allow.
 """
 
 from collections.abc import Sequence
@@ -70,10 +70,10 @@ class Prediction:
 
 
 def predicted(search: Search, asked: Sequence[Question]) -> Prediction:
-    """Search, and predict.
+    """Run a search and predict.
 
     Args:
-        search: A search that has not begun.
+        search: A search that was not started.
         asked: The questions.
     """
     with np.errstate(all="ignore"):
@@ -81,7 +81,7 @@ def predicted(search: Search, asked: Sequence[Question]) -> Prediction:
 
 
 def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> Prediction:
-    """Predict from fits of a search, the best one first.
+    """Predict from the fits of a search, in order of evidence.
 
     Args:
         search: The search that made them.
@@ -108,14 +108,14 @@ def weighed(search: Search, best: Sequence[Fit], asked: Sequence[Question]) -> P
 
 
 def _quantile(found: Array, share: Array, level: float) -> float:
-    """The value below which this share of weighted predictions lies."""
+    """Quantile of the weighted predictions."""
     order = np.argsort(found)
     at = int((np.cumsum(share[order]) < level).sum())
     return float(found[order[min(at, len(order) - 1)]])
 
 
 def _likeliest(found: Array, share: Array, first: float) -> float:
-    """The prediction within whose tolerance most others lie; the first one unless another is clearly better."""
+    """The prediction with the most others within its tolerance; the first one unless another is clearly better."""
     values = np.where(np.isfinite(found), found, 1e9)
     near = np.abs(values[:, None] - values) <= tolerance(values)
     mass = near @ share
@@ -124,7 +124,7 @@ def _likeliest(found: Array, share: Array, first: float) -> float:
 
 
 def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COURSE_S) -> Fit:
-    """A fit to the whole course, followed from its start."""
+    """A fit to the whole course, integrated from its start."""
     structure = fit.structure
     box = {name: box_of(bounds) for name, bounds in structure.ranges.items()}
     laws = replace(laws_of_fit(structure, told, longest_s), box=box)
@@ -140,7 +140,7 @@ def on_course(course: Course, told: Situation, fit: Fit, longest_s: float = COUR
 
 
 def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
-    """Answers by constants that the readings leave possible; the best ones first. Shape (questions, 1 + count)."""
+    """Answers for the best constants, then for samples that the readings allow. Shape (questions, 1 + count)."""
     normal = fit.slope.T @ fit.slope + np.eye(len(fit.unit))
     values, axes = np.linalg.eigh(normal)
     drawn = np.random.default_rng(0).standard_normal((count, len(values))) / np.sqrt(np.maximum(values, 1e-9)) @ axes.T
@@ -151,10 +151,10 @@ def plausible(fit: Fit, asked: Sequence[Question], count: int) -> Array:
 
 
 def searched_course(course: Course, told: Situation, seconds: float = 60.0) -> Search:
-    """The search of the reference for the terms behind a course.
+    """The reference's search for the terms of a course.
 
     Args:
-        course: What was held and read.
+        course: Controls and readings.
         told: The apparatus and its instruments.
         seconds: Processor time after which it stops [s].
     """

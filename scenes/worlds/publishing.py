@@ -1,4 +1,4 @@
-"""Writes a published set of worlds: records in one folder, their certificates apart, both with the suite's canary."""
+"""Writes a published set of worlds: records and, in a separate folder, certificates, both with the suite's canary."""
 
 import tempfile
 from pathlib import Path
@@ -24,7 +24,7 @@ def publish(source: Path, target: Path, count: int) -> dict[str, int]:
         Name of each file in `target` → its size [bytes].
 
     Raises:
-        WorldError: A world is missing, is held back, has other settings or no certificate of its own, the set is too
+        WorldError: A world is missing, is held-back, has other settings or no matching certificate, the set is too
             large, or the folder cannot be written.
     """
     levels = [level for level in LEVELS if lines_file(source, level).exists()]

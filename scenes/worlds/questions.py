@@ -1,8 +1,8 @@
-"""Questions of a world: situations that its laboratory does not allow, what is asked of them, and the answers.
+"""Questions of a world: situations that its laboratory does not allow, the asked quantity, and the answers.
 
-A question begins with the apparatus as at the start, without a wall. What can be seen is put to a place at the start,
-and let go when the clock shows a time. Being put there is no part of the past: what is hidden is where it was, and the
-way that has been gone is 0.
+A question starts from the initial state of the apparatus, without a wall. Visible bodies are placed at given positions
+and released at a given time. The placement is not part of the history: hidden bodies are unchanged, and the path length
+is 0.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ _ROUGH_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One situation, and one number of it; or one statement among several."""
+    """A situation with one asked number, or a choice between several statements."""
 
     kind: str
     """`strong`: a force beyond the limit; `far`: a place beyond the wall; `late`: a time after the laboratory's;
@@ -67,7 +67,7 @@ def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[
         longest_s: Longest step of the integration [s].
 
     Returns:
-        Shape (questions, trials); with a trial alone for plain numbers. NaN where there is no answer.
+        Shape (questions, trials), with one trial for plain numbers. NaN if there is no answer.
     """
     trials = int(np.size(constants["m"]))
     own = {name: np.broadcast_to(np.asarray(value, float), (trials,)) for name, value in constants.items()}
@@ -85,7 +85,7 @@ def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[
 
 
 def option_of(structure: Structure, question: Question) -> float:
-    """The number of the option that acts, from 1; NaN if none does, or several do."""
+    """The number of the true option, from 1; NaN if none is true, or several are."""
     forms = {term.form for term in structure.terms}
     found = [number for number, form in enumerate(question.options, 1) if form in forms]
     return float(found[0]) if len(found) == 1 else float("nan")
@@ -98,7 +98,7 @@ def _width(structure: Structure) -> int:
 def _ended(
     structure: Structure, constants: Mapping[str, Array], question: Question, push: Array, longest_s: float
 ) -> Array:
-    """What is seen in the end (states, trials) with a push (controls, trials)."""
+    """The final visible state (states, trials) after a push (controls, trials)."""
     width, trials = _width(structure), len(constants["m"])
     state = np.zeros((len(structure.states), trials))
     rows = state[: structure.read].reshape(structure.bodies, 2, width, trials)
@@ -113,10 +113,10 @@ def _ended(
 
 
 def _least_push(structure: Structure, constants: Mapping[str, Array], question: Question, longest_s: float) -> Array:
-    """The force with which a body just comes so far, of each trial; NaN unless there is exactly one."""
+    """The force that moves a body exactly the asked distance, for each trial; NaN unless it is unique."""
 
     def beyond(forces: Array) -> Array:
-        """How much too far it comes by forces (forces, trials)."""
+        """Distance beyond the asked one for forces (forces, trials)."""
         several = {name: np.tile(value, len(forces)) for name, value in constants.items()}
         end = _ended(structure, several, question, np.outer(question.push, forces.ravel()), longest_s)
         return value_of(question, end, _width(structure)).reshape(forces.shape)
@@ -126,16 +126,16 @@ def _least_push(structure: Structure, constants: Mapping[str, Array], question: 
 
 
 def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: int = _STEPS) -> Array:
-    """Where functions change from below 0 to above it, by false position. Source: the Illinois algorithm.
+    """Roots of increasing functions by false position. Source: the Illinois algorithm.
 
     Args:
         beyond: Values at (points, trials), of one function for each trial.
-        grid: Points (points, trials) from low to high, between which it is sought.
-        fine: Size of a value that counts as 0.
-        steps: Most steps after the one between two points of the grid.
+        grid: Ascending points (points, trials) that bracket the roots.
+        fine: Absolute value that counts as 0.
+        steps: Largest number of iterations within a bracket.
 
     Returns:
-        A point for each trial; NaN unless its function is below 0 at first, and changes its sign once.
+        A root for each trial; NaN unless its function is below 0 at first and changes sign once.
     """
     values = beyond(grid)
     changes = (values[1:] > 0) != (values[:-1] > 0)
@@ -160,9 +160,9 @@ def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: 
 
 
 def value_of(question: Question, seen: Array, width: int) -> Array:
-    """The asked number of what is seen in the end: places and velocities of each body.
+    """The asked number from the final positions and velocities of each body.
 
-    Of a `push` question it is how much further than asked the body has come along the direction of the push.
+    For a `push` question it is the distance beyond the asked one, along the direction of the push.
     """
     at = 2 * width * (question.body - 1)
     place, speed = seen[at : at + width], seen[at + width : at + 2 * width]
@@ -183,5 +183,5 @@ def value_of(question: Question, seen: Array, width: int) -> Array:
 
 
 def tolerance(key: Array) -> Array:
-    """By how much an answer may be off."""
+    """Tolerance of an answer."""
     return ABS_TOL + REL_TOL * np.abs(key)

@@ -1,9 +1,9 @@
-"""Records of accepted worlds: one line of JSON each, the certificate and the key apart from what makes the laboratory.
+"""Records of accepted worlds: one line of JSON each, with keys and certificates in separate files.
 
-`level-5.jsonl` holds what a pack is made from, `level-5.keys.jsonl` the key and the certificate of each line. A record
-names the version of the grammar that drew it and how it was drawn. Its certificate names the hash of the record. In a
-published set both files begin with a line that holds the canary of the suite, and certificates are in a folder of
-their own, `keys`, so that a laboratory can be installed without them.
+`level-5.jsonl` contains the data of the packs, `level-5.keys.jsonl` the key and the certificate of each line. A record
+names the version of the grammar and the settings of its draw. Its certificate contains the hash of the record. In a
+published set both files begin with a line that contains the canary of the suite, and certificates are in the folder
+`keys`, so that a laboratory can be installed without them.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ class _Line(BaseModel):
 
     @property
     def digest(self) -> str:
-        """A short hash of its line, which fields that are added later do not change."""
+        """A short hash of the record's line. Fields that are added later do not change it."""
         return hashlib.sha256(as_line(self).encode()).hexdigest()[:16]
 
 
@@ -43,7 +43,7 @@ _L = TypeVar("_L", bound=_Line)
 
 
 class WorldRecord(_Line):
-    """What the laboratory of a world is made from."""
+    """The data from which the laboratory of a world is generated."""
 
     grammar: Literal[1]
     level: int = Field(ge=LEVELS[0], le=LEVELS[-1])
@@ -89,8 +89,8 @@ class WorldRecord(_Line):
             level: Its level.
             index: Its number.
             split: The split of its structure.
-            salt: What the noise depends on.
-            drawn: How it was drawn: `settings` and `commitment`.
+            salt: Salt of the instrument noise.
+            **drawn: Settings of the draw: `settings` and `commitment`.
         """
         terms = tuple((term.form, term.modulations) for term in world.structure.terms)
         told = asdict(world.told)
@@ -116,7 +116,7 @@ class WorldRecord(_Line):
 
 
 class Certificate(_Line):
-    """What only graders and readers of a certificate see."""
+    """The key and certificate of a world, for graders only."""
 
     index: int
     record: str
@@ -138,22 +138,22 @@ def lines_file(folder: Path, level: int) -> Path:
 
 
 def keys_file(folder: Path, level: int) -> Path:
-    """The certificates of a level: beside the records, or in the folder `keys` of a published set."""
+    """The file with the certificates of a level: next to the records, or in the folder `keys` of a published set."""
     published = folder / "keys" / f"level-{level}.keys.jsonl"
     return published if published.exists() else folder / published.name
 
 
 def read_records(folder: Path, level: int) -> Iterator[WorldRecord]:
-    """The records of a level in a folder of worlds, as they were written.
+    """The records of a level in a folder of worlds, in the order of the file.
 
     Raises:
-        WorldError: There are none, or a line is no record of this level.
+        WorldError: There are none, or a line is not a record of this level.
     """
     return _of_level(_read(lines_file(folder, level), WorldRecord), folder, level)
 
 
 def read_record(folder: Path, level: int, index: int) -> WorldRecord | None:
-    """One record of a level; None if it is not there. The others are not read, which saves most of the time.
+    """One record of a level; None if there is none. Other lines are not parsed, which saves most of the time.
 
     Raises:
         WorldError: As for `read_records`.
@@ -163,10 +163,10 @@ def read_record(folder: Path, level: int, index: int) -> WorldRecord | None:
 
 
 def read_certificate(folder: Path, level: int, index: int) -> Certificate | None:
-    """The certificate of a world, the last one if there are several; None without one.
+    """The last certificate of a world; None if there is none.
 
     Raises:
-        WorldError: A line is no certificate.
+        WorldError: A line is not a certificate.
     """
     if not keys_file(folder, level).exists():
         return None
@@ -187,13 +187,13 @@ def read_certificates(folder: Path, level: int) -> Iterator[Certificate]:
     """The certificates of a level in a folder of worlds.
 
     Raises:
-        WorldError: There are none, or a line is no certificate.
+        WorldError: There are none, or a line is not a certificate.
     """
     return _read(keys_file(folder, level), Certificate)
 
 
 def _read(path: Path, kind: type[_L], marked: str = "") -> Iterator[_L]:
-    """The lines of a file, or those that contain a text. A line that is being written is none yet."""
+    """The complete lines of a file, or those that contain a text."""
     number = 0
     try:
         with path.open(encoding="utf-8") as file:
@@ -214,5 +214,5 @@ def _first(error: ValidationError) -> str:
 
 
 def as_line(record: BaseModel) -> str:
-    """A record or a certificate as a line of a file, without its line feed; what is as by default is left out."""
+    """A record or a certificate as a line of a file, without default values and the line feed."""
     return json.dumps(record.model_dump(mode="json", exclude_defaults=True), separators=(",", ":"), ensure_ascii=False)

@@ -1,7 +1,7 @@
-"""References that play worlds: they push, fit and predict.
+"""Reference protocols for worlds, which push, fit and predict.
 
-`protocol` knows the structure of a world and not its constants. It shows that a world can be solved within its limits;
-`solution.py` of a pack holds the record and calls it. `blind_protocol` knows the prompt and the grammar alone.
+`protocol` gets the structure of a world but not its constants. It shows that a world can be solved within its limits;
+`solution.py` of a pack contains the record and calls it. `blind_protocol` gets only the prompt and the grammar.
 """
 
 from collections.abc import Callable, Generator
@@ -33,7 +33,7 @@ SEARCH_SECONDS = 60.0
 
 
 def protocol(line: str) -> Callable[[str], Protocol]:
-    """The protocol of a world, from the line of its record. Of the constants it reads nothing."""
+    """The protocol of a world, from the line of its record. It does not read the constants."""
     record = WorldRecord.model_validate_json(line)
 
     def solve(_prompt: str) -> Protocol:
@@ -50,15 +50,15 @@ def protocol(line: str) -> Callable[[str], Protocol]:
 def blind_protocol(
     prompt: str, seconds: float = SEARCH_SECONDS, on_predicted: Callable[[Prediction], None] | None = None
 ) -> Protocol:
-    """The protocol of the reference that knows the grammar and not the draw: all else is in the prompt.
+    """The protocol of the reference that gets only the grammar and the prompt.
 
     Args:
         prompt: The opening prompt of a world.
         seconds: Processor time of the search [s].
-        on_predicted: Gets the prediction before it is answered.
+        on_predicted: Callback with the prediction, before the answer is sent.
 
     Raises:
-        WorldError: The prompt is none of a world, or asks what cannot be read.
+        WorldError: The prompt is not that of a world, or has a question that cannot be parsed.
     """
     told, asked = situation_of(prompt), questions_of(prompt)
     course = yield from _explored(told)
@@ -69,7 +69,7 @@ def blind_protocol(
 
 
 def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
-    """Push all the time that there is, and return the course."""
+    """Push until the limits are reached, and return the course."""
     plan = Excitation(told, _SEED)
     bare = Structure(told.apparatus, (), told.radius)
     read, held, seen = np.array(bare.start)[: bare.read], list[Array](), list[Array]()
@@ -84,7 +84,7 @@ def _explored(told: Situation) -> Generator[list[Call], list[Reading], Course]:
 
 
 def _leg(told: Situation, push: Array) -> list[Call]:
-    """The calls of a leg: pushes, then looks."""
+    """The calls of a leg: pushes, then readings."""
     bodies = [f"object_{body}" for body in range(1, told.bodies + 1)]
     if told.apparatus is Apparatus.WHEEL:
         calls = [call("apply_torque", object_id=bodies[0], torque_vector=[0.0, 0.0, float(push[0])])]
@@ -99,7 +99,7 @@ def _leg(told: Situation, push: Array) -> list[Call]:
 
 
 def _looks(told: Situation, readings: list[Reading]) -> list[Array]:
-    """The readings of each look, in the order of the state."""
+    """The values of each reading, in the order of the state."""
     bodies, width = told.bodies, 2 if told.apparatus.flat else 1
     names = ("angle", "angular_velocity") if told.apparatus is Apparatus.WHEEL else ("position", "velocity")
     pairs = [reading for reading in readings if "position" in reading or "velocity" in reading]

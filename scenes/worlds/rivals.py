@@ -1,8 +1,8 @@
-"""Certificate "determined": no neighbour of the drawn structure explains the readings as well and answers otherwise.
+"""Certificate "determined": every similar structure that explains the readings gives the same answers.
 
-A neighbour has a form or a modulation more, or less, or another term in place of one. It explains the readings as well
-if the rule of `scenes.family` does not exclude it. Whoever finds such a rival instead of the drawn law has made no
-mistake, so its answers have to be right too.
+A neighbour of the drawn structure has one form or modulation more or less, or one term replaced. It explains the
+readings if the rule of `scenes.family` does not exclude it. An agent that finds such a rival has made no mistake, so
+the rival's answers must be right too.
 """
 
 import math
@@ -58,7 +58,7 @@ def rival_of(
 
 
 def _as_good(rivals: Iterator[Fit], drawn: Fit) -> Iterator[Fit]:
-    """Those that the rule of `scenes.family` does not exclude beside the drawn law."""
+    """The fits that the rule of `scenes.family` does not exclude in comparison with the drawn law."""
     for fit in rivals:
         spared = max(len(drawn.unit) - len(fit.unit), 1)
         if fit.chi_square - drawn.chi_square <= float(chdtri(float(spared), _CHANCE)):

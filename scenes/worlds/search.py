@@ -1,9 +1,9 @@
 """Finds the terms of a law from a course: a beam search over the structures of the grammar.
 
-A structure is changed by a part more, a part less, or another term in place of one. Which changes are worth a fit is
-decided by the score test: how much of the misfits a term explains that no constant of the law does, for many values of
-its constants at once. Fits are of legs (`weak_form`). Structures are compared by their evidence, so that each constant
-and each part has to be paid for.
+A step of the search adds a part, removes a part, or replaces a term. The score test selects the changes that are worth
+a fit: it computes how much of the residuals a term explains beyond the constants of the law, for many values of its
+constants at once. Fits are of legs (`weak_form`). Structures are compared by their evidence, which penalises constants
+and parts.
 """
 
 import time
@@ -41,7 +41,7 @@ class Search:
 
     Attributes:
         legs: The course.
-        width: Number of structures that are pursued.
+        width: Beam width.
         seconds: Processor time after which the search stops [s].
         forms: Forms that may occur; None for all of the apparatus.
         modulations: Modulations that may occur; None for all of the apparatus.
@@ -68,11 +68,11 @@ class Search:
         self._about(self.legs, *(self.about or self._bare))
 
     def run(self) -> list[Fit]:
-        """The structures that were fitted, the best first.
+        """Run the search; the fitted structures, best first.
 
-        The search begins without modulations, since a wrong form with one often hides the right form. It begins anew,
-        without some parts of the best structure, until that changes nothing; and again while the best structure does
-        not explain the readings.
+        The search starts without modulations, because a wrong form with a modulation often hides the right form. It
+        restarts without some parts of the best structure until the result is stable, and again while the best structure
+        does not explain the readings.
         """
         plain = frozenset(part.name for part in self._candidates.factors)
         self._descend([self.fit(*self._bare, 4)], self.width, plain, settle=True)
@@ -89,7 +89,7 @@ class Search:
         return self.best()
 
     def tell(self, structure: Structure, unit: Array) -> Fit:
-        """Begin from a structure that is known, with constants that are nearly right."""
+        """Start from a known structure with approximate constants."""
         for _ in range(_TOLD):
             self._about(self.legs, structure, unit)
             fit = self.fit(structure, unit, _ROUNDS)
@@ -98,20 +98,20 @@ class Search:
         return self.found[structure]
 
     def extend(self, parts: int) -> None:
-        """Add parts to the best structure, one after the other."""
+        """Greedily add parts to the best structure."""
         for _ in range(parts):
             for structure, unit in self._candidates.more(self.best()[0], frozenset(), 2 * _OFFERS):
                 self.fit(structure, unit, _ROUNDS)
             self._again(1.0)
 
     def _descend(self, roots: Sequence[Fit], width: int, barred: frozenset[str], *, settle: bool) -> None:
-        """Change the best structures of a pool until none of so many is new.
+        """Modify the best structures of a pool until the best ones are all known.
 
         Args:
             roots: The pool.
-            width: How many.
-            barred: Names of forms and modulations that are not used.
-            settle: Whether to take the path of a structure that is clearly better.
+            width: Beam width.
+            barred: Names of excluded forms and modulations.
+            settle: Whether to linearise around the path of a structure that is clearly better.
         """
         pool: dict[Structure, Fit] = {fit.structure: fit for fit in roots}
         expanded = set[Structure]()
@@ -134,7 +134,7 @@ class Search:
 
     @property
     def explained(self) -> bool:
-        """Whether the best structure explains the readings, and the law is taken as free of errors."""
+        """Whether the best structure explains the readings without a model error."""
         count = self.legs.course.count
         near = self.best()[0].chi_square < count + _DEVIATIONS * float(np.sqrt(2 * count))
         return near and self.legs.drift <= _LEAST_DRIFT
@@ -170,7 +170,7 @@ class Search:
         return Fit(structure, unit, float(own @ own), score_of(structure, own, slope), own, slope)
 
     def _about(self, legs: Legs, structure: Structure, unit: Array) -> None:
-        """Take a path, and the transitions of a law."""
+        """Linearise around a path, with the transitions of a law."""
         apparatus = legs.told.apparatus
         self.legs, self._whitened = legs, legs.about(structure, unit)
         self._candidates = Candidates(
@@ -181,10 +181,10 @@ class Search:
         )
 
     def _again(self, share: float) -> None:
-        """Fit the best structures about the path that the best one makes likely; forget the others.
+        """Refit the best structures around the most likely path of the best one, and discard the others.
 
         Args:
-            share: How much of the error of the law to keep.
+            share: Fraction of the model error to keep.
         """
         best = self.best()[: 4 * self.width]
         legs = self._whitened.smoothed(best[0].structure, best[0].unit)
@@ -194,7 +194,7 @@ class Search:
             self.fit(fit.structure, fit.unit, 4)
 
     def neighbours(self, node: Fit, barred: frozenset[str] = frozenset()) -> Iterator[tuple[Structure, Array]]:
-        """Structures with a part more, a part less, or another term, each with constants to begin with."""
+        """Structures with a part added, removed or replaced, each with initial constants."""
         parts = node.parts()
         yield from self._candidates.more(node, barred, _OFFERS)
         for at, (term, unit) in enumerate(parts):

@@ -1,6 +1,6 @@
-"""Reads back from an opening prompt what a world's task says: apparatus, limits, instruments and questions.
+"""Parses the opening prompt of a world: apparatus, limits, instruments and questions.
 
-For a player that has no record. `scenes.worlds.tasks` writes these texts; a test compares both.
+For players without a record. `scenes.worlds.tasks` writes these texts; a test compares both.
 """
 
 import re
@@ -29,10 +29,10 @@ _ASKED = {
 
 
 def situation_of(prompt: str) -> Situation:
-    """What an experimenter is told.
+    """The apparatus, limits and instruments of a prompt.
 
     Raises:
-        WorldError: The prompt is none of a world.
+        WorldError: The prompt is not that of a world.
     """
     apparatus = next((found for text, found in _OPENINGS.items() if text in prompt), None)
     if apparatus is None or "What acts on" not in prompt:
@@ -53,7 +53,7 @@ def questions_of(prompt: str) -> tuple[Question, ...]:
     """The questions of a prompt.
 
     Raises:
-        WorldError: One is of a kind that is not known here.
+        WorldError: A question is of an unknown kind.
     """
     told = situation_of(prompt)
     found = re.search(r"\n\n(A: .*?)\n\nThe laboratory as it is decides", prompt, re.DOTALL)
@@ -70,7 +70,7 @@ def _number(text: str, pattern: str) -> float:
 
 
 def _vector(text: str, before: str, size: int) -> list[float]:
-    """The numbers that follow words; zeros if the words are not there."""
+    """The numbers that follow a phrase; zeros if the phrase is missing."""
     found = re.search(rf"(?:{before}) (?:{_VECTOR})", text)
     return [float(number) for number in (found[1] or found[2]).split(", ")] if found else [0.0] * size
 
@@ -105,7 +105,7 @@ def _direction(text: str, size: int) -> list[float]:
 
 
 def _options(text: str) -> tuple[str, ...]:
-    """The forms of which one acts, by the sentences in which the task states them."""
+    """The forms of the options of a `which` question, from their sentences in the task."""
     named = {form.says: name for name, form in FORMS.items()}
     listed = text.partition("perhaps with factors. ")[2].partition(" Which one?")[0].removesuffix(".")
     says = [part.partition(": ")[2] for part in re.split(r"; (?=\d+: )", listed)]

@@ -1,4 +1,4 @@
-"""The texts of a world's task: the same for all worlds of an apparatus but for the numbers of limits and questions."""
+"""The texts of a world's task, which differ between worlds of an apparatus only in limits and questions."""
 
 from collections.abc import Sequence
 
@@ -101,7 +101,7 @@ def task_of(record: WorldRecord) -> str:
 
 
 def _family(apparatus: Apparatus) -> str:
-    """What the laws of an apparatus may have."""
+    """Sentences about the possible terms of an apparatus."""
     pair, wheel = apparatus is Apparatus.PAIR, apparatus is Apparatus.WHEEL
     return _FAMILY.format(
         it=_IT[apparatus],

@@ -1,4 +1,4 @@
-"""Terms and structures: which parts the laws of a world have. Knows no values of constants and no questions."""
+"""Terms and structures: the parts of a world's laws, without values of constants and questions."""
 
 import functools
 import re
@@ -38,14 +38,14 @@ class Term:
         return " * ".join((self.form, *self.modulations))
 
     def ranges(self, at: int) -> dict[str, Range]:
-        """Its constants at a place among the terms."""
+        """Its constants, with names for an index among the terms."""
         found = {name.replace("#", str(at)): bounds for name, bounds in self.kind.constants.items()}
         for number, part in enumerate(self.factors):
             found |= {name.replace("#", f"{at}m{number}"): bounds for name, bounds in part.constants.items()}
         return found
 
     def written(self, at: int) -> tuple[dict[str, str], tuple[str, ...], tuple[str, ...]]:
-        """Quantities to compute first, components of the acceleration, factors; all in local names."""
+        """Intermediate quantities, components of the acceleration, and factors, in local names."""
         let = {name: text.replace("#", str(at)) for name, text in self.kind.let.items()}
         force = tuple(text.replace("#", str(at)) for text in self.kind.force)
         factors = tuple(part.factor.replace("#", f"{at}m{number}") for number, part in enumerate(self.factors))
@@ -61,9 +61,9 @@ class Structure:
     """Which terms act on which apparatus.
 
     Attributes:
-        apparatus: What can be pushed.
-        terms: Sorted when it is made, so that one structure has one label.
-        radius: Where the soft wall of the floor, or the buffers of the rail, begin [m].
+        apparatus: The bodies that can be pushed.
+        terms: Sorted by the constructor, so that one structure has one label.
+        radius: Distance at which the soft wall of the floor, or the buffers of the rail, begin [m].
     """
 
     apparatus: Apparatus
@@ -93,12 +93,12 @@ class Structure:
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        """Places of the terms with a hidden body."""
+        """Indices of the terms with a hidden body."""
         return tuple(at for at, term in enumerate(self.terms) if term.kind.hidden)
 
     @property
     def worn(self) -> bool:
-        """Whether the way that the body has gone matters."""
+        """Whether the law depends on the path length of the body."""
         return any("wear" in term.modulations for term in self.terms)
 
     @property
@@ -108,7 +108,7 @@ class Structure:
 
     @functools.cached_property
     def states(self) -> tuple[str, ...]:
-        """Names of the state: what is read first, then hidden bodies, then the way."""
+        """Names of the state variables: readable ones, then hidden bodies, then the path length."""
         names = ("x", "y", "vx", "vy") if self.apparatus.flat else ("q", "u")
         found = [f"b{body}_{name}" for body in range(1, self.bodies + 1) for name in names]
         found += [f"h{at}_{name}" for at in self.hidden for name in names]
@@ -116,23 +116,23 @@ class Structure:
 
     @property
     def start(self) -> tuple[float, ...]:
-        """The state at the start: the pucks of a pair lie apart, all else is at 0; everything is at rest."""
+        """The initial state: all at rest at 0, except that the pucks of a pair are apart."""
         apart = (-START_M, 0.0, 0.0, 0.0, START_M, 0.0, 0.0, 0.0) if self.apparatus is Apparatus.PAIR else ()
         return (*apart, *(0.0,) * (len(self.states) - len(apart)))
 
     @property
     def read(self) -> int:
-        """How many of the states are read: places and velocities of what an agent sees."""
+        """Number of readable states: positions and velocities of visible bodies."""
         return self.bodies * (4 if self.apparatus.flat else 2)
 
     @property
     def controls(self) -> int:
-        """Components of forces that an agent can hold."""
+        """Components of the forces that an agent can apply."""
         return self.bodies * (2 if self.apparatus.flat else 1)
 
     @property
     def parts(self) -> tuple[tuple[int, int | None], ...]:
-        """Place of each term, and number of each of its modulations or None for the form."""
+        """Index of each term, with the number of each of its modulations, or None for the form."""
         return tuple(
             (at, number) for at, term in enumerate(self.terms) for number in (None, *range(len(term.modulations)))
         )
@@ -142,7 +142,7 @@ class Structure:
         return body == 1 or term.kind.group not in {"pair", "body"}
 
     def without(self, at: int, modulation: int | None) -> "tuple[Structure, Callable[[str], str | None]]":
-        """The structure less a term or a modulation, and the new name of each constant; None if it is gone."""
+        """The structure without a term or a modulation, and the new name of each constant, or None if it is removed."""
         kept = list(enumerate(self.terms))
         if modulation is None:
             kept = [(old, term) for old, term in kept if old != at]

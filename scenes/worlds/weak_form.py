@@ -1,10 +1,10 @@
-"""A course leg by leg: every leg is followed from where it began, all legs and all candidate constants at once.
+"""Fits of a course by legs: all legs and all candidate constants are integrated at once.
 
-A course that is followed from its start depends on the constants in a way that has many local minima, and costs a step
-of Python for each step of the integration. A leg is short, so its end depends on the constants smoothly, and all legs
-are integrated together. The errors of the readings at both ends of a leg are correlated from leg to leg; `Legs` whitens
-them, which to first order gives the likelihood of the whole course. Repeated about the smoothed path this is multiple
-shooting. Forces of terms that are not in the law yet enter as integrals along the path (the weak form).
+The misfit of a course that is integrated from its start has many local minima, and each integration step costs a Python
+step. A leg is short, so its end depends smoothly on the constants, and all legs are integrated together. The errors of
+the readings are correlated between adjacent legs. `Legs` whitens them, which to first order gives the likelihood of the
+whole course. Repeated around the smoothed path, this is multiple shooting. Terms outside the current law enter as
+integrals of their force along the path (the weak form).
 
 Source: H. G. Bock, Recent advances in parameter identification techniques for O.D.E. (1983), for multiple shooting;
 D. A. Messenger and D. M. Bortz, Weak SINDy (2021), for the weak form.
@@ -42,7 +42,7 @@ _DRIFTS = (0.02, *np.geomspace(0.1, 300.0, 12))
 
 
 def box_of(bounds: Range) -> tuple[float, float]:
-    """The range in which a constant is searched: that of a fit, but an angle is free to go round."""
+    """The search range of a constant: that of a fit, except that angles are unbounded."""
     low, high = searched(bounds)
     if bounds.scale == "angle":
         half = (high - low) / 2
@@ -69,13 +69,13 @@ def named(structure: Structure, units: Array) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Legs:
-    """The legs between the readings of a course, about a path.
+    """The legs between the readings of a course, linearised around a path.
 
     Attributes:
-        course: What was held and read.
+        course: Controls and readings.
         told: The apparatus and its instruments.
-        path: State of what is read, at the start and at each reading, about which errors are taken as small.
-        drift: Error of the law, in standard deviations of a reading a leg.
+        path: Readable state at the start and at each reading, around which errors are linearised.
+        drift: Model error per leg, in standard deviations of a reading.
     """
 
     course: Course
@@ -99,7 +99,7 @@ class Legs:
         return np.cumsum(self.course.durations) - self.course.durations
 
     def _along(self, shares: Array) -> Array:
-        """The path at shares of every leg, by cubic interpolation; shape (states, legs × shares)."""
+        """The path at fractions of every leg, by cubic interpolation; shape (states, legs × fractions)."""
         nodes = self.path.reshape(len(self.path), self.told.bodies, 2, self._width)
         h, u = self.course.durations[:, None, None, None], shares[None, :, None, None]
         (a, va), (b, vb) = ((ends[:, :, 0][:, None], ends[:, :, 1][:, None]) for ends in (nodes[:-1], nodes[1:]))
@@ -110,7 +110,7 @@ class Legs:
 
     @functools.cached_property
     def _points(self) -> Array:
-        """The path at the begin of each leg and at its points of quadrature, then at the end of the last leg."""
+        """The path at the start and the quadrature points of each leg, then at the end of the last leg."""
         return np.column_stack([self._along(_AT), self.path[-1]])
 
     @functools.cached_property
@@ -120,18 +120,18 @@ class Legs:
 
     @functools.cached_property
     def _between(self) -> Array:
-        """The path in the middle between two points."""
+        """The path at the midpoint between two points."""
         return self._along((_AT + np.append(_AT[1:], 1.0)) / 2)
 
     @functools.cached_property
     def _way(self) -> Array:
-        """The way that the first body has gone, and its speed, at each point."""
+        """Path length and speed of the first body at each point."""
         speed = np.linalg.norm(self._points[self._width : 2 * self._width], axis=0)
         gone = np.append(0.0, np.cumsum(np.diff(self._times) * (speed[1:] + speed[:-1]) / 2))
         return np.array([np.maximum(gone - speed / ODO_RATE, 0.0), speed])
 
     def _hidden(self, term: Term, constants: Mapping[str, Any], trials: int) -> Array:
-        """The state of a term's hidden body at each point, moved by the path; shape (states, points, trials)."""
+        """The state of a term's hidden body at each point, driven by the path; shape (states, points, trials)."""
         alone = Structure(self.told.apparatus, (Term(term.form),), self.told.radius)
         rates, seen, size = rates_of(alone, walled=False), alone.read, len(alone.states) - alone.read
         gaps = np.diff(self._times)
@@ -175,7 +175,7 @@ class Legs:
         return found
 
     def _states(self, structure: Structure, constants: Mapping[str, Any], trials: int, points: Any) -> Array:
-        """The whole state at points of the path; shape (states, points, trials)."""
+        """The complete state at points of the path; shape (states, points, trials)."""
         rows = [np.broadcast_to(self._points[:, points, None], (structure.read, len(points), trials))]
         for at in structure.hidden:
             term = structure.terms[at]
@@ -192,13 +192,13 @@ class Legs:
     def ends(
         self, structure: Structure, constants: Mapping[str, Any], trials: int, shift: Array | None = None
     ) -> Array:
-        """What is read at the end of each leg by a law; shape (legs, read, trials).
+        """The readable state at the end of each leg by a law; shape (legs, read, trials).
 
         Args:
             structure: Which terms act.
             constants: Their constants; a value for each trial.
             trials: Number of trials.
-            shift: Added to the state at the begin of each leg; shape (read, trials).
+            shift: Added to the state at the start of each leg; shape (read, trials).
         """
         legs = len(self.course.durations)
         state = self._states(structure, constants, trials, np.arange(legs) * len(_AT))
@@ -223,7 +223,7 @@ class Legs:
         return Whitened(self, slopes)
 
     def columns(self, term: Term, constants: Mapping[str, Any], trials: int) -> Array:
-        """By how much a term changes what is read at the end of each leg; shape (legs × read, trials)."""
+        """Change of the readable state at the end of each leg by a term; shape (legs × read, trials)."""
         structure = Structure(self.told.apparatus, (term,), self.told.radius)
         legs, inner = len(self.course.durations), len(_AT) - 1
         points = (np.arange(legs)[:, None] * len(_AT) + np.arange(1, len(_AT))).ravel()
@@ -243,7 +243,7 @@ class Legs:
 
 @functools.lru_cache(64)
 def _is_linear(structure: Structure) -> bool:
-    """Whether the rates of the hidden body of the only term are linear in its state and in that of the visible one."""
+    """Whether the hidden body of the only term has equations linear in its state and in that of the visible body."""
     rng = np.random.default_rng(0)
     one = rng.standard_normal(len(structure.states))
     states = np.column_stack([one, 2 * one, -one])
@@ -254,11 +254,11 @@ def _is_linear(structure: Structure) -> bool:
 
 @dataclass(frozen=True)
 class Whitened:
-    """Legs whose misfits have unit variance, with the transitions of a law that is nearly right.
+    """Legs whose misfits are whitened with the transitions of an approximate law.
 
     Attributes:
         legs: The legs.
-        slopes: Derivative of the end of each leg by its begin; shape (legs, read, read).
+        slopes: Derivative of the end of each leg with respect to its start; shape (legs, read, read).
     """
 
     legs: Legs
@@ -270,7 +270,7 @@ class Whitened:
 
     @functools.cached_property
     def _carried(self) -> Array:
-        """Errors of the readings → errors of the legs: that at the end less that which the begin carries on."""
+        """Errors of the readings → errors of the legs: the error at the end minus the propagated one at the start."""
         count, size = self.slopes.shape[:2]
         found = np.eye(count * size)
         for leg in range(1, count):
@@ -279,7 +279,7 @@ class Whitened:
 
     @functools.cached_property
     def _known(self) -> Array:
-        """What the errors of the readings alone make of the legs."""
+        """Covariance of the legs from the errors of the readings."""
         spread = self._carried * self._sigma
         return spread @ spread.T
 
@@ -302,13 +302,13 @@ class Whitened:
         return np.clip(np.nan_to_num(found.reshape(-1, trials), nan=1e9), -limit, limit)
 
     def misfits(self, structure: Structure, units: Array) -> Array:
-        """Misfits in standard deviations, then a pull to the middle; a column for each point of the unit cube."""
+        """Misfits in standard deviations, then regularisation terms; a column for each point of the unit cube."""
         with np.errstate(all="ignore"):
             found = self.matrix @ self.errors(structure, units)
         return np.vstack([found, _PULL * (units - 0.5)])
 
     def smoothed(self, structure: Structure, unit: Array) -> Legs:
-        """Legs about the path that a law and the readings make likely, with the error of the law that fits best."""
+        """Legs around the most likely path for a law and the readings, with the best-fit model error."""
         with np.errstate(all="ignore"):
             wrong = self.errors(structure, unit[:, None])[:, 0]
         best, least = self.legs.drift, math.inf
