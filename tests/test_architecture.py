@@ -195,7 +195,7 @@ def test_a_module_imports_only_what_its_room_allows(path: Path) -> None:
         ("evaluator/episode/loop.py", "from evaluator.agents import reference"),
         ("evaluator/report/page.py", "def f():\n    import mujoco"),
         ("evaluator/report/page.py", "from evaluator.commands.terminal import print_results"),
-        ("evaluator/scores/failures/course.py", "from evaluator.answers.keys import KeyRing"),
+        ("evaluator/scores/failures/findings.py", "from evaluator.answers.keys import KeyRing"),
         ("evaluator/scores/metrics.py", "from evaluator.agents.models.choice import Choice"),
         ("evaluator/study/runner.py", "import physment_mcp.session"),
         ("evaluator/study/runner.py", "from evaluator.scores import scoring"),

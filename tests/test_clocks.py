@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pydantic_ai import exceptions as ai
 
-from evaluator.agents.models.failures import AskAgain, judge
+from evaluator.agents.models.requests import AskAgain, judge
 from evaluator.store.run_folder import RunFolder
 from tests.builders.paths import ROOT
 
@@ -22,7 +22,7 @@ STAMPS = {
     "evaluator/agents/external/agent.py": {"play"},
     "evaluator/episode/loop.py": {"play_episode"},
     "evaluator/referee/episodes.py": {"_open_one"},
-    "evaluator/study/attempts.py": {"unplayed"},
+    "evaluator/study/runner.py": {"unplayed"},
     "evaluator/study/provenance.py": {"run_record"},
     "evaluator/watch/app.py": {"_look"},
     "evaluator/commands/playing.py": {"create_folder"},

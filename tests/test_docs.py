@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from evaluator.records.episode import Episode, EvidenceRecord, GradeRecord, Record
 from evaluator.records.run import RunRecord
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from evaluator.study.submission import Submission

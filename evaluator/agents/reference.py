@@ -1,15 +1,68 @@
-"""The reference agent: plays the protocol of a pack through the public tools, which shows that it can be solved."""
+"""Plays reference protocols, of packs and of generated worlds, through the public tools."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from evaluator.agents.protocol_player import ProtocolPlayer
-from evaluator.episode.player import Briefing
+from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
-from evaluator.records.episode import EpisodeKey
+from evaluator.records.episode import Episode, EpisodeKey, Exchange, ToolCall
 from scenes import PackError, find_pack
-from scenes.protocol import load_solution
+from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading, load_solution
 from scenes.world_names import reference_of
+from scenes.worlds.predictions import Prediction
+from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
+
+
+@dataclass(slots=True)
+class ProtocolPlayer:
+    """Takes each `yield` of a protocol as a turn."""
+
+    make: Callable[[str], Protocol]
+    """The protocol; its docstring is the reasoning of the first turn."""
+    prompt: str
+    """The opening prompt."""
+    protocol: Protocol = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.protocol = self.make(self.prompt)
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        """The calls of the next `yield`.
+
+        Raises:
+            AgentError: The protocol raised an exception.
+        """
+        try:
+            if feedback is None:
+                calls = next(self.protocol)
+            else:
+                calls = self.protocol.send([reading_of(exchange) for exchange in feedback.exchanges])
+        except StopIteration:
+            return Reply(reasoning="The protocol has ended.")
+        except Exception as error:
+            raise AgentError(f"the protocol failed: {error!r}") from error
+        return Reply(
+            reasoning=(self.make.__doc__ or "").strip() if feedback is None else "",
+            calls=tuple(ToolCall(tool=call.tool, arguments=call.arguments) for call in calls),
+        )
+
+
+def reading_of(exchange: Exchange) -> Reading:
+    """What a call gives to a protocol: its result, `{"error": sentence}`, or `{}` if it was not run."""
+    if exchange.is_error:
+        return {"error": exchange.text}
+    return dict(exchange.content or {}) if exchange.returned else {}
+
+
+def calls_and_readings(episode: Episode) -> Exchanges:
+    """The calls of an episode with what a protocol was given for each; the answer is left out."""
+    return [
+        (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
+        for turn in episode.turns
+        for exchange in turn.exchanges
+        if exchange.call.tool != ANSWER
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,3 +87,44 @@ class ReferenceAgent:
         if solve is None:
             raise AgentError(f"no reference protocol: solution.py of scene {reference_of(key.scene)} defines no solve")
         return ProtocolPlayer(solve, briefing.prompt)
+
+
+@dataclass(frozen=True, slots=True)
+class GrammarAgent:
+    """Plays worlds: pushes, searches the grammar for the terms that explain the readings, and predicts."""
+
+    seconds: float = SEARCH_SECONDS
+    """Processor time of the search [s]."""
+    name: str = "grammar"
+    """Name in records and tables."""
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_GrammarPlayer":
+        """Start an episode; of the scene it learns the prompt alone."""
+        del key
+        return _GrammarPlayer(self.seconds, briefing.prompt)
+
+
+@dataclass(slots=True)
+class _GrammarPlayer:
+    seconds: float
+    prompt: str
+    player: ProtocolPlayer = field(init=False)
+    predictions: list[Prediction] = field(default_factory=list[Prediction])
+
+    def __post_init__(self) -> None:
+        def solve(prompt: str) -> Protocol:
+            """Lead what can be pushed to many places with pushes of many sizes, and read each state on the way."""
+            return blind_protocol(prompt, self.seconds, self.predictions.append)
+
+        self.player = ProtocolPlayer(solve, self.prompt)
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        """The next pushes and readings, or the answer with what it is based on.
+
+        Raises:
+            AgentError: The task is none of a world.
+        """
+        reply = await self.player.act(feedback)
+        if self.predictions and any(call.tool == ANSWER for call in reply.calls):
+            return replace(reply, reasoning=self.predictions[-1].says())
+        return reply

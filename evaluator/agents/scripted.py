@@ -1,15 +1,21 @@
-"""An agent that plays turns from a file, for tests, demonstrations and comparisons of transports."""
+"""Agents with fixed turns: turns from a file, one constant answer, or one list of calls for a scene."""
 
+import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.agents.reference import ProtocolPlayer
+from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError
 from evaluator.records.episode import EpisodeKey, ToolCall
+from scenes import PackError, PackFiles, draw_knobs, find_pack, read_pack
+from scenes.answer_spec import AnswerSpec, Scalar
+from scenes.protocol import AnswerValue, load_solution
 from scenes.world_names import reference_of
 
 Script = tuple[tuple[ToolCall, ...], ...]
@@ -69,3 +75,98 @@ def load_script(path: Path) -> ScriptedAgent:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise UsageError(f"the script {path} is malformed at {where}: {first['msg']}; a script is {_FORM}") from error
+
+
+_DRAWS = range(1, 51)
+"""Seeds on which the constant is chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantAgent:
+    """Gives the same answer at every seed of a scene: the one that is right most often on 50 draws.
+
+    A scene with a single variant, or whose key needs the engine, has no such constant.
+    """
+
+    scenes_dir: Path | None = None
+    """Folder of scene packs; None for the suite."""
+    name: str = "constant"
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_ConstantPlayer":
+        """A player who answers at once.
+
+        Raises:
+            AgentError: The scene has no constant.
+        """
+        del briefing
+        try:
+            return _ConstantPlayer(_constant(find_pack(key.scene, self.scenes_dir)))
+        except PackError as error:
+            raise AgentError(f"no constant: {error}") from error
+
+
+@dataclass(slots=True)
+class _ConstantPlayer:
+    value: AnswerValue
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        del feedback
+        return Reply("The same answer as always.", (ToolCall(tool=ANSWER, arguments={"answer": self.value}),))
+
+
+@dataclass(frozen=True, slots=True)
+class BatchAgent:
+    """Plays `batch` of the scene: the best attempt with one fixed list of calls."""
+
+    scenes_dir: Path | None = None
+    """Folder of scene packs; None for the suite."""
+    name: str = "batch"
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
+        """Start the batch of the scene.
+
+        Raises:
+            AgentError: The pack has none.
+        """
+        try:
+            batch = load_solution(find_pack(key.scene, self.scenes_dir)).batch
+        except PackError as error:
+            raise AgentError(f"no batch: {error}") from error
+        if batch is None:
+            raise AgentError(f"no batch: solution.py of scene {key.scene} defines none")
+        return ProtocolPlayer(batch, briefing.prompt)
+
+
+@functools.cache
+def _constant(files: PackFiles) -> AnswerValue:
+    pack, theory = read_pack(files), load_solution(files).theory
+    if not pack.knobs or theory is None or pack.answer_spec is None:
+        raise AgentError(f"no constant: the keys of scene {files.scene_id} do not follow from its draws by theory")
+    keys = [theory(draw_knobs(files, pack, seed)) for seed in _DRAWS]
+    return best_constant(keys, pack.answer_spec)[0]
+
+
+def best_constant(keys: Sequence[AnswerValue], spec: AnswerSpec) -> tuple[AnswerValue, float]:
+    """The constant that most keys agree with, and their share.
+
+    Numbers that are tried are all keys, their means and their median.
+
+    Args:
+        keys: Keys of several draws.
+        spec: How close is close enough.
+    """
+    try:
+        table = np.array([np.atleast_1d(np.asarray(key, dtype=float)) for key in keys])
+    except ValueError:
+        table = None
+    if table is None or spec.options:
+        words = [str(key) for key in keys]
+        most = max(dict.fromkeys(words), key=words.count)
+        return keys[words.index(most)], words.count(most) / len(words)
+    tried = [*table, table.mean(axis=0), np.median(table, axis=0)]
+    if (table > 0).all():
+        tried.append(np.exp(np.log(table).mean(axis=0)))
+    tolerance = spec.abs_tol + spec.rel_tol * np.abs(table)
+    shares = [float((np.abs(table - constant) <= tolerance).all(axis=1).mean()) for constant in tried]
+    best: list[Scalar] = [float(f"{value:.6g}") for value in tried[int(np.argmax(shares))]]
+    return best if isinstance(keys[0], list) else best[0], max(shares)

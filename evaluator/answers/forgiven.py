@@ -23,19 +23,20 @@ from evaluator.answers.forms import (
     unlabel,
     unwrap,
 )
-from evaluator.answers.formula import one_side
-from evaluator.answers.formula_keys import compare_formulas
+from evaluator.answers.formula import compare_formulas, one_side
 from evaluator.answers.strict import (
     AnswerKey,
     Finding,
     compare_numbers,
     exact_text,
+    is_object_id,
     joined_reasons,
+    named_object,
+    named_option,
     quoted,
     strict_finding,
     wanted_number,
 )
-from evaluator.answers.words import is_object_id, named_object, named_option
 from evaluator.quantities.units import conversion, parse_unit, same_quantity
 from evaluator.records.episode import NormalisationClass
 from scenes.answer_spec import AnswerKind

@@ -1,18 +1,29 @@
-"""Reads a formula that an agent wrote, with the grammar of all our expressions, and computes its values.
+"""Reads a formula that an agent wrote, computes its values, and compares them with those of the key.
 
 A formula has numbers, the variables of the scene, `pi`, the signs + - * / ^ (or **), brackets and the functions below.
 Factors may stand side by side (`2 x`), except after a division, where `1/2 x` could mean two things. Everything is
 computed in floating point, so no power can grow into a huge integer.
+
+A remark beside the verdict, which the values alone decide, so that verdicts are the same with and without SymPy. The
+algebra runs in a process of its own with a time limit, because simplifying an unlucky formula may take for ever.
 """
 
+import functools
+import importlib
+import importlib.util
+import json
 import math
+import operator
 import random
 import re
+import subprocess
+import sys
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 from evaluator.answers.forms import unlabel
 from physment_mcp.contract.expressions import FUNCTIONS, ExpressionError, Language, Node, Token
-from scenes.answer_spec import Variable
+from scenes.answer_spec import AnswerSpec, Variable
 
 MAX_CHARS = 300
 """Longer formulas are not read."""
@@ -116,3 +127,107 @@ def points_of(variables: Mapping[str, Variable]) -> list[dict[str, float]]:
         {name: low[name] + (high[name] - low[name]) * source.random() for name in variables} for _ in range(_POINTS)
     ]
     return [low, high, *drawn]
+
+
+LIMIT_S = 10.0
+"""Wall time for one comparison [s]."""
+
+
+def are_identical(first: Node, second: Node, limit_s: float = LIMIT_S) -> bool | None:
+    """Whether two formulas are equal for all values; None without SymPy, or if it does not find out in time."""
+    if importlib.util.find_spec("sympy") is None:
+        return None
+    try:
+        ended = subprocess.run(  # noqa: S603 - this module, which reads a tree and runs no text
+            [sys.executable, "-m", __name__],
+            input=json.dumps([first, second]),
+            capture_output=True,
+            text=True,
+            timeout=limit_s,
+            check=True,
+        )
+    except (subprocess.TimeoutExpired, subprocess.CalledProcessError):
+        return None
+    return json.loads(ended.stdout)
+
+
+def _main() -> None:
+    sympy: Any = importlib.import_module("sympy")
+    first, second = (_expression(tree, sympy) for tree in json.load(sys.stdin))
+    sys.stdout.write(json.dumps(True if sympy.simplify(first - second) == 0 else None))
+
+
+def _expression(tree: Sequence[Any], sympy: Any) -> Any:
+    head, parts, text = tree
+    if head == "number":
+        return sympy.Rational(text)
+    if head == "name":
+        return sympy.pi if text == "pi" else sympy.Symbol(text, real=True)
+    operands = [_expression(part, sympy) for part in parts]
+    function: Any = getattr(operator, _OPERATORS[head]) if head in _OPERATORS else getattr(sympy, _function_name(head))
+    return function(*operands)
+
+
+_OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "**": "pow", "negative": "neg"}
+
+
+def _function_name(head: str) -> str:
+    """What SymPy calls a function."""
+    return {"ln": "log", "abs": "Abs"}.get(head, head)
+
+
+if __name__ == "__main__":
+    _main()
+
+
+ROUNDING = 1e-9
+"""Relative difference that two ways of writing one formula may have, by rounding alone."""
+
+
+def check_key(key: str, variables: dict[str, Variable]) -> None:
+    """Refuse a key that cannot be compared with.
+
+    Raises:
+        ValueError: The key is no formula in these variables, or has no value somewhere in their ranges.
+    """
+    if not variables:
+        raise ValueError("a formula needs variables")
+    formula = parse_formula(key, variables)
+    for point in points_of(variables):
+        if value_of(formula, point) is None:
+            raise ValueError(f"the key {key!r} has no value at {_written(point)}")
+
+
+def compare_formulas(answer: str, key: str, spec: AnswerSpec, *, run_together: bool = False) -> tuple[bool, str]:
+    """Whether a formula is within the tolerance of the key everywhere in the ranges of the variables, and why.
+
+    At each point |answer - key| <= abs_tol + rel_tol |key|, with at least 1e-9 |key| for rounding. `run_together` is
+    that of `parse_formula`.
+    """
+    try:
+        formula = parse_formula(answer, spec.variables, run_together=run_together)
+    except ExpressionError as error:
+        return False, f"no formula: {error}"
+    wanted = parse_formula(key, spec.variables)
+    largest = 0.0
+    for point in points_of(spec.variables):
+        want, got = value_of(wanted, point), value_of(formula, point)
+        assert want is not None, "check_key has computed it"
+        if got is None:
+            return False, f"the formula has no value at {_written(point)}"
+        if abs(got - want) > spec.abs_tol + max(spec.rel_tol, ROUNDING) * abs(want):
+            return False, f"{got:.6g} is too far from {want:.6g} at {_written(point)}"
+        largest = max(largest, abs(got - want) / abs(want) if want else 0.0)
+    if largest <= ROUNDING and _identical(formula, wanted):
+        return True, "the formula is the key, by algebra"
+    return True, f"within {largest:.2g} of the key at {len(points_of(spec.variables))} points"
+
+
+@functools.lru_cache(maxsize=1000)
+def _identical(first: Node, second: Node) -> bool:
+    """Whether algebra shows that they are the same; asked only of formulas with the same values."""
+    return first == second or bool(are_identical(first, second))
+
+
+def _written(point: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.4g}" for name, value in point.items())

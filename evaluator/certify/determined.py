@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from evaluator.agents.protocol_player import calls_and_readings
+from evaluator.agents.reference import calls_and_readings
 from evaluator.answers.engine import Engine
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject

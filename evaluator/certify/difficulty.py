@@ -1,13 +1,130 @@
-"""Certificate 5: a scene is as hard as its category says; a Hard scene without limits cannot be solved by rote."""
+"""Certificate 5: a scene is as hard as its category says. Runs reference protocols on a session, without MCP."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
-from evaluator.answers.engine import is_intervention
-from evaluator.certify.driving import drive
+import anyio
+
+from evaluator.answers.engine import is_intervention, run
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Subject
 from evaluator.records.episode import Episode
-from scenes import Category, Pack
+from physment_mcp.errors import SceneError
+from physment_mcp.serving.prompts import opening_prompt
+from physment_mcp.session import Session
+from scenes import Category, Pack, PackError, PackFiles
+from scenes.protocol import ANSWER, Call, Protocol, Reading
+
+MAX_ITERATIONS = 20
+
+
+@dataclass(slots=True)
+class Drive:
+    """The calls of a protocol and its result."""
+
+    calls: list[Call] = field(default_factory=list[Call])
+    iterations: int = 0
+    refusals: list[str] = field(default_factory=list[str])
+    """What refused calls returned."""
+    answer: object = None
+    failure: str = ""
+    """Why the protocol failed; empty if it answered."""
+
+
+async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Sequence[Call] = ()) -> Drive:
+    """Run a protocol to its end in a session.
+
+    Args:
+        session: A new session.
+        solve: The protocol.
+        replaced: Calls that take the place of the first interventions, in order, where the tool is the same. The
+            protocol continues with the real readings.
+    """
+    driven, spare = Drive(), list(replaced)
+    protocol = solve(opening_prompt(session))
+    try:
+        batch = next(protocol)
+        for _ in range(MAX_ITERATIONS):
+            readings: list[Reading] = []
+            driven.iterations += 1
+            for asked in batch:
+                done = asked
+                if is_intervention(asked.tool, asked.arguments) and spare:
+                    instead = spare.pop(0)
+                    done = instead if instead.tool == asked.tool else asked
+                driven.calls.append(done)
+                readings.append(await run(session, done))
+                driven.refusals += [str(readings[-1]["error"])] if "error" in readings[-1] else []
+                if asked.tool == ANSWER:
+                    driven.answer = session.state.answer
+                    return driven
+            batch = protocol.send(readings)
+    except StopIteration:
+        driven.failure = "the protocol ended without an answer"
+    except Exception as error:  # noqa: BLE001 - a protocol may raise anything if its readings are unexpected
+        driven.failure = repr(error)
+    return driven
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceTurn:
+    """One iteration of a reference protocol: its calls and their results. The answering turn has no results."""
+
+    calls: tuple[Call, ...]
+    readings: tuple[Reading, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Transcript:
+    """All turns of a reference protocol."""
+
+    turns: tuple[ReferenceTurn, ...]
+    method: str
+    """The docstring of the protocol's `solve`."""
+
+    @property
+    def interventions(self) -> int:
+        """Number of calls that changed the world."""
+        return sum(is_intervention(call.tool, call.arguments) for turn in self.turns for call in turn.calls)
+
+
+def play(files: PackFiles, seed: int) -> Transcript:
+    """Run the reference protocol of a pack to its end. This executes the pack's `solution.py`.
+
+    Raises:
+        PackError: The pack is malformed, or its protocol failed.
+    """
+    subject = Subject.open(files)
+    solve = subject.solution.solve
+    assert solve is not None
+    turns: list[ReferenceTurn] = []
+    try:
+        session = subject.session(subject.draw(seed))
+    except SceneError as error:
+        raise PackError(files.mjcf, str(error)) from error
+    driven = anyio.run(drive, session, _recorded(solve, turns))
+    if driven.failure:
+        raise PackError(files.solution, f"the reference protocol failed at seed {seed}: {driven.failure}")
+    return Transcript(tuple(turns), (solve.__doc__ or "").strip())
+
+
+def _recorded(solve: Callable[[str], Protocol], turns: list[ReferenceTurn]) -> Callable[[str], Protocol]:
+    """The same protocol, which also appends its turns to a list."""
+
+    def recorded(task: str) -> Protocol:
+        protocol = solve(task)
+        batch = next(protocol)
+        while True:
+            turns.append(ReferenceTurn(tuple(batch)))
+            readings = yield batch
+            turns[-1] = ReferenceTurn(tuple(batch), tuple(readings))
+            try:
+                batch = protocol.send(readings)
+            except StopIteration:
+                return
+
+    return recorded
+
 
 EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
 """Greatest number of interventions and of iterations in an Easy scene, and of iterations in any scene."""

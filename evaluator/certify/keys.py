@@ -1,12 +1,18 @@
-"""Certificates 1 and 4: theory, engine and reference agent agree on the key, and no constant answer is often right."""
+"""Certificates 1, 4 and 10: the key, constant answers, the stated instruments; faults of what a pack asks for."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from statistics import median
 
-from evaluator.agents.fixed import best_constant
-from evaluator.answers.steps import grade_steps, stated_steps
+from evaluator.agents.scripted import best_constant
+from evaluator.answers.grading import grade_steps, stated_steps
+from evaluator.answers.strict import AnswerKey
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject, gap
+from evaluator.quantities.units import Unit, parse_unit
 from evaluator.records.episode import Episode, Outcome
+from evaluator.scores.experiment_cost import cost_of
+from scenes import AnswerKind, AnswerSpec, Pack
 from scenes.draw import step_values
 
 HALVED_SEEDS = 3
@@ -95,3 +101,130 @@ def check_constant(subject: Subject) -> Check:
         else []
     )
     return check("constant", reasons, best_constant=share, allowed=allowed, draws=count)
+
+
+MOST_CALLS = 150
+_NEEDED_SHARE = 0.5
+"""Share of the calls and of the simulated time that the reference needs at least, so that they are scarce."""
+
+
+def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
+    """Check that limits and instruments are stated, that the reference keeps them, and that it needs half of them.
+
+    Args:
+        subject: The scene.
+        episodes: The reference agent's episodes at seeds 0, 1, ….
+    """
+    reasons = list(unstated(subject.pack))
+    limits = subject.pack.limits
+    assert limits is not None
+    costs = [cost_of(episode, limits) for episode in episodes]
+    calls, times = [cost.calls for cost in costs], [cost.lab_time_s for cost in costs]
+    reasons += [
+        f"seed {episode.key.seed}: the reference was refused: {exchange.text}"
+        for episode in episodes
+        for exchange in [exchange for turn in episode.turns for exchange in turn.exchanges if exchange.is_error][:1]
+    ]
+    if max(calls) > MOST_CALLS:
+        reasons.append(f"the reference makes {max(calls)} calls; at most {MOST_CALLS} are allowed")
+    for used, allowed, what in ((calls, limits.calls, "calls"), (times, limits.lab_time, "s of laboratory time")):
+        if allowed is None:
+            continue
+        if max(used) > allowed * (1 + 1e-9):
+            reasons.append(f"the reference uses {max(used):g} {what}, more than the limit of {allowed:g}")
+        if median(used) < _NEEDED_SHARE * allowed:
+            reasons.append(
+                f"the reference uses {median(used):g} of {allowed:g} {what} on the median seed: lower the limit"
+                " until it needs half"
+            )
+    return check("instrument", reasons, calls=median(calls), most_calls=max(calls), lab_time_s=float(median(times)))
+
+
+def unstated(pack: Pack) -> Iterator[str]:
+    """Yield a sentence for each limit and each resolution that a scene with predictions must state."""
+    limits, instruments = pack.limits, pack.instruments
+    for name in ("calls", "lab_time"):
+        if getattr(limits, name, None) is None:
+            yield f"limits.{name} is missing: say how far an agent may go"
+    permissions = [pack.permissions_of(key) for key in pack.objects]
+    angles = ("angle", any(may.angle for may in permissions)), ("spin", any(may.spin for may in permissions))
+    for name in ("position", "velocity", *(name for name, shown in angles if shown)):
+        if not getattr(instruments, name, 0.0):
+            yield f"instruments.{name} is missing or 0: say how finely it is read"
+
+
+_SENTENCE_END = re.compile(r"(?<=[.?!])\s+(?=[A-Z(])")
+_UNIT = r"in (?P<unit>[A-Za-zµ°%][\wµ°%·^*/⁻¹²³]*(?: per [a-z]+)*)"
+_IN_QUESTION = re.compile(rf"[,(] ?{_UNIT}")
+"""In a question a unit stands apart, as in `how fast is it, in m/s, after 2 s?`, unlike `with t in seconds`."""
+_IN_INSTRUCTION = re.compile(rf"\b{_UNIT}")
+"""Anywhere in a sentence that tells how to answer, as in `Answer both in N.`"""
+_NUMERIC = {AnswerKind.NUMBER, AnswerKind.NUMBERS}
+
+
+def answer_faults(pack: Pack) -> Iterator[str]:
+    """The faults of a pack's key and answer form, one sentence for each, with its remedy."""
+    spec = pack.answer_spec
+    if spec is None:
+        return
+    try:
+        AnswerKey(pack.answer, spec)
+    except ValueError as error:
+        yield f"answer: no answer can be compared with the key: {error}"
+    if spec.kind is AnswerKind.TEXT:
+        yield "answer_spec.kind is text, but free words cannot be graded reliably: make it a choice with options"
+    if spec.kind in {AnswerKind.CHOICE, AnswerKind.OBJECTS} and not spec.options:
+        yield "answer_spec.options is empty: an agent must see what it can choose from"
+    if any("," in option for option in spec.options):
+        yield "answer_spec.options: the prompt lists options with commas between them, so none may have a comma"
+    if spec.options and str(pack.answer) not in spec.options:
+        yield f"the answer {pack.answer!r} is not among the options {list(spec.options)}"
+    if spec.kind is AnswerKind.FORMULA and not spec.variables:
+        yield "answer_spec.variables is empty: a formula needs the variables that it may use"
+    yield from _form_of_numbers(spec)
+    yield from _units(pack.metadata.task, spec)
+
+
+def _form_of_numbers(spec: AnswerSpec) -> Iterator[str]:
+    if spec.kind in _NUMERIC and spec.unit is None:
+        yield 'answer_spec.unit is missing; write "1" for a pure number'
+    if spec.kind is not AnswerKind.NUMBERS:
+        return
+    if not spec.labels:
+        yield "answer_spec.labels is empty: an agent must see what each number is, and their order"
+    if isinstance(spec.unit, str):
+        yield f"answer_spec.unit is {spec.unit!r}: list one unit for each label"
+
+
+def _units(task: str, spec: AnswerSpec) -> Iterator[str]:
+    """Report units that cannot be read, and units of the answer that differ from those of the question."""
+    written = (spec.unit,) if isinstance(spec.unit, str) else spec.unit or ()
+    unread = [unit for unit in written if parse_unit(unit) is None]
+    if unread:
+        yield f"answer_spec.unit: {unread[0]!r} is no unit that can be read, so every answer with a unit would fail"
+        return
+    wanted = [unit for unit in dict.fromkeys(written) if parse_unit(unit) != parse_unit("1")]
+    asked = _asked_units(task)
+    if wanted and not asked:
+        yield f"the task's question names no unit, but answer_spec.unit says {', '.join(wanted)}: name it there too"
+    elif _read(asked) != _read(wanted):
+        yield (
+            f"the task's question asks for {', '.join(asked)}, but answer_spec.unit says"
+            f" {', '.join(wanted) or 'nothing'}: name the same units in the same order"
+        )
+
+
+def _asked_units(task: str) -> list[str]:
+    """The units that the questions and the instructions of a task name, in the order of their first mention."""
+    named: list[str] = []
+    for sentence in _SENTENCE_END.split(task):
+        is_instruction = sentence.startswith(("Answer", "Give"))
+        if is_instruction or sentence.endswith("?"):
+            pattern = _IN_INSTRUCTION if is_instruction else _IN_QUESTION
+            named += [found["unit"] for found in pattern.finditer(sentence)]
+    return [unit for unit in dict.fromkeys(named) if parse_unit(unit) is not None]
+
+
+def _read(units: Iterable[str]) -> list[Unit | None]:
+    """The units without repetition; `degree` and `degrees` are one."""
+    return list(dict.fromkeys(map(parse_unit, units)))

@@ -11,11 +11,10 @@ from pydantic import BaseModel
 
 from evaluator.answers.engine import TOOL_NAMES
 from evaluator.certify import compiled_model, drawn_parts
-from evaluator.certify.answer_faults import answer_faults
 from evaluator.certify.catches import undeclared_catches
 from evaluator.certify.determined import family_faults
 from evaluator.certify.difficulty import concept_faults
-from evaluator.certify.instrument import unstated
+from evaluator.certify.keys import answer_faults, unstated
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session

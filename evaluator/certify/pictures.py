@@ -1,16 +1,96 @@
-"""Draws scenes at their start, off-screen. Call it in a separate process; `drawing` says why."""
+"""Draws scenes at their start, and schematics of scenes of which nothing may be shown.
 
+They follow from the public half of a pack alone: they tell no hidden value, and are the same for every seed.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from evaluator.certify.schematic import schematic
+import numpy as np
+
 from physment_mcp.scene import load_scene, load_variants
 from physment_mcp.session import Session
 from physment_mcp.visibility import bodies_of, markers_at_start, visibility_of
+from physment_mcp.world.pictures.annotations import INK, PAPER, SOFT
 from physment_mcp.world.pictures.drawing import check_renderer
-from physment_mcp.world.pictures.overlay import Pixels, png_of
-from physment_mcp.world.pictures.plates import plate
+from physment_mcp.world.pictures.overlay import LINE, Overlay, Pixels, png_of
+from physment_mcp.world.pictures.plates import GROUND, HEIGHT, SKY, WIDTH, plate
 from physment_mcp.world.pictures.showing import ShownBody, picture_model
-from scenes import PackFiles
+from scenes import PackFiles, Permissions, PublicPack
+
+_READ = {
+    "geom_type": "shape",
+    "geom_size": "size",
+    "geom_radius": "radius",
+    "geom_density": "density",
+    "body_mass": "mass",
+    "body_pos": "position",
+    "body_quat": "orientation",
+    "velocity": "velocity",
+}
+"""Permission → what it allows to read."""
+_EDGE, _GAP, _TITLE = 40, 28, 104
+_COLUMNS = 3
+_LARGEST = (560.0, 300.0)
+"""Largest outline [px]."""
+_STEP = LINE + 4
+
+
+def schematic(pack: PublicPack) -> Pixels:
+    """A picture (HEIGHT, WIDTH, 3) of the objects that an agent knows from the start."""
+    listed = [item for item in pack.objects if not item.permissions.hidden]
+    overlay = Overlay(WIDTH, HEIGHT)
+    columns = min(_COLUMNS, max(1, len(listed)))
+    rows = -(-max(1, len(listed)) // columns)
+    width = min(_LARGEST[0], (WIDTH - 2 * _EDGE - (columns - 1) * _GAP) / columns)
+    height = min(_LARGEST[1], (HEIGHT - _TITLE - _EDGE - (rows - 1) * _GAP) / rows)
+    first = (
+        (WIDTH - columns * width - (columns - 1) * _GAP) / 2,
+        _TITLE + (HEIGHT - _TITLE - _EDGE - rows * height - (rows - 1) * _GAP) / 2,
+    )
+    overlay.text("Schematic: no part looks the same in every variant", _EDGE, 30, INK)
+    overlay.text("places and sizes are not shown", _EDGE, 30 + _STEP, SOFT)
+    for place, item in enumerate(listed):
+        left = first[0] + place % columns * (width + _GAP)
+        top = first[1] + place // columns * (height + _GAP)
+        low, high = (left, top), (left + width, top + height)
+        overlay.box(low, high, 4, PAPER, 0.6)
+        overlay.dashes(low, high, 2.5, INK)
+        lines = _card(overlay, item.permissions, width - 2 * LINE)
+        start = max(top + 12, top + (height - (len(lines) + 2) * _STEP) / 2)
+        heads = [(item.object_id, INK), (item.name, SOFT)]
+        for row, (text, colour) in enumerate([*heads, *((line, INK) for line in lines)]):
+            if start + (row + 1) * _STEP <= top + height:
+                overlay.text(text, left + LINE, start + row * _STEP, colour)
+    return overlay.over(_backdrop())
+
+
+def _backdrop() -> Pixels:
+    """From the colour of the sky down to that of the ground."""
+    share = np.linspace(0, 1, HEIGHT)[:, None, None]
+    rows = np.array(SKY) * (1 - share) + np.array(GROUND) * share
+    return np.round(np.broadcast_to(rows * 255, (HEIGHT, WIDTH, 3))).astype(np.uint8)
+
+
+def _card(overlay: Overlay, may: Permissions, width: float) -> list[str]:
+    """What is written of an object, in lines that fit."""
+    read = [word for field, word in _READ.items() if getattr(may, field)]
+    withheld = [word for field, word in _READ.items() if not getattr(may, field)]
+    sealed = "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"
+    texts = (f"may be read: {', '.join(read) or 'nothing'}", f"withheld: {', '.join(withheld) or 'nothing'}", sealed)
+    return ["", *(line for text in texts for line in _wrapped(overlay, text, width))]
+
+
+def _wrapped(overlay: Overlay, text: str, width: float) -> Sequence[str]:
+    lines: list[str] = []
+    for word in text.split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and overlay.width(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
+
 
 __all__ = ["DrawnScene", "check_renderer", "draw_picture", "draw_scene"]
 

@@ -7,7 +7,7 @@ from itertools import zip_longest
 from typing import Self, cast
 
 from evaluator.answers.engine import Engine, session_of
-from evaluator.answers.formula_keys import compare_formulas
+from evaluator.answers.formula import compare_formulas
 from physment_mcp.session import Session
 from scenes import (
     AnswerKind,

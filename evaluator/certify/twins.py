@@ -10,7 +10,7 @@ from itertools import zip_longest
 from typing import Any, cast
 
 from evaluator.answers.engine import all_readings, is_intervention, run
-from evaluator.certify.driving import drive
+from evaluator.certify.difficulty import drive
 from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject
 from evaluator.records.episode import Episode

@@ -1,24 +1,143 @@
-"""Certifies many scenes in parallel processes with one shared host; reads and writes the certificates file."""
+"""Checks the certificates of scenes, in parallel processes, with episodes played through MCP and runs of the engine."""
 
-from collections.abc import Callable, Iterable, Sequence
+import contextlib
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import anyio
+from mcp import Client
 
-from evaluator.certify.certificate import certify
+from evaluator.agents.reference import ReferenceAgent
+from evaluator.certify import compiled_model
+from evaluator.certify.attempts import check_structure, check_tempting, check_unstageable
+from evaluator.certify.determined import check_determined
+from evaluator.certify.difficulty import check_difficulty
+from evaluator.certify.holds import check_holds
+from evaluator.certify.keys import check_constant, check_instrument, check_key
+from evaluator.certify.lint import lint
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.records import (
+    CERTIFICATES,
     Certificates,
+    Check,
     SceneCertificate,
     certificates_of,
+    check,
     file_for,
     read_certificates,
 )
-from evaluator.episode.connect import HostConnector
-from evaluator.errors import StoreError
+from evaluator.certify.subject import Subject
+from evaluator.certify.twins import check_modality, check_twins
+from evaluator.episode.connect import EpisodeConnector, HostConnector
+from evaluator.episode.loop import play_episode
+from evaluator.episode.toolbox import Toolboxes
+from evaluator.errors import InfrastructureError, StoreError
+from evaluator.records.episode import Episode, EpisodeKey, Versions
+from physment_mcp import open_episode
 from scenes import PackError, PackFiles, list_packs, pack_hash, read_pack
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryConnector:
+    """Serves the packs of a folder."""
+
+    folder: Path | None = None
+    toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
+
+    @contextlib.asynccontextmanager
+    async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
+        """A client connected to a new episode."""
+        server = open_episode(scene, seed, scenes_dir=self.folder).server()
+        async with Client(server, cache=None) as client:
+            yield client
+
+
+BUDGET = 20
+_SANE_SEEDS = 3
+_WIRED_SEEDS = 4
+"""Number of seeds played with the given laboratory; the others are played in memory."""
+
+
+async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) -> SceneCertificate:
+    """Prove a scene sound, or say why it is not.
+
+    Args:
+        files: The pack. Its `solution.py` is run.
+        seeds: Number of seeds, from 0 on.
+        laboratory: Plays the reference protocol on the first seeds. On the others the same server and client are
+            connected in memory, because sockets would take most of the time.
+
+    Raises:
+        InfrastructureError: The laboratory failed.
+    """
+    faults = lint(files)
+    try:
+        subject = Subject.open(files)
+    except PackError as error:
+        reason = [*faults, str(error)]
+        return _certificate(files, seeds, "", "", [check(name, reason) for name in CERTIFICATES])
+    category = subject.pack.category
+    assert category is not None
+    checks: list[Check] = []
+    try:
+        memory = MemoryConnector(files.folder.parent)
+        places = [laboratory if seed < _WIRED_SEEDS else memory for seed in range(seeds)]
+        episodes = [await play_reference(subject, seed, place) for seed, place in enumerate(places)]
+        checks = [
+            check_key(subject, episodes),
+            await check_twins(subject, episodes),
+            await check_modality(subject),
+            check_constant(subject),
+            await check_difficulty(subject, episodes),
+            check_sane(subject, seeds, faults),
+        ]
+        if subject.pack.predicts:
+            checks += [
+                await check_unstageable(subject, seeds),
+                check_tempting(subject, seeds),
+                check_structure(subject, episodes),
+                check_instrument(subject, episodes),
+            ]
+        if subject.pack.catches:
+            checks.append(check_holds(subject, seeds))
+        if subject.pack.family:
+            checks.append(check_determined(subject, episodes))
+    except InfrastructureError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the pack's own code ran; any exception is a reason
+        checks = [check(name, [f"solution.py failed: {error!r}"]) for name in certificates_of(subject.pack)]
+    return _certificate(files, seeds, subject.pack.metadata.scene_name, category.value, checks)
+
+
+def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
+    """Certificate 6: lint finds no fault, no contact is deep at the start, and energy does not increase."""
+    reasons = list(faults)
+    drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
+    depth = max(compiled_model.deepest_contact(mjcf) for mjcf in drawn)
+    gain = max(compiled_model.energy_gain(mjcf) for mjcf in drawn)
+    if depth > compiled_model.DEEPEST_M:
+        reasons.append(f"a contact is {1000 * depth:.2g} mm deep at the start; at most 1 mm may be")
+    if gain > 1:
+        reasons.append("untouched for 10 s the scene gains mechanical energy")
+    return check("sane", reasons, deepest_contact_m=depth)
+
+
+async def play_reference(subject: Subject, seed: int, laboratory: EpisodeConnector) -> Episode:
+    """Play the reference agent's episode in a scene at a seed."""
+    key = EpisodeKey(scene=subject.files.scene_id, seed=seed, agent="reference", budget=BUDGET)
+    agent = ReferenceAgent(subject.files.folder.parent)
+    async with laboratory.open(subject.files.scene_id, seed) as client:
+        versions = Versions(physment="", protocol="", pack="")
+        return await play_episode(agent, client, key, versions, laboratory.toolboxes)
+
+
+def _certificate(files: PackFiles, seeds: int, name: str, category: str, checks: Sequence[Check]) -> SceneCertificate:
+    return SceneCertificate(
+        scene=files.scene_id, name=name, category=category, pack=pack_hash(files), seeds=seeds, checks=tuple(checks)
+    )
 
 
 async def verify(

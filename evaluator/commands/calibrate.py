@@ -4,12 +4,11 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from evaluator.calibration.features import features_of
+from evaluator.calibration.model import features_of
 from evaluator.calibration.pages import calibration_page, calibration_text
 from evaluator.calibration.responses import responses
 from evaluator.calibration.results import calibrate
-from evaluator.commands.argument_types import folder_to_write
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, folder_to_write
 from evaluator.commands.terminal import printable
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import GradeRecord

@@ -15,8 +15,7 @@ from rich.text import Text
 from evaluator.certify.evidence import measured
 from evaluator.certify.parallel import in_processes
 from evaluator.certify.subject import Subject
-from evaluator.commands.argument_types import count_of, seed_key
-from evaluator.commands.base import Commands, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
 from evaluator.commands.finishing import current_evidence
 from evaluator.commands.terminal import printable
 from evaluator.errors import UsageError
@@ -34,7 +33,7 @@ from evaluator.report.evidence import evidence_counts
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.held_back import is_withheld, seeds_of
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from evaluator.commands.argument_types import allow_modified, file_to_write, folder_to_write
-from evaluator.commands.base import Commands
-from evaluator.commands.plugins import EXPORTS_GROUP, plugin
+from evaluator.commands.base import Commands, allow_modified, file_to_write, folder_to_write
+from evaluator.commands.overview import EXPORTS_GROUP, plugin
 from evaluator.errors import StoreError
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded

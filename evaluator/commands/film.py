@@ -12,10 +12,9 @@ from rich.console import Console
 from rich.progress import Progress
 
 from evaluator.certify.viewed_episode import viewed_episode, viewing
-from evaluator.commands.argument_types import seed_key
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, run_async, seed_key
 from evaluator.errors import UsageError
-from evaluator.films.filming import Opens, film_of
+from evaluator.films import Opens, film_of
 from evaluator.records.episode import Episode, EpisodeKey, Outcome
 from evaluator.report.attachments import FILMS, film_file, own_folder, regular_file
 from evaluator.report.film_record import MOST_BYTES, read, written
@@ -23,7 +22,7 @@ from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
 from evaluator.study.held_back import seeds_of
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 
 _DESCRIPTION = f"""\
 Make films of stored episodes for the report: each is played again in this process, and what its agent could see is kept

@@ -11,8 +11,8 @@ from evaluator.commands.terminal import print_results
 from evaluator.records.episode import EpisodeKey, EvidenceRecord, Outcome
 from evaluator.report.agent_results import Run
 from evaluator.report.attachments import Attachments, attached
+from evaluator.report.notebook import pictures
 from evaluator.report.page import write_report
-from evaluator.report.pictures import pictures
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder

@@ -6,10 +6,8 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import allow_modified, count_of, folder_to_write, seconds, seed_key
-from evaluator.commands.base import Commands
-from evaluator.commands.external import USUAL_CONCURRENCY
-from evaluator.commands.model_options import add_model_options, model_options
+from evaluator.commands.agent_options import USUAL_CONCURRENCY, add_model_options, model_options
+from evaluator.commands.base import Commands, allow_modified, count_of, folder_to_write, seconds, seed_key
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
 from evaluator.episode.participant import AgentParticipant
 from evaluator.errors import UsageError
@@ -19,10 +17,9 @@ from evaluator.records.seed_key import SeedKey
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line_hashes, select_episodes
 from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
-from evaluator.study.limits import Meter
 from evaluator.study.participants import participants_of
-from evaluator.study.played_worlds import refuse_other_worlds
-from evaluator.study.run_config import RunConfig
+from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.run_config import Meter, RunConfig
 from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack
 

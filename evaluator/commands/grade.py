@@ -6,12 +6,11 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import stored_run_options
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import seeds_of
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.sealing import seal_note
 
 _DESCRIPTION = """\

@@ -5,8 +5,7 @@ import lzma
 from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import folder_to_write
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, folder_to_write
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, Outcome
 from evaluator.records.run import RunRecord

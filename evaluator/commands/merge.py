@@ -6,13 +6,12 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import folder_to_write, stored_run_options
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, folder_to_write, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import pass_on_key, seeds_of
-from evaluator.study.merging import expand, merge
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.shards import expand, merge
 
 _DESCRIPTION = """\
 Merge the shards of a run, or the parts of a study, into one run folder, grade it and write its report. Of a folder that

@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from evaluator.agents.models.choice import EFFORTS, missing
-from evaluator.agents.models.presets import PRESETS, PROVIDERS, Provider, find_provider
+from evaluator.agents.models.choice import EFFORTS, PRESETS, PROVIDERS, Provider, find_provider, missing
 from evaluator.commands.base import Commands, wide_console
 
 _DESCRIPTION = f"""\

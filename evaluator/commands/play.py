@@ -4,24 +4,27 @@ import argparse
 import contextlib
 import functools
 import signal
+import socket
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 
+import anyio
+import anyio.to_thread
+import uvicorn
 from rich.console import Console
 from rich.markdown import Markdown
 
+from evaluator.agents.browser.app import app
 from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, folder_to_write, port, scene_id, seed
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed
 from evaluator.commands.finishing import report_on
 from evaluator.commands.listening import listening, open_page, page_token
-from evaluator.commands.play_page import play_on_page
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
@@ -39,6 +42,58 @@ from evaluator.study.sealing import seal_note
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
 from scenes.world_names import reference_of
+
+_LINGER_S = 1.0
+"""How long the page may take to ask for the verdict [s]."""
+_LEAVING = (signal.SIGINT, signal.SIGTERM)
+
+
+async def play_on_page(
+    listener: socket.socket,
+    token: str,
+    play: Callable[[PageState], Awaitable[Episode]],
+    verdict: Callable[[Episode], str],
+) -> None:
+    """Serve the page while an episode is played there. Ctrl-C is as if the person left.
+
+    Args:
+        listener: Where the page is served.
+        token: First part of its path.
+        play: Plays the episode.
+        verdict: Records and grades the episode, and says how it ended; runs in a thread.
+    """
+    page = PageState()
+    config = uvicorn.Config(
+        app(page, token), log_config=None, log_level="warning", lifespan="off", timeout_graceful_shutdown=1
+    )
+    server = _Server(config)
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(functools.partial(server.serve, sockets=[listener]))
+        tasks.start_soon(_leave_when_signalled, page)
+        episode = await play(page)
+        page.end(await anyio.to_thread.run_sync(verdict, episode))
+        await page.told(_LINGER_S)
+        server.should_exit = True
+        # Open requests of the page end with the server, and the wait for signals with the block.
+        await anyio.sleep(0.2)
+        tasks.cancel_scope.cancel()
+
+
+async def _leave_when_signalled(page: PageState) -> None:
+    # Windows has no such receiver.
+    with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
+        async for _ in signals:
+            page.leave()
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to the command, which records an episode before it ends."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None]:
+        """Nothing."""
+        yield
+
 
 _PLAY = """\
 Solve a scene yourself, with the tools and the budget of any agent: a human baseline.

@@ -23,14 +23,11 @@ from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import ForkedRun, Plan, RunRecord
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.attempts import LocalPlay, Play
-from evaluator.study.limits import Meter
-from evaluator.study.played_worlds import played_worlds, worlds_difference
 from evaluator.study.process_executor import process_workers, usual_workers
-from evaluator.study.provenance import run_record, server_record
+from evaluator.study.provenance import played_worlds, run_record, server_record, worlds_difference
 from evaluator.study.ray_executor import ray_workers
-from evaluator.study.run_config import RunConfig
-from evaluator.study.runner import Runner, missing
+from evaluator.study.run_config import Meter, RunConfig
+from evaluator.study.runner import LocalPlay, Play, Runner, missing
 from evaluator.study.sealing import Sealing
 from evaluator.study.shards import WHOLE
 from evaluator.study.tally import Tally

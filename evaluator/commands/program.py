@@ -101,7 +101,7 @@ def _declare(command: str, module: str, commands: "Commands") -> None:
     if module:
         import_module(f"evaluator.commands.{module}").add(commands)
         return
-    from evaluator.commands.plugins import COMMANDS_GROUP, plugin  # noqa: PLC0415
+    from evaluator.commands.overview import COMMANDS_GROUP, plugin  # noqa: PLC0415
 
     plugin(COMMANDS_GROUP, command, command)(commands.add_parser(command))
 

@@ -17,8 +17,7 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
-from evaluator.commands.argument_types import count_of, folder_to_write, port, price, seconds
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, count_of, folder_to_write, port, price, run_async, seconds
 from evaluator.commands.listening import listening
 from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import InfrastructureError, UsageError

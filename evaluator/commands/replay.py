@@ -11,12 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.agents.recorded import load_recorded
-from evaluator.commands.argument_types import count_of, seed_key
-from evaluator.commands.base import Commands, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, run_async, seed_key, wide_console
 from evaluator.episode.connect import connect
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.held_back import seeds_of
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.replay import REL_TOL, Replayed, replay
 from scenes.world_names import reference_of
 

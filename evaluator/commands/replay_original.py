@@ -10,19 +10,17 @@ from pathlib import Path
 from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, file_to_write, folder_to_write
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, count_of, file_to_write, folder_to_write, run_async
 from evaluator.commands.terminal import ProgressDisplay
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
-from evaluator.original.as_logged import as_logged
-from evaluator.original.logs import LoggedEpisode, find_logs
+from evaluator.original.logs import LoggedEpisode, as_logged, find_logs
 from evaluator.original.play import PlayedLog, play_logs
 from evaluator.original.summary import Compared, compare, markdown, rows
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.limits import Meter
 from evaluator.study.provenance import run_record, server_record
+from evaluator.study.run_config import Meter
 from evaluator.study.selection import parse_scenes
 from evaluator.study.tally import Tally
 from scenes import read_pack

@@ -6,20 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import allow_modified, folder_to_write
-from evaluator.commands.base import Commands
+from evaluator.commands.base import Commands, allow_modified, folder_to_write
 from evaluator.commands.finishing import attached_to, current_evidence
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.baselines import baseline_table
 from evaluator.report.export import csv_text, latex, markdown
+from evaluator.report.notebook import pictures
 from evaluator.report.page import paper_page, write_report
 from evaluator.report.paper_tables import paper_tables
-from evaluator.report.pictures import pictures
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.played_worlds import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack, list_packs, same_pack
 

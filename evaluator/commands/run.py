@@ -16,9 +16,9 @@ from evaluator.commands.run_options import add_options, read_options
 from evaluator.commands.telemetry import require_otel
 from evaluator.errors import UsageError
 from evaluator.study.estimate import estimate_lines
-from evaluator.study.limits import Meter
 from evaluator.study.participants import participants_of
 from evaluator.study.ray_executor import require_ray
+from evaluator.study.run_config import Meter
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
 

@@ -7,8 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evaluator.agents.stopping import POLICIES
-from evaluator.commands import external
-from evaluator.commands.argument_types import (
+from evaluator.commands.agent_options import (
+    USUAL_CONCURRENCY,
+    add_external_options,
+    add_model_options,
+    check_sealed,
+    model_options,
+    usual_concurrency,
+)
+from evaluator.commands.base import (
     PROMPTINGS,
     PROTOCOLS,
     allow_modified,
@@ -17,13 +24,11 @@ from evaluator.commands.argument_types import (
     seconds,
     us_dollars,
 )
-from evaluator.commands.model_options import add_model_options, model_options
 from evaluator.errors import UsageError
 from evaluator.study import process_executor
 from evaluator.study.held_back import read_seed_key
-from evaluator.study.limits import Limits
 from evaluator.study.participants import AGENTS, EXTERNAL
-from evaluator.study.run_config import RunConfig
+from evaluator.study.run_config import Limits, RunConfig
 from evaluator.study.selection import (
     SUITE,
     USUAL_SEEDS,
@@ -50,7 +55,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
     Raises:
         UsageError: An option is malformed or selects nothing.
     """
-    external.check_sealed(args)
+    check_sealed(args)
     split, packs, seeds = _selected(args)
     return RunConfig(
         agents=tuple(args.agent or ["reference"]),
@@ -76,7 +81,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
         protocols=_among(args.protocol, "--protocol", PROTOCOLS),
         shard=parse_shard(args.shard) if args.shard else shard_of_environment(environ),
         limits=Limits(args.max_cost, args.max_tokens, args.max_time),
-        concurrency=args.concurrency or external.usual_concurrency(args),
+        concurrency=args.concurrency or usual_concurrency(args),
         executor=args.executor,
         workers=_workers(args),
         episode_timeout_s=args.episode_timeout,
@@ -120,7 +125,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     _matrix(run.add_argument_group("the matrix"))
     add_model_options(run.add_argument_group("models"))
     _course(run.add_argument_group("how it is played"))
-    external.add_options(run)
+    add_external_options(run)
 
 
 def _matrix(group: "ArgumentGroup") -> None:
@@ -184,7 +189,7 @@ def _course(group: "ArgumentGroup") -> None:
         "--concurrency",
         type=count_of("episodes"),
         metavar="N",
-        help=f"episodes played at a time (default {external.USUAL_CONCURRENCY}; with --sealed, one for each user)",
+        help=f"episodes played at a time (default {USUAL_CONCURRENCY}; with --sealed, one for each user)",
     )
     group.add_argument(
         "--executor",

@@ -11,16 +11,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from evaluator.certify.records import SceneCertificate, engine_note, read_certificates
-from evaluator.commands.argument_types import (
+from evaluator.commands.base import (
     PROMPTINGS,
     PROTOCOLS,
+    Commands,
     count_of,
     file_to_write,
     folder_to_write,
     scene_id,
     seed,
+    wide_console,
 )
-from evaluator.commands.base import Commands, wide_console
 from evaluator.errors import UsageError
 from evaluator.scores.grouping import NO_RUNG
 from evaluator.study.selection import find_split, parse_scenes, scenes_in_split

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from evaluator.agents.recorded import load_recorded
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import count_of, file_to_write, seed_key
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, count_of, file_to_write, run_async, seed_key
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
 from evaluator.store.run_folder import RunFolder

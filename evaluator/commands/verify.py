@@ -20,8 +20,7 @@ from evaluator.certify.records import (
     SceneCertificate,
     file_for,
 )
-from evaluator.commands.argument_types import count_of
-from evaluator.commands.base import Commands, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, run_async, wide_console
 from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
 from scenes import PackError, PackFiles, default_folder

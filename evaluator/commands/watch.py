@@ -9,8 +9,7 @@ import anyio.lowlevel
 import uvicorn
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.argument_types import port, seed_key
-from evaluator.commands.base import Commands, run_async
+from evaluator.commands.base import Commands, port, run_async, seed_key
 from evaluator.commands.listening import listening, open_page, page_token
 from evaluator.errors import UsageError
 from evaluator.records.seed_key import seed_as_recorded

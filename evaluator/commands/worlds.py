@@ -12,8 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from evaluator.commands.argument_types import count_of, folder_to_write
-from evaluator.commands.base import Commands, run_async, wide_console
+from evaluator.commands.base import Commands, count_of, folder_to_write, run_async, wide_console
 from evaluator.errors import UsageError
 from evaluator.store.durable import append_line, locked
 from scenes.errors import WorldError
@@ -152,7 +151,7 @@ def _make(args: argparse.Namespace) -> int:
 
 def _make_level(args: argparse.Namespace, order: WorldOrder) -> list[str]:
     """Make the missing worlds of a level; returns a sentence for each that could not be made."""
-    from evaluator.certify.world_making import Made, Unmade, make_worlds  # noqa: PLC0415 - only this needs the engine
+    from evaluator.certify.worlds import Made, Unmade, make_worlds  # noqa: PLC0415 - only this needs the engine
 
     refusals, unmade, console, started = Counter[str](), list[str](), wide_console(), time.monotonic()
     lines, keys = lines_file(args.out, order.level), keys_file(args.out, order.level)
@@ -262,7 +261,7 @@ def _faults(
     console: Console, level: int, worlds: list[tuple[WorldRecord, Certificate]], workers: int
 ) -> dict[int, str]:
     """What is wrong with worlds, by their indexes."""
-    from evaluator.certify.world_making import faults_of  # noqa: PLC0415 - only this command needs the engine
+    from evaluator.certify.worlds import faults_of  # noqa: PLC0415 - only this command needs the engine
 
     faults: dict[int, str] = {}
 

@@ -2,17 +2,38 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import anyio
 import mcp_types as types
-from jsonschema import Draft202012Validator
+from jsonschema import Draft202012Validator, ValidationError
 from mcp import Client
+from pydantic import JsonValue
+from referencing import Registry
 
 from evaluator.episode.player import ToolDescription
-from evaluator.episode.schemas import first_problem, schema_validator
 from evaluator.records.episode import ToolCall
+
+_LONGEST = 300
+"""Most characters of a problem that are repeated."""
+
+
+def schema_validator(schema: Mapping[str, Any]) -> Draft202012Validator:
+    """A validator for one schema, which may refer to parts of itself and to nothing else."""
+    return Draft202012Validator(dict(schema), registry=Registry())
+
+
+def first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
+    """What is wrong with a value, and where; empty if nothing is."""
+    problems: Iterator[ValidationError] = validator.iter_errors(value)  # pyright: ignore[reportUnknownMemberType] - partly typed
+    problem = next(problems, None)
+    if problem is None:
+        return ""
+    where = ".".join(str(part) for part in problem.absolute_path)
+    return f"{where + ': ' if where else ''}{problem.message[:_LONGEST]}"
+
 
 _SHOWN = 64
 """Most characters of an unknown name that a sentence repeats."""

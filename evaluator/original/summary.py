@@ -11,7 +11,7 @@ from evaluator.episode.protocols.text import parse_reply
 from evaluator.original.play import PlayedLog
 from evaluator.original.verdicts import eq1, why_other_than_eq1, why_other_verdict
 from evaluator.records.episode import Episode, Exchange, Outcome, Record, Verdict
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 
 _READING = (
     *("model", "budget", "episodes", "replies", "empty", "read by them", "read by us", "prose alone", "malformed"),

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from evaluator.errors import UsageError
 from evaluator.pages.scene_table import SCENES_PAGE
-from evaluator.report.pictures import pictures_folder, thumbnails
+from evaluator.report.notebook import pictures_folder, thumbnails
 from evaluator.scores.grouping import NO_RUNG
 from scenes import Category, Pack, PackFiles, Rung
 

@@ -10,12 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from evaluator.answers.chance import Chance
+from evaluator.answers.rewards import Chance
 from evaluator.records.episode import EpisodeKey, Record
 from evaluator.records.run import RunRecord
 from evaluator.report.tables import DIMENSIONS, Cell, Noted, Score, Table, share_of
 from evaluator.scores.dimensions import SCORING_VERSION, WEIGHTS, EpisodeScores
-from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
+from evaluator.scores.grouping import ScorePoint, group_scores, held_out, skill, skill_interval
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.wording import counted_of
 from evaluator.statistics.intervals import proportion

@@ -2,19 +2,49 @@
 
 import base64
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from evaluator.records.episode import EpisodeKey, EvidenceRecord, EvidenceVerdict, Exchange, Frame, evidence_verdict
 from evaluator.report.agent_results import AgentResults, Run
 from evaluator.report.attachments import FILMS, FRAMES, film_name
-from evaluator.report.call_rows import TurnCalls, calls_of
+from evaluator.report.call_rows import TurnCalls, calls_of, motion_charts
 from evaluator.report.charts import Chart
 from evaluator.report.evidence import evidence_charts
-from evaluator.report.motion import motion_charts
 from evaluator.scores.grounding import Assertion
 from evaluator.scores.scored_episode import ScoredEpisode
+from scenes import PackFiles, default_folder, list_packs, same_pack
+
+
+def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[int, bytes]:
+    """Scene → PNG, for the scenes of a run whose packs have the same content as the packs in the folder.
+
+    Args:
+        played: Scene → hash of the pack that was played.
+        scenes_dir: Folder of packs; the suite's own if None.
+    """
+    if not pictures_folder(scenes_dir).is_dir():
+        return {}
+    packs = [files for files in list_packs(scenes_dir) if str(files.scene_id) in played]
+    return thumbnails([files for files in packs if same_pack(played[str(files.scene_id)], files)], scenes_dir)
+
+
+def thumbnails(packs: Sequence[PackFiles], scenes_dir: Path | None = None) -> dict[int, bytes]:
+    """Scene → PNG, for those of the packs that have one."""
+    folder = pictures_folder(scenes_dir) / "small"
+    stored = {files.scene_id: folder / f"scene{files.scene_id}.png" for files in packs}
+    return {scene: path.read_bytes() for scene, path in stored.items() if path.is_file()}
+
+
+def pictures_folder(scenes_dir: Path | None = None) -> Path:
+    """Where the pictures of scenes are: `docs/reference/scenes`, beside the folder of packs.
+
+    An installed package has no such folder; a report is complete without pictures.
+    """
+    return (scenes_dir or default_folder()).resolve().parent / "docs" / "reference" / "scenes"
+
 
 _LINE = 92
 """Longest JSON that stays on one line, in characters."""

@@ -18,9 +18,17 @@ from typing import NamedTuple
 from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, conversion
 from evaluator.records.episode import Episode, Record
-from evaluator.scores.derivations import Derivation, Derived, TurnText
-from evaluator.scores.plans import is_planned, plans_in
-from evaluator.scores.returned_values import ReturnedValue, exact, numbers_in, returned_values
+from evaluator.scores.evidence import (
+    Derivation,
+    Derived,
+    ReturnedValue,
+    TurnText,
+    exact,
+    is_planned,
+    numbers_in,
+    plans_in,
+    returned_values,
+)
 
 _ANSWER = "answer"
 

@@ -2,7 +2,7 @@
 
 Open worlds are a track of their own: they are in `by_rung`, as `open`, and in no other number.
 
-Every number comes with its number of episodes. `evaluator.scores.group_scores` says how the scores of a group follow
+Every number comes with its number of episodes. `evaluator.scores.grouping` says how the scores of a group follow
 from its episodes. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
 """
 
@@ -13,10 +13,19 @@ from typing import Literal, NamedTuple, TypeVar
 from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.scores.experiment_cost import MedianCost, median_cost
-from evaluator.scores.failures.counting import FailureCount, failure_counts
-from evaluator.scores.failures.findings import FailureMode
-from evaluator.scores.group_scores import ScorePoint, group_scores, held_out, skill, skill_interval
-from evaluator.scores.grouping import Condition, condition, modality, problem_kind, quadrant
+from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
+from evaluator.scores.grouping import (
+    Condition,
+    ScorePoint,
+    condition,
+    group_scores,
+    held_out,
+    modality,
+    problem_kind,
+    quadrant,
+    skill,
+    skill_interval,
+)
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.statistics.attempts import Attempts, attempts
 from evaluator.statistics.budget_curve import BudgetCurve, Cell, budget_curve

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from evaluator.answers.chance import Chance
+from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import EpisodeScores
 from evaluator.scores.experiment_cost import ExperimentCost

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from evaluator.answers.chance import chance_at
 from evaluator.answers.grading import GRADER_VERSION, grade_episode
 from evaluator.answers.keys import KeyRing
+from evaluator.answers.rewards import chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict

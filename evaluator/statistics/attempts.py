@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from evaluator.records.episode import Record
-from evaluator.statistics.intervals import Interval
-from evaluator.statistics.resampling import mean_interval
+from evaluator.statistics.intervals import Interval, mean_interval
 
 
 class AttemptPoint(Record):

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluator.records.episode import Record
-from evaluator.statistics.intervals import Proportion, proportion
+from evaluator.statistics.intervals import FEWEST, Array, Proportion, proportion, resampled_means
 from evaluator.statistics.paired import PairedDifference, holm, paired_difference
-from evaluator.statistics.resampling import FEWEST, Array, resampled_means
 
 MARGIN = 0.05
 """Difference of accuracy up to which two budgets count as equally good."""

@@ -8,8 +8,7 @@ import numpy as np
 import scipy
 
 from evaluator.records.episode import Record
-from evaluator.statistics.intervals import Interval
-from evaluator.statistics.resampling import mean_interval
+from evaluator.statistics.intervals import Interval, mean_interval
 
 
 class PairedTest(StrEnum):

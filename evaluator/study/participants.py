@@ -3,17 +3,16 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from evaluator.agents.attackers.agent import AttackerAgent
+from evaluator.agents.attackers.strategies import AttackerAgent
 from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
-from evaluator.agents.fixed import BatchAgent, ConstantAgent
 from evaluator.agents.models.factory import model_participant
 from evaluator.agents.models.lanes import Lanes
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
-from evaluator.agents.scripted import load_script
+from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
 from evaluator.agents.stopping import with_stopping
 from evaluator.episode.participant import AgentParticipant, Participant
 from evaluator.episode.player import Agent
@@ -50,7 +49,7 @@ _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
 
 
 def _grammar() -> Agent:
-    from evaluator.agents.grammar import GrammarAgent  # noqa: PLC0415 - loads scipy, which no other agent needs
+    from evaluator.agents.reference import GrammarAgent  # noqa: PLC0415 - loads scipy, which no other agent needs
 
     return GrammarAgent()
 

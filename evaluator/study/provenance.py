@@ -1,10 +1,10 @@
-"""The record of a run that starts: what decides its result, gathered from the plan, the server and this machine."""
+"""The record of a run that starts: what decides its result, and how the worlds of the run were made."""
 
 import hashlib
 import json
 import platform
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -12,8 +12,82 @@ from pathlib import Path
 from mcp import Client
 from pydantic import JsonValue
 
-from evaluator.records.run import Plan, RunRecord, ServerRecord
-from scenes import PackFiles, pack_hash
+from evaluator.errors import UsageError
+from evaluator.records.run import Plan, PlayedWorld, RunRecord, ServerRecord
+from scenes import PackFiles, default_folder, pack_hash
+from scenes.errors import WorldError
+from scenes.world_names import is_world, one_world, place_of, reference_of
+
+
+def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:
+    """Reference → how a world was made, for the worlds among packs that are made from records.
+
+    Raises:
+        UsageError: The record of one cannot be read.
+    """
+    folder = scenes_dir or default_folder()
+    kept = [files.scene_id for files in packs if is_world(files.scene_id) and files.folder.parent != folder]
+    return {reference_of(scene): _played(scene, folder) for scene in kept}
+
+
+def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
+    """Refuse to go on with a stored run if the worlds that are here were made otherwise.
+
+    Raises:
+        UsageError: One of them was, or is not here.
+    """
+    folder = scenes_dir or default_folder()
+    here = {reference: _played(one_world(reference), folder) for reference in run.worlds}
+    if clause := worlds_difference(run.worlds, here):
+        raise UsageError(f"{clause}; name the folder with the worlds of the run by --scenes-dir")
+
+
+def worlds_difference(stored: Mapping[str, PlayedWorld], here: Mapping[str, PlayedWorld]) -> str:
+    """The first world that was made otherwise, as a clause; empty if all are the same."""
+    for reference in (*stored, *here):
+        then, now = stored.get(reference), here.get(reference)
+        if then is None or now is None:
+            return f"{reference} is in one of the two alone"
+        if then != now:
+            there, clause = _compared(then, now)
+            return f"{reference} was made {there} for the run, and the one here {clause}"
+    return ""
+
+
+def _played(scene: int, folder: Path) -> PlayedWorld:
+    from scenes.worlds.folders import find_record  # noqa: PLC0415 - it loads numpy and scipy
+
+    try:
+        record = find_record(*place_of(scene), folder)
+    except WorldError as error:
+        raise UsageError(f"{folder}: {error}") from error
+    return PlayedWorld(
+        grammar=record.grammar,
+        record=record.digest,
+        split=record.split,
+        settings=record.settings,
+        commitment=record.commitment,
+    )
+
+
+def _compared(then: PlayedWorld, now: PlayedWorld) -> tuple[str, str]:
+    """In what two worlds differ that makes all the rest another one."""
+    if then.grammar != now.grammar:
+        return f"by version {then.grammar} of the grammar", f"by version {now.grammar}"
+    if then.commitment != now.commitment:
+        return _key(then), _key(now)
+    if then.settings != now.settings:
+        return _settings(then), _settings(now)
+    return f"as record {then.record}", f"as record {now.record}"
+
+
+def _key(world: PlayedWorld) -> str:
+    return f"with the key of commitment {world.commitment[:16]}…" if world.commitment else "without a key"
+
+
+def _settings(world: PlayedWorld) -> str:
+    return f"with {', '.join(world.settings)}" if world.settings else "with the settings of its level"
+
 
 _PACKAGES = ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")
 

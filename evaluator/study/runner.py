@@ -1,15 +1,112 @@
-"""Plays episodes, a few at a time. Each is on disk before it counts."""
+"""Plays episodes, a few at a time, again if the infrastructure fails. Each is on disk before it counts."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 import anyio
 
-from evaluator.errors import PermanentFailure
-from evaluator.records.episode import Episode, EpisodeKey, Outcome
+from evaluator.episode.connect import EpisodeConnector
+from evaluator.episode.participant import Participant
+from evaluator.episode.spans import end_episode, episode_span
+from evaluator.errors import InfrastructureError, PermanentFailure
+from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.attempts import Play
-from evaluator.study.limits import Meter
+from evaluator.study.run_config import Meter
+
+MAX_ATTEMPTS = 3
+"""How often an episode is opened before an infrastructure error is recorded."""
+_PAUSE_S = 0.5
+"""Pause before the second attempt [s]; it doubles for each further attempt."""
+
+Play = Callable[[EpisodeKey], Awaitable[Episode]]
+"""Plays an episode and returns its record: in this process (`LocalPlay`), or in another one."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPlay:
+    """Plays episodes in this process."""
+
+    laboratory: EpisodeConnector
+    participants: Mapping[str, Participant]
+    """By name, as in the keys."""
+    versions: Callable[[int], Versions]
+    """Scene → versions to record."""
+    timeout_s: float | None = None
+    """Wall time of one attempt [s]; None for no limit."""
+
+    async def __call__(self, key: EpisodeKey) -> Episode:
+        """Play an episode; raises as `play_key` does."""
+        participant, versions = self.participants[key.agent], self.versions(key.scene)
+        return await play_key(participant, self.laboratory, key, versions, self.timeout_s)
+
+
+async def play_key(
+    participant: Participant,
+    laboratory: EpisodeConnector,
+    key: EpisodeKey,
+    versions: Versions,
+    timeout_s: float | None = None,
+) -> Episode:
+    """Play an episode until it has an outcome, or until all attempts have failed.
+
+    Args:
+        participant: Who plays.
+        laboratory: Where.
+        key: Which episode.
+        versions: Recorded with it.
+        timeout_s: Wall time of one attempt [s]; None for no limit. An attempt that takes longer has failed.
+
+    Raises:
+        UsageError: The participant cannot play in this laboratory.
+        PermanentFailure: No episode of this participant can be played.
+    """
+    with episode_span(key) as span:
+        episode = await _attempted(participant, laboratory, key, versions, timeout_s)
+        end_episode(span, episode)
+        return episode
+
+
+async def _attempted(
+    participant: Participant, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, timeout_s: float | None
+) -> Episode:
+    failure, used = "", list[Usage]()
+    for attempt in range(1, MAX_ATTEMPTS + 1):
+        if attempt > 1:
+            await anyio.sleep(_PAUSE_S * 2 ** (attempt - 2))
+        try:
+            with anyio.move_on_after(timeout_s):
+                episode = await participant.play(laboratory, key, versions, used)
+                return episode.model_copy(update={"attempts": attempt})
+            failure = f"the episode took longer than {timeout_s} s"
+        except PermanentFailure:
+            raise
+        except InfrastructureError as error:
+            failure = str(error)
+    return unplayed(key, failure, versions, total_usage(used))
+
+
+def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | None = None) -> Episode:
+    """The record of an episode of which every attempt ended in an infrastructure error.
+
+    Args:
+        key: Which episode.
+        failure: The last error, as a sentence.
+        versions: Recorded with it.
+        usage: What the attempts used, if known.
+    """
+    return Episode(
+        key=key,
+        outcome=Outcome.INFRASTRUCTURE_ERROR,
+        prompt="",
+        turns=(),
+        error=failure,
+        attempts=MAX_ATTEMPTS,
+        usage=usage,
+        started_at=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        duration_s=0.0,
+        versions=versions,
+    )
 
 
 def missing(keys: Iterable[EpisodeKey], done: Mapping[EpisodeKey, Episode]) -> list[EpisodeKey]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.records.episode import Episode, Verdict
-from evaluator.study.limits import Meter
+from evaluator.study.run_config import Meter
 
 
 @dataclass(slots=True)

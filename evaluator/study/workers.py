@@ -21,9 +21,9 @@ from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
-from evaluator.study.attempts import MAX_ATTEMPTS, Play, play_key, unplayed
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
+from evaluator.study.runner import MAX_ATTEMPTS, Play, play_key, unplayed
 from scenes import find_pack, same_pack
 from scenes.world_names import reference_of
 

@@ -1,10 +1,12 @@
-"""The page of a watched run over HTTP, on this machine only: three files, and the state as JSON.
+"""The page of a watched run over HTTP, on this machine only: three files, and the state of the run as JSON.
 
 Every address begins with a token, so that neither another user of the machine nor a web page can read the run.
 """
 
+import statistics
 import time
-from collections.abc import Awaitable, Callable
+from collections import Counter
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -20,8 +22,186 @@ from starlette.routing import Route
 
 from evaluator.errors import StoreError
 from evaluator.loopback import OnlyHere
-from evaluator.watch.followed_run import FollowedRun
-from evaluator.watch.state import state_of
+from evaluator.records.episode import EpisodeKey, Outcome, Verdict, total_usage
+from evaluator.records.run import RunRecord
+from evaluator.scores.grouping import Condition, condition
+from evaluator.statistics.intervals import proportion
+from evaluator.study.shards import WHOLE, parse_shard
+from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
+from scenes.world_names import reference_of
+
+NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
+"""Most episodes of each list."""
+_PATIENCE_S = 60.0
+"""A run of which no episode ended for this long [s], and for three times its longest episode, is called quiet."""
+_RECENT = 50
+"""Episodes that tell the present pace."""
+
+
+def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
+    """The state of a run at a moment.
+
+    Args:
+        run: The run at the last look.
+        now: The present, in UTC, against which stamps of records are held.
+    """
+    episodes = list(run.episodes.values())
+    wanted = _wanted(run.record, run.episodes)
+    missing = [key for key in wanted if key not in run.episodes]
+    phase, quiet_s = _phase(episodes, missing, known=bool(wanted), now=now)
+    pace = _pace(episodes, now)
+    return {
+        "name": run.folder.path.resolve().name,
+        "phase": phase,
+        "quiet_s": quiet_s,
+        "ended": len(episodes),
+        "total": len(wanted) or None,
+        "left_s": len(missing) / pace if pace and missing and phase == "running" else None,
+        "per_minute": None if pace is None or phase == "finished" else 60 * pace,
+        "behind": run.behind,
+        "withheld": run.withheld,
+        "rows": list(_rows(episodes)),
+        "newest": [_shown(one) for one in reversed(episodes[-NEWEST:])],
+        "troubled": [_shown(one) for one in reversed(episodes) if _is_troubled(one)][:TROUBLED],
+        "overtaken": [] if phase == "finished" else _overtaken(wanted, run.episodes, now)[:OVERTAKEN],
+        "notes": [*run.ungraded.values(), *_damage(run.damaged)],
+    }
+
+
+def _wanted(record: RunRecord, played: Mapping[EpisodeKey, object]) -> list[EpisodeKey]:
+    """The episodes of the plan, in playing order; none if the plan does not tell them.
+
+    A fork plays some episodes of its matrix, and a referee whatever a trainer asks for.
+    """
+    shard = WHOLE if record.shard is None else parse_shard(record.shard)
+    wanted = [key for key in record.plan.matrix() if shard.takes(key)]
+    return wanted if record.forked_from is None and played.keys() <= set(wanted) else []
+
+
+def _ended_at(one: FollowedEpisode) -> float:
+    """When an episode ended [s since 1970]."""
+    return datetime.fromisoformat(one.started_at).timestamp() + one.duration_s
+
+
+def _phase(
+    episodes: Sequence[FollowedEpisode], missing: Sequence[EpisodeKey], *, known: bool, now: datetime
+) -> tuple[str, float | None]:
+    """`waiting`, `running`, `quiet` or `finished`, and how long no episode has ended [s]."""
+    if not episodes:
+        return "waiting", None
+    quiet_s = max(0.0, now.timestamp() - max(map(_ended_at, episodes)))
+    if known and not missing:
+        return "finished", None
+    longest = max(one.duration_s for one in episodes)
+    return ("quiet" if quiet_s > max(_PATIENCE_S, 3 * longest) else "running"), quiet_s
+
+
+def _pace(episodes: Sequence[FollowedEpisode], now: datetime) -> float | None:
+    """Episodes that end in a second, lately; None before the second one."""
+    ends = sorted(map(_ended_at, episodes))[-_RECENT:]
+    if len(ends) < 2 or now.timestamp() <= ends[0]:
+        return None
+    return (len(ends) - 1) / (now.timestamp() - ends[0])
+
+
+def _rows(episodes: Sequence[FollowedEpisode]) -> Iterator[dict[str, Any]]:
+    """The numbers of each agent under each condition; open worlds apart, as everywhere."""
+    groups: dict[tuple[bool, Condition], list[FollowedEpisode]] = {}
+    for one in episodes:
+        groups.setdefault((one.is_open, condition(one.key)), []).append(one)
+    several = len({found[2:] for _, found in groups}) > 1
+    for is_open, found in sorted(groups):
+        group = groups[is_open, found]
+        about = [found.agent, *([found.prompting, found.protocol] if several else [])]
+        yield {
+            "agent": ", ".join([*about, *(["open worlds"] if is_open else [])]),
+            "budget": found.budget,
+            **_numbers(group),
+        }
+
+
+def _numbers(group: Sequence[FollowedEpisode]) -> dict[str, Any]:
+    verdicts = [
+        (one.key.scene, one.verdict is Verdict.CORRECT)
+        for one in group
+        if one.verdict in {Verdict.CORRECT, Verdict.INCORRECT}
+    ]
+    rate = proportion(verdicts) if verdicts else None
+    used = total_usage(one.usage for one in group if one.usage is not None)
+    return {
+        "ended": len(group),
+        "scored": len(verdicts),
+        "correct": sum(right for _, right in verdicts),
+        "share": rate and rate.share,
+        "low": rate and rate.interval.low,
+        "high": rate and rate.interval.high,
+        "outcomes": Counter(one.outcome.value for one in group if one.outcome is not Outcome.ANSWERED),
+        "calls": statistics.median(one.cost.calls for one in group),
+        "refused": sum(one.cost.refused_calls for one in group) / max(1, sum(one.cost.calls for one in group)),
+        "lab_time_s": statistics.median(one.cost.lab_time_s for one in group),
+        "episode_s": statistics.median(one.duration_s for one in group),
+        "tokens": used and used.input_tokens + used.output_tokens,
+        "cost_usd": used and used.cost_usd,
+    }
+
+
+def _is_troubled(one: FollowedEpisode) -> bool:
+    """Whether an episode ended by an error, or the laboratory refused most of its calls."""
+    return (
+        one.outcome in {Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR}
+        or one.cost.refused_calls > one.cost.calls / 2 > 1
+    )
+
+
+def _shown(one: FollowedEpisode) -> dict[str, Any]:
+    return {
+        **_named(one.key),
+        "verdict": one.verdict,
+        "outcome": one.outcome,
+        "answer": one.answer,
+        "error": one.error,
+        "turns": one.turns,
+        "calls": one.cost.calls,
+        "refused": one.cost.refused_calls,
+        "lab_time_s": one.cost.lab_time_s,
+        "duration_s": one.duration_s,
+    }
+
+
+def _named(key: EpisodeKey) -> dict[str, Any]:
+    return {
+        "scene": key.scene,
+        "name": reference_of(key.scene),
+        "seed": key.seed,
+        "agent": key.agent,
+        "budget": key.budget,
+        "epoch": key.epoch,
+    }
+
+
+def _overtaken(
+    wanted: Sequence[EpisodeKey], ended: Mapping[EpisodeKey, FollowedEpisode], now: datetime
+) -> list[dict[str, Any]]:
+    """The missing episodes that later ones of the same agent have overtaken, those first that wait longest.
+
+    They are being played, or wait to be retried; a run folder does not tell which.
+    """
+    found: list[dict[str, Any]] = []
+    later: dict[str, list[float]] = {}
+    for key in reversed(wanted):
+        if key in ended:
+            later.setdefault(key.agent, []).append(_ended_at(ended[key]))
+        elif later.get(key.agent):
+            ends = later[key.agent]
+            found.append({**_named(key), "by": len(ends), "since_s": max(0.0, now.timestamp() - min(ends))})
+    return sorted(found, key=lambda one: -one["by"])
+
+
+def _damage(lines: int) -> list[str]:
+    return (
+        [f"{lines} lines of episodes.jsonl are damaged and left out; `run --resume` sets them aside"] if lines else []
+    )
+
 
 _FRESH_S = 0.5
 """Two looks at the folder are this far apart at least [s], however many pages are open."""

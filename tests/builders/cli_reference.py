@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import evaluator.commands.program as physment_eval
 import physment_mcp.commands.program
 from evaluator.commands.overview import COMMANDS
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 
 _HEAD = """\
 # The command lines

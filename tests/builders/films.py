@@ -10,7 +10,7 @@ from typing import Any
 import anyio
 
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.certify.in_memory import MemoryConnector
+from evaluator.certify.verify import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.records.episode import EpisodeKey, ToolCall
 from evaluator.records.run import Plan, RunRecord, ServerRecord

@@ -2,7 +2,7 @@
 
 from pydantic import JsonValue
 
-from evaluator.answers.chance import Chance
+from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, Grade, GradeRecord
 from evaluator.scores.dimensions import EpisodeScores, dimensions
 from evaluator.scores.experiment_cost import cost_of

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Iterable
 from pathlib import Path
 
-from evaluator.certify.world_making import Made, make_world
+from evaluator.certify.worlds import Made, make_world
 from scenes.worlds.drawing import structures_of
 from scenes.worlds.levels import Difficulty, difficulty_of
 from scenes.worlds.orders import PUBLIC

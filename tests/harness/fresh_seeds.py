@@ -20,9 +20,8 @@ from typing import TypedDict
 import anyio
 from anyio import to_process
 
-from evaluator.certify.certificate import play_reference
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, play_reference
 from evaluator.store.durable import append_line
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles, default_folder, pack_hash

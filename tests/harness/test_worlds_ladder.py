@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.certify.world_making import make_world
+from evaluator.certify.worlds import make_world
 from scenes.worlds.catalogue import FORMS
 from scenes.worlds.levels import difficulty_of
 from scenes.worlds.orders import PUBLIC

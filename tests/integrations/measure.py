@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from evaluator.study.selection import SUITE, parse_scenes
 from tests.harness.clients import scripted_model
 from tests.integrations.playing import Stand, json_lines, standing

@@ -4,8 +4,7 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
-from evaluator.agents.attackers.opening import Opening
-from evaluator.agents.attackers.readings import Quantity, motion_calls, quantities, unit
+from evaluator.agents.attackers.readings import Opening, Quantity, motion_calls, quantities, unit
 from evaluator.quantities.units import Unit
 from scenes.protocol import Call, Reading, call
 

@@ -1,12 +1,116 @@
-"""The reading tools as attackers use them: what each returns, in which unit."""
+"""What an attacker reads: the opening prompt, and the reading tools with what each returns in which unit."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any, cast
 
-from evaluator.agents.attackers.opening import Opening
+from evaluator.quantities.spoken import spoken_numbers
 from evaluator.quantities.units import Unit, conversion, parse_unit
 from scenes.protocol import Call, Reading, call
+
+_DEFAULT_FORCE_N, _DEFAULT_TORQUE_NM, _DEFAULT_CALLS, _DEFAULT_LAB_TIME_S = 10.0, 1.0, 150, 100.0
+"""Used where a scene states no limit."""
+_LAST_SENTENCES = 4
+"""Sentences of the task, from its end, in which the asked case is looked for."""
+_PURE_NUMBER = Unit(Fraction(1), (0, 0, 0))
+_OBJECT_ROW = re.compile(r"^\| (object_\d+) \|", re.MULTILINE)
+_UNIT = re.compile(r"\((?:in (?P<unit>.+?)|no unit)\)(?=[.;]|$)")
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """The opening prompt, read."""
+
+    sentences: tuple[str, ...]
+    """The sentences of the task."""
+    objects: tuple[str, ...]
+    """Ids of the objects known at the start."""
+    sealed: frozenset[str]
+    """Objects that nothing can be done to."""
+    disabled: frozenset[str]
+    """Tools that are not available."""
+    force: float
+    """Largest force on an object [N]."""
+    torque: float
+    """Largest torque on an object [N·m]."""
+    calls: int
+    """Calls that may be made before the answer."""
+    lab_time: float
+    """Time that may be simulated [s]."""
+    units: tuple[Unit, ...]
+    """Unit of each number of the answer; empty if it is a choice."""
+    is_list: bool
+    """Whether the answer is a list of numbers."""
+    options: tuple[str, ...]
+    """What can be chosen."""
+
+    def asked(self, unit: Unit) -> list[float]:
+        """The values in a unit [coherent SI] of the last sentence of the task that states one; empty if none does."""
+        for sentence in reversed(self.sentences[-_LAST_SENTENCES:]):
+            spoken = [number for number in spoken_numbers(sentence) if number.unit is not None]
+            found = [
+                float(number.value * number.si_factor)
+                for number in spoken
+                if number.unit is not None and conversion(number.unit, unit) is not None
+            ]
+            if found:
+                return found
+        return []
+
+    def named(self) -> list[str]:
+        """The objects that the last sentences of the task name."""
+        text = " ".join(self.sentences[-_LAST_SENTENCES:])
+        return [object_id for object_id in self.objects if re.search(rf"\b{object_id}\b", text)]
+
+
+def read_opening(prompt: str) -> Opening:
+    """Read an opening prompt. What is not found has the value of a scene without limits."""
+    task, objects = _section(prompt, r"Scene: [^\n]*"), _section(prompt, "Objects")
+    form = _section(prompt, "Answer")
+    labelled = form.partition("in this order: ")[2]
+    is_list = "list of numbers" in form
+    options = form.partition("exactly one of: ")[2].partition("\n")[0].rstrip(".")
+    units = [_unit_of(part) for part in (labelled.split("; ") if labelled else [form])]
+    return Opening(
+        sentences=tuple(re.split(r"(?<=[.?!])\s+", task)),
+        objects=tuple(_OBJECT_ROW.findall(objects)),
+        sealed=frozenset(_listed(objects, r"Sealed, to be observed but not acted on: (.+)\.")),
+        disabled=frozenset(_listed(prompt, r"Not available in this scene: (.+)\.")),
+        force=_limit(prompt, "Forces", _DEFAULT_FORCE_N),
+        torque=_limit(prompt, "Torques", _DEFAULT_TORQUE_NM),
+        calls=int(_limit(prompt, "Calls", _DEFAULT_CALLS)),
+        lab_time=_limit(prompt, "Laboratory time", _DEFAULT_LAB_TIME_S),
+        units=() if options else tuple(units),
+        is_list=is_list,
+        options=tuple(options.split(", ")) if options else (),
+    )
+
+
+def _section(prompt: str, title: str) -> str:
+    found = re.search(rf"^# {title}\n\n(.*?)(?=^# |\Z)", prompt, re.MULTILINE | re.DOTALL)
+    return found[1].strip() if found else ""
+
+
+def _listed(text: str, pattern: str) -> list[str]:
+    found = re.search(pattern, text)
+    return found[1].split(", ") if found else []
+
+
+def _limit(prompt: str, name: str, default: float) -> float:
+    """The number in the line of a limit; 0 if the line states none, as where no force can be applied."""
+    line = re.search(rf"^- {name}: (.*)$", prompt, re.MULTILINE)
+    if line is None:
+        return default
+    number = re.search(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?", line[1])
+    return float(number[0]) if number else 0.0
+
+
+def _unit_of(part: str) -> Unit:
+    found = _UNIT.search(part)
+    return parse_unit((found and found["unit"]) or "1") or _PURE_NUMBER
+
 
 _MOTION = {
     "get_position": {"position": "m", "angle": "rad"},

@@ -1,7 +1,7 @@
-"""Three ways to an answer that need no understanding of the scene, as protocols that know only the opening prompt.
+"""Three ways to an answer that need no understanding of the scene, and the agent that plays them.
 
-Certificate 7 demands that they are seldom right. They are honest attempts: each respects the limits that the prompt
-states, reads what has the asked unit, or divides two readings to get it, and always answers.
+Each is a protocol that knows only the opening prompt. Certificate 7 demands that they are seldom right. They are honest
+attempts: each respects the limits that the prompt states.
 """
 
 import math
@@ -11,9 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from evaluator.agents.attackers.controls import Control, Survey, all_controls, look_around, wait
-from evaluator.agents.attackers.opening import Opening, read_opening
-from evaluator.agents.attackers.readings import Quantity, all_calls, motion_calls, quantities, unit
+from evaluator.agents.attackers.readings import (
+    Opening,
+    Quantity,
+    all_calls,
+    motion_calls,
+    quantities,
+    read_opening,
+    unit,
+)
+from evaluator.agents.reference import ProtocolPlayer
+from evaluator.episode.player import Briefing
+from evaluator.errors import UsageError
 from evaluator.quantities.units import Unit, conversion
+from evaluator.records.episode import EpisodeKey
 from scenes.protocol import AnswerValue, Call, Protocol, Reading, answer
 
 Attempt = Generator[list[Call], list[Reading], AnswerValue]
@@ -269,3 +280,27 @@ ATTACKERS: Mapping[str, Callable[[str], Protocol]] = {
     "proportional": _within_limits(_proportional),
 }
 """Name → protocol: takes the opening prompt, yields calls, receives readings."""
+
+
+@dataclass(frozen=True, slots=True)
+class AttackerAgent:
+    """Plays one of the generic attackers in every scene."""
+
+    strategy: str
+    """A name in `ATTACKERS`."""
+
+    def __post_init__(self) -> None:
+        if self.strategy not in ATTACKERS:
+            raise UsageError(
+                f"--agent attacker:{self.strategy}: there is no such attacker; they are {', '.join(ATTACKERS)}"
+            )
+
+    @property
+    def name(self) -> str:
+        """`attacker:` and the name of the strategy."""
+        return f"attacker:{self.strategy}"
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
+        """A player who knows only the opening prompt."""
+        del key
+        return ProtocolPlayer(ATTACKERS[self.strategy], briefing.prompt)

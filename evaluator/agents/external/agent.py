@@ -18,9 +18,7 @@ import anyio
 from pydantic import JsonValue
 
 from evaluator.agents.external.child_process import Ended, run_child
-from evaluator.agents.external.environment import TOKEN, URL, child_environment
-from evaluator.agents.external.folders import episode_folders
-from evaluator.agents.external.system_users import SystemUser, SystemUsers
+from evaluator.agents.external.isolation import TOKEN, URL, SystemUser, SystemUsers, child_environment, episode_folders
 from evaluator.agents.external.watched import WatchedEpisode, outcome_of, watch_episode
 from evaluator.episode.connect import EpisodeConnector, HostConnector
 from evaluator.errors import AgentError, UsageError

@@ -15,8 +15,7 @@ from subprocess import DEVNULL, PIPE
 import anyio
 from anyio.abc import ByteReceiveStream, ByteSendStream, Process
 
-from evaluator.agents.external.folders import EpisodeFolders
-from evaluator.agents.external.system_users import SystemUser
+from evaluator.agents.external.isolation import EpisodeFolders, SystemUser
 
 _KEPT = 64 * 1024
 """Last bytes of each output stream that are kept."""

@@ -8,8 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from evaluator.agents.external.agent import NEEDS_ADDRESS, ExternalAgent
-from evaluator.agents.external.environment import TOKEN, URL
-from evaluator.agents.external.system_users import SystemUsers, system_users
+from evaluator.agents.external.isolation import TOKEN, URL, SystemUsers, system_users
 from evaluator.episode.connect import TOKEN_VARIABLE
 from evaluator.errors import UsageError
 from scenes import PackError, default_folder, list_packs

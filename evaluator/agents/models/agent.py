@@ -23,13 +23,18 @@ from pydantic_ai.messages import (
     UserPromptPart,
 )
 
-from evaluator.agents.models.choice import ModelChoice
-from evaluator.agents.models.clients import build_model, open_http, request_settings
+from evaluator.agents.models.choice import Dialect, ModelChoice, Provider
+from evaluator.agents.models.clients import (
+    NOTHING,
+    Offer,
+    build_model,
+    offer,
+    open_http,
+    request_settings,
+    settings_sent,
+)
 from evaluator.agents.models.lanes import Lane, Patience
-from evaluator.agents.models.offer import NOTHING, Offer, offer
-from evaluator.agents.models.presets import Dialect, Provider
 from evaluator.agents.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
-from evaluator.agents.models.wire import settings_sent
 from evaluator.episode.bounds import as_text
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.episode.protocols.text import feedback_text, parse_reply

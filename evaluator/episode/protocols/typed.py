@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from evaluator.episode.player import ANSWER, ToolDescription
-from evaluator.episode.schemas import first_problem, schema_validator
+from evaluator.episode.toolbox import first_problem, schema_validator
 from evaluator.records.episode import ToolCall
 
 _WORDS = {"true": True, "yes": True, "false": False, "no": False}

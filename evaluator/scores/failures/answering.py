@@ -9,20 +9,25 @@ from evaluator.answers.forms import Item, as_item, plain_number, strict_items
 from evaluator.quantities.spoken import spoken_numbers
 from evaluator.quantities.units import parse_unit
 from evaluator.records.episode import Episode, Grade, Verdict
-from evaluator.scores.failures.course import (
+from evaluator.scores.failures.findings import (
     ACTIONS,
     MOTION_READINGS,
     PUSHES,
+    Evidence,
+    ExpectedForm,
+    Failure,
+    FailureMode,
     Place,
+    answering_turn,
     exchanges,
     has_answered,
     measured_numbers,
+    quote_at,
     read_before_answer,
     shows_motion,
     step_duration,
     succeeded,
 )
-from evaluator.scores.failures.findings import Evidence, ExpectedForm, Failure, FailureMode, answering_turn, quote_at
 from scenes.answer_spec import AnswerKind
 
 LEAST_TIME_S = 0.1

@@ -8,16 +8,21 @@ from itertools import islice
 from evaluator.quantities.spoken import Spoken, spoken_numbers
 from evaluator.quantities.units import Unit, parse_unit
 from evaluator.records.episode import Episode, Grade, Verdict
-from evaluator.scores.failures.course import (
+from evaluator.scores.failures.findings import (
     ANSWER,
+    Evidence,
+    ExpectedForm,
+    Failure,
+    FailureMode,
     Place,
+    answering_turn,
     exchanges,
     has_answered,
     objects_named,
+    quote_at,
     read_before_answer,
     succeeded,
 )
-from evaluator.scores.failures.findings import Evidence, ExpectedForm, Failure, FailureMode, answering_turn, quote_at
 from scenes.answer_spec import AnswerKind
 
 MASS_TOLERANCE = 0.05

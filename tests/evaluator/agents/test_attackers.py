@@ -4,14 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.agents.attackers.agent import AttackerAgent
-from evaluator.agents.attackers.opening import Opening, read_opening
-from evaluator.agents.attackers.readings import unit
-from evaluator.agents.attackers.strategies import ATTACKERS
+from evaluator.agents.attackers.readings import Opening, read_opening, unit
+from evaluator.agents.attackers.strategies import ATTACKERS, AttackerAgent
 from evaluator.answers.engine import prompt_of
-from evaluator.certify.driving import Drive, drive
-from evaluator.certify.in_memory import MemoryConnector
+from evaluator.certify.difficulty import Drive, drive
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector
 from evaluator.episode.loop import play_episode
 from evaluator.errors import UsageError
 from evaluator.records.episode import Outcome

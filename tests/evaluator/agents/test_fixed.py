@@ -2,7 +2,7 @@
 
 import pytest
 
-from evaluator.agents.fixed import BatchAgent, ConstantAgent, best_constant
+from evaluator.agents.scripted import BatchAgent, ConstantAgent, best_constant
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
 from evaluator.study.participants import participants_of

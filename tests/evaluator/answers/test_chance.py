@@ -6,8 +6,8 @@ import pytest
 
 from evaluator.agents.baselines import GUESS_RANGE as RANGE_OF_THE_AGENT
 from evaluator.agents.baselines import BlindAgent
-from evaluator.answers.chance import GUESS_RANGE, Chance, blind_chance, chance_at
 from evaluator.answers.grading import grade
+from evaluator.answers.rewards import GUESS_RANGE, Chance, blind_chance, chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.episode.player import Briefing
 from evaluator.records.episode import Verdict

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.answers import symbolic
+from evaluator.answers import formula
 from evaluator.answers.formula import parse_formula, points_of, value_of
 from evaluator.answers.grading import grade
 from evaluator.answers.strict import AnswerKey
@@ -164,23 +164,23 @@ def test_algebra_knows_all_functions() -> None:
     first, second = (
         parse_formula(f"{text} + {rest}", {"x"}) for rest in ("abs(x) + ln(x) + pi", "pi + ln(x) + abs(x)")
     )
-    assert symbolic.are_identical(first, second) is True
+    assert formula.are_identical(first, second) is True
 
 
 def test_algebra_that_takes_too_long_or_fails_says_nothing() -> None:
     pytest.importorskip("sympy")
     huge = parse_formula("0.5^(9^9) + x", {"x"})  # a fraction with hundreds of millions of digits
     started = time.monotonic()
-    assert symbolic.are_identical(huge, Node("name", text="x"), limit_s=2.0) is None
+    assert formula.are_identical(huge, Node("name", text="x"), limit_s=2.0) is None
     assert time.monotonic() - started < 60
-    assert symbolic.are_identical(Node("none_such", (Node("name", text="x"),)), Node("name", text="x")) is None
+    assert formula.are_identical(Node("none_such", (Node("name", text="x"),)), Node("name", text="x")) is None
 
 
 def test_without_sympy_the_verdict_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     def find_nothing(_name: str) -> None:
         return None
 
-    monkeypatch.setattr(symbolic.importlib.util, "find_spec", find_nothing)
+    monkeypatch.setattr(formula.importlib.util, "find_spec", find_nothing)
     found = grade("x (7 x + 1)", key("7*x^2 + x"))
     assert found.strict is Verdict.CORRECT
     assert "of the key at 66 points" in found.reason

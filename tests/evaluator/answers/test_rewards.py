@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 
 import evaluator
-from evaluator.answers.chance import GUESS_RANGE, chance_of_form
 from evaluator.answers.grading import grade
-from evaluator.answers.rewards import RewardRule, Worth, answer_reward
+from evaluator.answers.rewards import GUESS_RANGE, RewardRule, Worth, answer_reward, chance_of_form
 from evaluator.answers.strict import AnswerKey
 from scenes.answer_spec import AnswerKind, AnswerSpec
 

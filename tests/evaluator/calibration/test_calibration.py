@@ -9,12 +9,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from evaluator.calibration.features import FEATURES, features_of
-from evaluator.calibration.generalisability import DETECTED, components
-from evaluator.calibration.model import _Posterior, fit
+from evaluator.calibration.model import FEATURES, _Posterior, features_of, fit
 from evaluator.calibration.pages import calibration_page, calibration_tables, calibration_text, person_item_map
 from evaluator.calibration.responses import counted_responses, responses
-from evaluator.calibration.results import Calibration, calibrate
+from evaluator.calibration.results import DETECTED, Calibration, calibrate, components
 from evaluator.errors import UsageError
 from evaluator.records.episode import GradeRecord, Verdict
 from evaluator.store.run_folder import RunFolder

@@ -2,7 +2,7 @@
 
 import pytest
 
-from evaluator.certify.in_memory import MemoryConnector
+from evaluator.certify.verify import MemoryConnector
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ import pytest
 
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
-from evaluator.certify.answer_faults import answer_faults
-from evaluator.certify.keys import check_constant
+from evaluator.certify.keys import answer_faults, check_constant
 from evaluator.certify.lint import lint
 from evaluator.certify.subject import Subject
 from evaluator.commands.program import main

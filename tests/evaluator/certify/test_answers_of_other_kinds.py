@@ -6,11 +6,10 @@ import pytest
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.certify.certificate import certify, play_reference
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import SceneCertificate
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, certify, play_reference
 from evaluator.records.episode import Verdict
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import opening_prompt

@@ -8,14 +8,14 @@ from typing import Any, cast
 import pytest
 from pydantic import JsonValue
 
-from evaluator.answers.steps import grade_steps
-from evaluator.certify.certificate import BUDGET, certify, check_sane, play_reference
-from evaluator.certify.driving import drive
+from evaluator.answers.grading import grade_steps
+from evaluator.certify.difficulty import drive
 from evaluator.certify.keys import check_key
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, Check, SceneCertificate, certificates_of, read_certificates
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_twins, same
+from evaluator.certify.verify import BUDGET, certify, check_sane, play_reference
 from evaluator.episode.connect import EpisodeConnector
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt
 from scenes import Category, PackFiles, default_folder, find_pack, list_packs, pack_hash, read_pack

@@ -5,12 +5,11 @@ from pathlib import Path
 import anyio
 import pytest
 
-from evaluator.certify.certificate import certify, play_reference
 from evaluator.certify.determined import check_determined
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, PREDICTION_CERTIFICATES
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, certify, play_reference
 from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
 from tests.builders.author import Author

@@ -9,10 +9,9 @@ import anyio
 import numpy as np
 import pytest
 
-from evaluator.certify.certificate import play_reference
 from evaluator.certify.evidence import measured
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, play_reference
 from evaluator.records.episode import Episode, EvidenceRecord, EvidenceVerdict, Verdict, evidence_verdict
 from scenes import find_pack
 

@@ -8,13 +8,12 @@ import pytest
 
 from evaluator.answers.engine import Engine
 from evaluator.certify.catches import undeclared_catches
-from evaluator.certify.certificate import certify
 from evaluator.certify.holds import check_holds
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.lint import lint
 from evaluator.certify.loads import Ball, axle
 from evaluator.certify.records import Check, certificates_of
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, certify
 from scenes import Category, PackFiles, read_pack
 from tests.builders.author import Author
 

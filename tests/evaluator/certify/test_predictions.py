@@ -7,16 +7,13 @@ from typing import Any
 import anyio
 import pytest
 
-from evaluator.certify.attempts import check_unstageable
-from evaluator.certify.certificate import certify, play_reference
-from evaluator.certify.hypotheses import check_structure, check_tempting
-from evaluator.certify.in_memory import MemoryConnector
-from evaluator.certify.instrument import check_instrument
+from evaluator.certify.attempts import at_least, at_most, check_structure, check_tempting, check_unstageable
+from evaluator.certify.keys import check_instrument
 from evaluator.certify.lint import lint
 from evaluator.certify.records import CERTIFICATES, FAMILY_CERTIFICATES, PREDICTION_CERTIFICATES, Check
-from evaluator.certify.shares import at_least, at_most
 from evaluator.certify.subject import Subject
 from evaluator.certify.twins import check_twins
+from evaluator.certify.verify import MemoryConnector, certify, play_reference
 from evaluator.records.episode import Episode
 from scenes import Category, PackFiles
 from tests.builders.author import Author

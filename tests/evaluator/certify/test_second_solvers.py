@@ -8,7 +8,7 @@ import pytest
 
 from evaluator.answers.grading import grade
 from evaluator.answers.keys import KeyRing
-from evaluator.certify.driving import drive
+from evaluator.certify.difficulty import drive
 from evaluator.certify.subject import Subject
 from evaluator.records.episode import Verdict
 from scenes import Category, find_pack, read_pack

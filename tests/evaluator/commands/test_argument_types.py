@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.commands.argument_types import file_to_write, folder_to_write
+from evaluator.commands.base import file_to_write, folder_to_write
 from evaluator.commands.overview import COMMANDS
 from evaluator.commands.program import main, parser
 from tests.builders.cli_reference import listed

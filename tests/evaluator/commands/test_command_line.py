@@ -13,7 +13,7 @@ from random import Random
 
 import pytest
 
-from evaluator.commands.argument_types import PROMPTINGS, PROTOCOLS
+from evaluator.commands.base import PROMPTINGS, PROTOCOLS
 from evaluator.commands.overview import COMMANDS
 from evaluator.commands.program import main
 from evaluator.records.episode import Outcome

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluator.commands.plugins import COMMANDS_GROUP, EXPORTS_GROUP, plugin
+from evaluator.commands.overview import COMMANDS_GROUP, EXPORTS_GROUP, plugin
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
 
@@ -12,7 +12,7 @@ from evaluator.errors import UsageError
 def test_a_missing_plugin_is_named_with_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("evaluator.commands.plugins.entry_points", lambda **_: ())
+    monkeypatch.setattr("evaluator.commands.overview.entry_points", lambda **_: ())
     assert main(["harbor", "write", "tasks"]) == 2
     assert capsys.readouterr() == (
         "",
@@ -38,7 +38,7 @@ def test_a_plugin_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: 
 def test_help_lists_the_command_of_a_plugin_that_is_not_installed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("evaluator.commands.plugins.entry_points", lambda **_: ())
+    monkeypatch.setattr("evaluator.commands.overview.entry_points", lambda **_: ())
     with pytest.raises(SystemExit):
         main(["--help"])
     assert "(plugin physment-harbor)" in " ".join(capsys.readouterr().out.split())

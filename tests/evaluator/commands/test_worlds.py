@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from evaluator.certify.world_making import Made, Unmade
+from evaluator.certify.worlds import Made, Unmade
 from evaluator.commands.program import main
 from evaluator.records.episode import Verdict
 from evaluator.store.durable import locked
@@ -212,7 +212,7 @@ def test_a_world_that_cannot_be_made_does_not_stop_the_others(
         on_made(Made(record, certificate, Counter()))
         on_made(Unmade(1, "none of 400 draws was accepted"))
 
-    monkeypatch.setattr("evaluator.certify.world_making.make_worlds", make)
+    monkeypatch.setattr("evaluator.certify.worlds.make_worlds", make)
     words = ["worlds", "make", "--level", "1", "--count", "2", "--workers", "1", "--out", str(tmp_path / "w")]
     assert main(words) == 1
     assert "world:1:1: none of 400 draws was accepted" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluator.commands.program import main
-from evaluator.films.reel import Instant, reel
+from evaluator.films import Instant, reel
 from evaluator.records.episode import Episode
 from evaluator.report.attachments import FILMS
 from evaluator.store.run_folder import RunFolder

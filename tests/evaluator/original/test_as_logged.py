@@ -6,8 +6,7 @@ import pytest
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
-from evaluator.original.as_logged import as_logged
-from evaluator.original.logs import find_logs
+from evaluator.original.logs import as_logged, find_logs
 from evaluator.records.episode import Episode, Outcome
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.grounding import grounding_of

@@ -12,8 +12,7 @@ from pydantic import JsonValue
 
 from evaluator.answers.grading import grade, grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.original.as_logged import as_logged
-from evaluator.original.logs import find_logs
+from evaluator.original.logs import as_logged, find_logs
 from evaluator.original.play import scene_of
 from evaluator.records.episode import Verdict
 from evaluator.scores.failures.detect import failures_of

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluator.certify.transcript import play
+from evaluator.certify.difficulty import play
 from evaluator.commands.program import main
-from evaluator.pages.listing import Listing, Steps, answer_form
-from evaluator.pages.scene_table import KINDS, scenes_page
-from evaluator.pages.worked_examples import EXAMPLES, SEED, Example, examples_page
+from evaluator.pages.scene_table import KINDS, Listing, Steps, answer_form, scenes_page
+from evaluator.pages.write import EXAMPLES, SEED, Example, examples_page
 from physment_mcp.world.pictures.framing import FramedParts, view_of
 from scenes import (
     AnswerKind,

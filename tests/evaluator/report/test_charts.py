@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from evaluator.records.episode import Exchange
+from evaluator.report.call_rows import motion_charts
 from evaluator.report.charts import LEFT, Point, Series, chart, ticks
-from evaluator.report.motion import motion_charts
 from tests.builders.records import refused, returned, turn
 
 

@@ -13,8 +13,8 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
 from evaluator.records.run import Plan, ServerRecord
 from evaluator.report.agent_results import Run
+from evaluator.report.notebook import pictures
 from evaluator.report.page import PAGES, render, write_report
-from evaluator.report.pictures import pictures
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import run_record

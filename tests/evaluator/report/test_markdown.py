@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from evaluator.report.markdown import escaped, markdown_table
+from evaluator.report.export import escaped, markdown_table
 
 
 def test_a_table_has_titles_a_rule_and_a_line_for_each_row() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evaluator.answers.chance import Chance
+from evaluator.answers.rewards import Chance
 from evaluator.records.episode import (
     UNREAD,
     Exchange,

@@ -2,8 +2,8 @@
 
 import pytest
 
+from evaluator.scores.evidence import is_planned, plans_in
 from evaluator.scores.grounding import grounding_of
-from evaluator.scores.plans import is_planned, plans_in
 from tests.builders.records import episode, returned, turn
 
 READ = returned("get_velocity", {"velocity": [1.5, 0.0, 0.0]})

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from evaluator.statistics.intervals import wilson_interval
-from evaluator.statistics.resampling import FEWEST, mean_interval, resampled_means
+from evaluator.statistics.intervals import FEWEST, mean_interval, resampled_means, wilson_interval
 
 # Efron and Tibshirani 1993, table 10.1: old patch minus placebo, and new patch minus old patch.
 OLD_OVER_PLACEBO = [8406, 2342, 8187, 8459, 4795, 3516, 4796, 10238]

@@ -9,7 +9,7 @@ import pytest
 
 from evaluator.agents.recorded import RecordedAgent, load_recorded
 from evaluator.agents.scripted import ScriptedAgent
-from evaluator.certify.in_memory import MemoryConnector
+from evaluator.certify.verify import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent

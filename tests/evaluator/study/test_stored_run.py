@@ -16,11 +16,11 @@ import anyio
 import pytest
 
 from evaluator.agents.recorded import RecordedAgent
-from evaluator.certify.in_memory import MemoryConnector
+from evaluator.certify.verify import MemoryConnector
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, Exchange, ToolCall, Turn
 from evaluator.records.run import RunRecord
-from evaluator.report.pictures import pictures
+from evaluator.report.notebook import pictures
 from evaluator.scores.dimensions import SCORING_VERSION
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import server_record

@@ -16,7 +16,7 @@ from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.config import with_config, with_new_names
 from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
-from evaluator.study.limits import Limits, Meter
+from evaluator.study.run_config import Limits, Meter
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import PromptOptions, opening_prompt

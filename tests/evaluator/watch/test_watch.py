@@ -20,8 +20,8 @@ from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
+from evaluator.watch.app import state_of
 from evaluator.watch.followed_run import FollowedRun
-from evaluator.watch.state import state_of
 from scenes import find_pack, pack_hash
 from tests.builders.records import VERSIONS, episode, episode_key, refused, turn
 

@@ -21,8 +21,7 @@ from evaluator.episode.toolbox import Toolboxes
 from evaluator.records.episode import Versions
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.attempts import LocalPlay
-from evaluator.study.runner import Runner
+from evaluator.study.runner import LocalPlay, Runner
 from tests.harness.bench.many_episodes import Thinker
 from tests.harness.bench.measuring import Row, row_of
 

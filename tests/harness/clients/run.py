@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from evaluator.commands.base import wide_console
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from tests.harness.clients.catalogue import Client, read_clients
 from tests.harness.clients.coding_agents import ROUTES
 from tests.harness.clients.environments import CannotInstall, Environment, environment_of

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from tests.harness.conformance.suite import Result
 
 Found = Mapping[str, Mapping[str, Result]]

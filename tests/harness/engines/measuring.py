@@ -16,9 +16,8 @@ from typing import Any
 
 import anyio
 
-from evaluator.certify.certificate import play_reference
-from evaluator.certify.in_memory import MemoryConnector
 from evaluator.certify.subject import Subject
+from evaluator.certify.verify import MemoryConnector, play_reference
 from evaluator.library import grade
 from evaluator.records.episode import Verdict
 from evaluator.study.selection import parse_scenes

@@ -20,7 +20,7 @@ from typing import Any
 from rich.console import Console
 
 from evaluator.certify.subject import Subject
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from evaluator.study.selection import parse_scenes
 from scenes import find_pack
 from tests.harness.engines.environments import ROOT, CannotInstall, environment_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import physment_mcp
-from evaluator.certify.world_making import fault_of, make_world
+from evaluator.certify.worlds import fault_of, make_world
 from physment_mcp.scene import load_scene
 from physment_mcp.serving.prompts import opening_prompt
 from physment_mcp.serving.views import view_of

@@ -15,7 +15,7 @@ import pytest
 
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
-from evaluator.agents.external.environment import child_environment
+from evaluator.agents.external.isolation import child_environment
 from evaluator.agents.external.watched import WatchedEpisode
 from evaluator.episode.connect import HostConnector, LocalHost, ProcessConnector, connect
 from evaluator.errors import InfrastructureError, UsageError

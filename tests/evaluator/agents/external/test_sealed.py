@@ -13,8 +13,7 @@ from mcp import Client
 
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
-from evaluator.agents.external.environment import TOKEN, URL
-from evaluator.agents.external.system_users import SystemUser, SystemUsers, system_users
+from evaluator.agents.external.isolation import TOKEN, URL, SystemUser, SystemUsers, system_users
 from evaluator.agents.external.watched import watch_episode
 from evaluator.commands.run_options import read_options
 from evaluator.episode.connect import HostConnector, LocalHost
@@ -172,7 +171,7 @@ print(json.dumps({"uid": os.getuid(), "groups": os.getgroups(), "mode": secret.s
 
 async def test_a_user_runs_one_program_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[SystemUser] = []
-    monkeypatch.setattr("evaluator.agents.external.system_users.end_processes_of", ended.append)
+    monkeypatch.setattr("evaluator.agents.external.isolation.end_processes_of", ended.append)
     users, at_work, most = SystemUsers([SystemUser(UID, UID), SystemUser(UID + 1, UID)]), set[SystemUser](), 0
 
     async def work() -> None:

@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 
-from evaluator.agents.models.choice import Options, missing, parse_model
+from evaluator.agents.models.choice import PRESETS, PROVIDERS, Dialect, Options, find_provider, missing, parse_model
+from evaluator.agents.models.clients import settings_sent
 from evaluator.agents.models.factory import model_participant
-from evaluator.agents.models.presets import PRESETS, PROVIDERS, Dialect, find_provider
-from evaluator.agents.models.wire import settings_sent
 from evaluator.errors import UsageError
 
 KEY = "sk-a-key-that-must-not-show"

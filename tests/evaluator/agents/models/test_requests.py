@@ -13,9 +13,8 @@ from pydantic_ai.messages import ModelMessage, ModelRequest, ModelResponse, Text
 
 from evaluator.agents.models.agent import ModelAgent
 from evaluator.agents.models.choice import parse_model
-from evaluator.agents.models.failures import PermanentFailure
 from evaluator.agents.models.lanes import Lane, Lanes, Patience
-from evaluator.agents.models.requests import Requests
+from evaluator.agents.models.requests import PermanentFailure, Requests
 from evaluator.errors import AgentError, InfrastructureError
 from tests.builders.providers import Service
 

@@ -10,9 +10,15 @@ from evaluator.answers.grading import grade_episode
 from evaluator.answers.strict import AnswerKey
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, Exchange, Outcome, Turn
-from evaluator.scores.failures.counting import FailureCount, failure_counts
 from evaluator.scores.failures.detect import failures_of
-from evaluator.scores.failures.findings import Failure, FailureMode, expected_form, quote_at
+from evaluator.scores.failures.findings import (
+    Failure,
+    FailureCount,
+    FailureMode,
+    expected_form,
+    failure_counts,
+    quote_at,
+)
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from tests.builders.records import UNSCORED, episode, episode_key, refused, rejected, returned, turn
 

@@ -17,11 +17,10 @@ import pytest
 
 from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
-from evaluator.original.as_logged import as_logged
-from evaluator.original.logs import find_logs
+from evaluator.original.logs import as_logged, find_logs
 from evaluator.original.play import scene_of
 from evaluator.records.episode import Episode, Grade, Verdict
-from evaluator.report.markdown import markdown_table
+from evaluator.report.export import markdown_table
 from evaluator.scores.dimensions import EpisodeScores
 from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.failures.findings import FailureMode, expected_form
