@@ -1,6 +1,6 @@
-"""A client of `physment-eval referee`: opens episodes, and asks what they were worth. Standard library only.
+"""A client of `physment-eval referee`, which opens episodes and requests their rewards. Standard library only.
 
-The integrations share it, because none of them may import the laboratory or the evaluator.
+The integrations share it, because they may not import the laboratory or the evaluator.
 """
 
 import json
@@ -32,7 +32,7 @@ End = Literal["budget_exhausted", "agent_error"]
 
 
 class RefereeError(Exception):
-    """The referee refused, or cannot be reached; one sentence."""
+    """The referee refused the request or cannot be reached; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +109,13 @@ class Referee:
         return OpenedEpisode(**found | {"tools": tuple(found["tools"])})
 
     def reward(self, episode_id: str, owner_token: str, *, iterations: int, end: End | None = None) -> Reward:
-        """Ask for the reward of an episode. It is given once.
+        """Request the reward of an episode. The referee gives it once.
 
         Args:
-            episode_id: Which episode.
-            owner_token: Its token.
-            iterations: Replies of the agent.
-            end: Ends an episode that has no answer, and says why; an answered episode keeps its answer.
+            episode_id: The episode.
+            owner_token: Its owner token.
+            iterations: Number of replies of the agent.
+            end: Ends an episode without an answer, with this outcome; an answered episode keeps its answer.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -124,7 +124,7 @@ class Referee:
         return _reward(self._ask("POST", f"/episodes/{episode_id}/reward", body, owner_token))
 
     def close(self, episode_id: str, owner_token: str) -> None:
-        """Close an episode that shall get no reward.
+        """Close an episode without a reward.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -132,7 +132,7 @@ class Referee:
         self._ask("DELETE", f"/episodes/{episode_id}", None, owner_token)
 
     def check(self, scene: int | None = None, seed: int | None = None, **options: Any) -> Reward:
-        """What the scene's reference protocol gets, played on the same host.
+        """The reward of the scene's reference protocol, played on the same host.
 
         Args:
             scene: As for `open`.
@@ -191,13 +191,13 @@ def read_variants(
     Args:
         scenes: Ids and ranges such as `7,21-30`.
         seeds: The same for seeds (by default 1); all scenes come with the first seed before the second.
-        file: A line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; then nothing else is looked at.
-        split: Name of a split; its variants are named by one of the following, or by scenes and seeds.
-        indices: Places in the split, such as `0-99`.
-        random_seeds: Each draws a place in the split; with `scenes`, one of each scene.
+        file: A line of JSON for each variant, such as `{"scene": 7, "seed": 3}`; the other arguments are then ignored.
+        split: Name of a split; its variants are selected by one of the following, or by scenes and seeds.
+        indices: Indices in the split, such as `0-99`.
+        random_seeds: Each draws an index in the split; with `scenes`, one of each scene.
 
     Raises:
-        ValueError: Something of this cannot be read, in one sentence.
+        ValueError: An argument or a line is malformed; the message is one sentence.
     """
     if file is not None:
         yield from _in_file(file)
@@ -239,7 +239,7 @@ def _in_file(file: Path) -> Iterator[Variant]:
 
 
 def name_of(variant: Variant) -> str:
-    """A short name of a variant that was asked for, such as `scene7-seed3` or `train-index0`."""
+    """A short name of a requested variant, such as `scene7-seed3` or `train-index0`."""
     parts = [variant["split"]] if "split" in variant else []
     return "-".join([*parts, *(f"{name}{variant[name]}" for name in _NUMBERS if name in variant)])
 

@@ -1,4 +1,4 @@
-"""What crosses the wire: actions, observations, the state of an episode. None holds a seed, a key or a token."""
+"""The messages: actions, observations and the state of an episode. None contains a seed, a key or a token."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ class PhysmentAction(Action):
 
 
 class PhysmentObservation(Observation):
-    """What came of an action. `done` and `reward` come with the last one."""
+    """The result of an action. `done` and `reward` are set in the last one."""
 
     text: str = Field(default="", description="What the model reads: the result as JSON, or why the call was refused.")
     is_error: bool = Field(default=False, description="Whether the call was refused; then it changed nothing.")

@@ -1,1 +1,1 @@
-"""Variants as task folders of Harbor: written with a solution that was played, and graded from the laboratory's log."""
+"""Task folders of Harbor: variants with a played solution, graded from the laboratory's log."""

@@ -21,7 +21,7 @@ docs/how-to/harbor.md says how this plugin is installed, which two images tasks 
 
 
 class TaskEpisode(BaseModel):
-    """`episode.json`: what the laboratory of a task opens, and what its log is graded for."""
+    """`episode.json`: the variant that the laboratory of a task opens and the verifier grades."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -111,7 +111,7 @@ def _grade(args: argparse.Namespace) -> int:
 
 
 def rewards(log: Path, episode: Path, scenes_dir: Path | None) -> dict[str, float]:
-    """The rewards of a task, by name. Runs where no agent has been.
+    """The rewards of a task, by name. It runs in a container to which no agent had access.
 
     Args:
         log: The log of the laboratory, as a host publishes it.
@@ -119,8 +119,8 @@ def rewards(log: Path, episode: Path, scenes_dir: Path | None) -> dict[str, floa
         scenes_dir: Folder of whole packs; None for the suite.
 
     Returns:
-        `reward` and `strict`: 1 if the answer is strictly correct, otherwise 0; `normalised`: the same, if a slip of
-        writing is forgiven; `graded`: the share of its parts that are right; `answered`; `calls`.
+        `reward` and `strict`: 1 if the answer is strictly correct, otherwise 0; `normalised`: the same with normalised
+        grading; `graded`: the share of its parts that are right; `answered`; `calls`.
 
     Raises:
         UsageError: A file cannot be read, or the scene has no key.

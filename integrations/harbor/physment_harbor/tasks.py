@@ -1,7 +1,8 @@
-"""A task of Harbor (schema 1.4): a variant is played once by the reference protocol, and its files are written.
+"""A task of Harbor (schema 1.4): plays a variant once with the reference protocol, and writes its files.
 
-Three containers, of which an agent can enter one: `main` is the agent's and has nothing of ours; `laboratory` has the
-drawn model of this variant and no answer; the verifier's has the answer keys, and starts after the agent's has ended.
+A task has three containers, of which an agent can access one. `main` is the agent's, without any file of this project.
+`laboratory` has the drawn model of this variant and no answer. The verifier's has the answer keys, and starts after the
+agent's has ended.
 """
 
 import json
@@ -40,9 +41,9 @@ async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_d
     """Let the reference protocol play a variant, and read the prompt that other agents get.
 
     Args:
-        laboratory: Where.
-        scene: Which scene.
-        seed: Which variant of it.
+        laboratory: Connector to the laboratory.
+        scene: Id of the scene.
+        seed: Seed of the variant.
         scenes_dir: Folder of whole packs; None for the suite.
 
     Raises:
@@ -59,7 +60,7 @@ async def rehearse(laboratory: EpisodeConnector, scene: int, seed: int, scenes_d
 
 
 def _most_calls(solution: int, scene: int, scenes_dir: Path | None) -> int:
-    """The limit of the scene and the answer; without a limit never fewer than the solution, in whole hundreds."""
+    """The scene's limit of calls plus the answer; without a limit, at least those of the solution, in hundreds."""
     limits = read_public(find_pack(scene, scenes_dir)).limits
     if limits is not None and limits.calls is not None:
         return limits.calls + 1
@@ -71,8 +72,8 @@ def write_task(rehearsal: Rehearsal, task: Path, scenes_dir: Path | None) -> Non
 
     Args:
         rehearsal: The variant.
-        task: The folder, which is made. Its name becomes part of the names of containers, which an agent can look up,
-            so it must not tell the seed.
+        task: The folder to create. Its name becomes part of container names, which an agent can see, so it must not
+            contain the seed.
         scenes_dir: Folder of whole packs; None for the suite.
 
     Raises:

@@ -1,7 +1,7 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 # pyright: reportUnknownParameterType=false, reportUnknownArgumentType=false
-"""Runs as logs of Inspect AI, which its viewer and its analysis functions read. A log for each condition of a run."""
+"""Writes runs as logs of Inspect AI, for its viewer and its analysis functions. One log per condition of a run."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def write_inspect_logs(folder: Path, run: RunRecord, graded: Graded) -> list[Pat
     """Write a log for each agent, budget, prompting and protocol of a run.
 
     Args:
-        folder: Where to.
+        folder: Target folder.
         run: Record of the run.
         graded: Its episodes with their grades.
 
@@ -90,7 +90,7 @@ def _log(run: RunRecord, agent: str, pairs: Graded) -> log.EvalLog:
 
 
 def _results(pairs: Graded) -> log.EvalResults:
-    """The means that Inspect shows. Episodes that an infrastructure error ended count in none, as in our summary."""
+    """The means that Inspect shows, without episodes that an infrastructure error ended, as in `summary.json`."""
     scored = [record.grade for _, record in pairs if record.grade.strict is not Verdict.UNSCORED]
     values = {
         "strict": [float(grade.strict is Verdict.CORRECT) for grade in scored],

@@ -67,8 +67,8 @@ def physment(
         budget: Iterations of an episode.
         prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
         server: As for `physment-eval --server`: `stdio`, the URL of a host, or a command.
-        split: Name of a split, among whose scenes and seeds `scenes` and `seeds` choose; by default all its scenes and
-            its first twenty seeds are played.
+        split: Name of a split, from which `scenes` and `seeds` select; by default all its scenes and its first twenty
+            seeds are played.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
@@ -90,14 +90,14 @@ def physment(
 
 
 def _selection(value: str | int | list[str | int] | None) -> str | None:
-    """A selection as it was typed: Inspect's command line turns parts of it into numbers and lists."""
+    """A selection as text. Inspect's command line converts parts of it to numbers and lists."""
     if value is None:
         return None
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _sample(key: EpisodeKey) -> Sample:
-    """An episode to be played. The laboratory writes its opening prompt; the sample does not hold its answer."""
+    """A sample for an episode, without its answer. The laboratory writes its opening prompt."""
     pack = read_pack(find_pack(key.scene))
     return Sample(
         id=f"scene{key.scene}-seed{key.seed}",
@@ -186,7 +186,7 @@ def _returns(output: ModelOutput, exchanges: Sequence[Exchange]) -> list[ChatMes
 
 
 def _reply(output: ModelOutput) -> Reply:
-    """A turn of the model, as the loop reads it.
+    """A turn of the model in the form of the agent loop.
 
     Raises:
         AgentError: The model refuses or cannot continue.
@@ -236,7 +236,7 @@ def _usage(output: ModelOutput) -> Usage | None:
 
 
 def _tool_info(tool: ToolDescription) -> ToolInfo:
-    """A tool as Inspect describes it to models. Its schemas leave out some limits, such as lengths of lists."""
+    """A tool in Inspect's form, whose schemas omit some limits, such as lengths of lists."""
     return ToolInfo(
         name=tool.name,
         description=tool.description,

@@ -1,4 +1,4 @@
-"""An episode of the laboratory as an environment: `reset` opens it, `step` makes a call, the end brings the reward."""
+"""An episode of the laboratory as an environment: `reset` opens it, `step` makes a call, the last has the reward."""
 
 import contextlib
 from typing import Any
@@ -43,13 +43,13 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
 
         Args:
             seed: Variant of the scene; without a split, None and 0 mean the scene as written.
-            episode_id: A name for it; by default that of the referee.
+            episode_id: Its id; by default that of the referee.
             scene: Id of the scene.
-            budget: Actions that the episode has.
+            budget: Number of actions.
             prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`.
             split: Name of a split, such as `train`, to take the variant from.
-            index: Place in the split.
-            random_seed: Draws a place in the split.
+            index: Index in the split.
+            random_seed: Draws an index in the split.
 
         Raises:
             RefereeError: The referee refused, or cannot be reached.
@@ -121,7 +121,7 @@ class PhysmentEnvironment(Environment[PhysmentAction, PhysmentObservation, Physm
         )
 
     def close(self) -> None:
-        """Close what is open; an episode without a reward gets none."""
+        """Close the connection and the episode, without a reward if there is none yet."""
         if self._laboratory is not None:
             self._laboratory.close()
         if self._opened is not None:

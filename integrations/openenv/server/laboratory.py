@@ -38,7 +38,7 @@ class Laboratory:
 
         Args:
             mcp_url: Address of the episode.
-            player_token: What its requests must carry.
+            player_token: Bearer token of its requests.
         """
         with contextlib.ExitStack() as stack:
             self._portal = stack.enter_context(_PORTALS)
@@ -47,7 +47,7 @@ class Laboratory:
             self._closing = stack.pop_all()
 
     def call(self, tool: str, arguments: dict[str, Any]) -> tuple[str, dict[str, Any] | None, bool]:
-        """Call a tool; returns what the model reads, the result as data, and whether the call was refused."""
+        """Call a tool; returns the text for the model, the result as data, and whether the call was refused."""
         try:
             result: CallToolResult = self._portal.call(self._session.call_tool, tool, arguments)
         except McpError as error:

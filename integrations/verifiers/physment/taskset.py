@@ -1,4 +1,4 @@
-"""Episodes of the laboratory as tasks: opened and graded by a referee, played over MCP, ended by the answer."""
+"""Episodes of the laboratory as tasks, which a referee opens and grades, and which are played over MCP."""
 
 import asyncio
 import os
@@ -23,7 +23,7 @@ from physment.toolset import LaboratoryState, LaboratoryToolset
 
 
 class PhysmentData(vf.TaskData):
-    """Which episode: what the referee is asked for."""
+    """The variant of the episode, as requested from the referee."""
 
     scene: int | None = None
     seed: int | None = None
@@ -55,7 +55,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 
     @property
     def key(self) -> str:
-        """Names the variant: the same in every run."""
+        """Name of the variant, the same in every run."""
         return name_of(self.data.variant)
 
     async def setup(self, trace: vf.Trace) -> None:
@@ -83,7 +83,7 @@ class PhysmentTask(vf.Task[PhysmentData, LaboratoryState, PhysmentTaskConfig]):
 
     @vf.reward(weight=1.0)
     async def laboratory(self, trace: vf.Trace) -> float:
-        """What the episode is worth to the referee. Records verdicts and calls as metrics."""
+        """The referee's reward of the episode. Records verdicts and calls as metrics."""
         state = trace.state
         found = await asyncio.to_thread(
             self._referee().reward,
@@ -131,7 +131,7 @@ class PhysmentConfig(vf.TasksetConfig):
 
 
 class PhysmentTaskset(vf.Taskset[PhysmentTask, PhysmentConfig]):
-    """Variants: pairs of a scene and a seed, or places in a split."""
+    """Variants: pairs of a scene and a seed, or indices in a split."""
 
     @classmethod
     def toolsets(cls, config: PhysmentConfig) -> list[vf.Toolset]:

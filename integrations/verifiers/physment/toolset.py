@@ -1,6 +1,6 @@
 """The 26 tools of the laboratory, under their own names, for every rollout of an environment worker.
 
-One process serves all rollouts. Each call carries the state of its rollout, which says where its episode is.
+One process serves all rollouts. Each call has the state of its rollout, which contains the address of its episode.
 """
 
 import contextlib
@@ -23,12 +23,12 @@ _PATIENCE = httpx2.Timeout(30.0, read=300.0)
 
 @functools.cache
 def _trust() -> ssl.SSLContext:
-    """The certificate authorities that are trusted. Reading them takes 20 ms, and each call has a client of its own."""
+    """The trusted certificate authorities, cached because reading them takes 20 ms and each call has its own client."""
     return httpx2.create_ssl_context()
 
 
 class LaboratoryState(vf.State):
-    """What is known of a rollout's episode. The model sees none of it."""
+    """The episode of a rollout, which the model does not see."""
 
     episode_id: str = ""
     owner_token: str = ""
@@ -44,7 +44,7 @@ class LaboratoryToolset(vf.Toolset[vf.SharedToolsetConfig, LaboratoryState]):
     TOOL_PREFIX = None
 
     def register(self, mcp: MCPServer) -> None:
-        """Publish what the host publishes. The server calls these two methods for every request."""
+        """Forward the host's tools. The server calls these two methods for every request."""
         server = cast(Any, mcp)
         server.list_tools = self._with_state(self.list_tools)
         server.call_tool = self._with_state(self.call_tool)

@@ -1,7 +1,7 @@
 """The resources server: `seed_session` opens an episode, a tool is an endpoint, `verify` asks for the reward.
 
 A row of a dataset names its episode in `verifier_metadata`: `{"scene": 7, "seed": 3}`, or
-`{"split": "train", "index": 0}` for a place in a split. `dataset.py` writes such rows.
+`{"split": "train", "index": 0}` for an index in a split. `dataset.py` writes such rows.
 """
 
 import asyncio
@@ -56,7 +56,7 @@ class PhysmentSeedSessionRequest(BaseSeedSessionRequest):
 
 
 class PhysmentVerifyRequest(BaseVerifyRequest):
-    """A row of the dataset with what the agent did."""
+    """A row of the dataset with the agent's response."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -125,7 +125,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
         return PlainTextResponse("\n".join(part.text for part in result.content if isinstance(part, TextContent)))
 
     async def verify(self, request: Request, body: PhysmentVerifyRequest) -> PhysmentVerifyResponse:
-        """Ask the referee what the episode was worth. An episode without an answer has used up its budget."""
+        """Request the reward from the referee. An episode without an answer ends as budget exhausted."""
         player = self._players.get(request.session[SESSION_ID_KEY])
         if player is None:
             raise HTTPException(409, "no episode is open in this session, or its reward was given already")
@@ -153,7 +153,7 @@ class PhysmentResourcesServer(SimpleResourcesServer):
         )
 
     async def _connect(self, opened: OpenedEpisode) -> _Player:
-        """A connection to an episode. It lives in a task of its own, because it must end where it began."""
+        """A connection to an episode, opened and closed in one asyncio task, as its cancel scope requires."""
         ready: asyncio.Future[ClientSession] = asyncio.get_running_loop().create_future()
         ended = asyncio.Event()
         headers = {"Authorization": f"Bearer {opened.player_token}"}

@@ -18,7 +18,7 @@ def row(opened: OpenedEpisode, variant: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         opened: An episode of this variant.
-        variant: What was asked for. A place that was drawn is written as such, so that the row always means the same.
+        variant: The requested variant. A drawn index is written into the row, so that it stays the same.
     """
     tools = [
         {
