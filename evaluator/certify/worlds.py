@@ -11,7 +11,7 @@ from functools import partial
 import anyio
 import numpy as np
 from anyio import to_process
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from evaluator.answers.engine import Engine
 from evaluator.certify.parallel import in_processes
@@ -22,10 +22,16 @@ from scenes.worlds.levels import GRAMMAR, Difficulty
 from scenes.worlds.orders import WorldOrder
 from scenes.worlds.packs import StartState, mjcf_of
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.questions import HARDEST, Question, answers, option_of, tolerance, value_of
+from scenes.worlds.questions import Question, answers, option_of, tolerance, value_of
 from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.terms import Structure
 
+_ROUGH_S = 0.03
+"""Longest step of the integration by theory near whose force the engine's is looked for [s]."""
+_BESIDE = 1.02
+"""Second force of that search, as a multiple of the first."""
+_FORCE_TOL = 1e-4
+"""How near two forces of it are in the end [N, N·m]."""
 _HELD = 1e12
 """Inertia by which bodies are held where they are [kg, kg·m²]."""
 
@@ -62,15 +68,21 @@ def _answer(record: WorldRecord, question: Question, timestep: float | None) -> 
     def beyond(force: float) -> float:
         return _ended(record, question, force * way, timestep)
 
-    # That there is one such force is shown by theory, which tries many of them.
-    return brentq(beyond, 0.0, HARDEST, xtol=1e-4) if beyond(0.0) < 0 < beyond(HARDEST) else float("nan")
+    # That there is one such force is shown by theory, which tries many of them; the engine's is looked for from there.
+    begin = float(answers(record.structure, record.constants, [question], _ROUGH_S)[0, 0])
+    if np.isnan(begin):
+        return begin
+    found = root_scalar(beyond, x0=begin, x1=_BESIDE * begin, xtol=_FORCE_TOL)
+    return float(found.root) if found.converged else float("nan")
 
 
 def _ended(record: WorldRecord, question: Question, push: Array, timestep: float | None) -> float:
     """The asked number, with a push."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = _at_release(record, question, timestep)
-    engine = Engine(mjcf_of(record, walled=False, start=StartState(question.clock, tuple(state))), timestep)
+    engine = Engine(
+        mjcf_of(record, walled=False, padded=False, start=StartState(question.clock, tuple(state))), timestep
+    )
     _push(engine, record.apparatus, push)
     engine.step(engine.whole_steps(question.lasting))
     return float(value_of(question, _seen(engine, structure), width))
@@ -83,7 +95,7 @@ def _at_release(record: WorldRecord, question: Question, timestep: float | None)
     rows = state[: structure.read].reshape(structure.bodies, 2, width)
     rows[:, 0] = np.array(question.place).reshape(structure.bodies, width)
     if question.clock and len(state) > structure.read:
-        held = Engine(mjcf_of(record, walled=False, start=StartState(0.0, tuple(state))), timestep)
+        held = Engine(mjcf_of(record, walled=False, padded=False, start=StartState(0.0, tuple(state))), timestep)
         joints = ["hinge"] if record.apparatus is Apparatus.WHEEL else list("xy"[:width])
         bodies = range(1, structure.bodies + 1)
         held = held.changed({f"joint[object_{body}_{joint}].armature": _HELD for body in bodies for joint in joints})
@@ -124,6 +136,7 @@ def _hidden(engine: Engine, structure: Structure) -> Array:
     return np.array(found)
 
 
+_HALF_STEP_S = 0.0025
 ENGINE_GAP = 0.05
 """Greatest distance of the engine's answers from the key, and of those at half the time step, in tolerances."""
 _BOUND_GAP = 0.01
@@ -179,10 +192,10 @@ def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> M
             key=world.key,
             bounds=world.bounds,
             engine=_gaps(record, world.key, None),
-            half_step=_gaps(record, world.key, 0.0025),
+            half_step=_gaps(record, world.key, _HALF_STEP_S),
             draws=sum(maker.refusals.values()) + 1,
         )
-        fault = fault_of(record, certificate)
+        fault = _fault(record, certificate)
         if fault is None:
             return Made(record, certificate, maker.refusals)
         maker.refusals[fault] += 1
@@ -194,6 +207,12 @@ def fault_of(record: WorldRecord, certificate: Certificate) -> str | None:
     Everything is computed again from the record: the key by theory, by the engine and at half the time step, the
     course, and the bounds. Not repeated are the tests by random numbers, which decided whether it was made.
     """
+    gaps = {"engine": _gaps(record, certificate.key, None), "half_step": _gaps(record, certificate.key, _HALF_STEP_S)}
+    return _fault(record, certificate.model_copy(update=gaps))
+
+
+def _fault(record: WorldRecord, certificate: Certificate) -> str | None:
+    """The same if the gaps of the certificate have just been computed."""
     return next((fault for fault, is_wrong in _FAULTS.items() if is_wrong(record, certificate)), None)
 
 
@@ -210,8 +229,8 @@ def _has_other_bounds(record: WorldRecord, certificate: Certificate) -> bool:
 _FAULTS: Mapping[str, Callable[[WorldRecord, Certificate], bool]] = {
     "the certificate is that of another record": lambda record, proved: proved.record != record.digest,
     "theory gives another key": _has_other_theory,
-    "the engine gives another key": lambda record, proved: max(_gaps(record, proved.key, None)) > ENGINE_GAP,
-    "half the time step gives another key": lambda record, proved: max(_gaps(record, proved.key, 0.0025)) > ENGINE_GAP,
+    "the engine gives another key": lambda _, proved: max(proved.engine) > ENGINE_GAP,
+    "half the time step gives another key": lambda _, proved: max(proved.half_step) > ENGINE_GAP,
     "the engine's course is not that of theory": lambda record, _: course_gap(record) > COURSE_GAP,
     "the readings give other bounds": _has_other_bounds,
     "not identifiable": lambda _, proved: max(proved.bounds) > IDENTIFIABLE,

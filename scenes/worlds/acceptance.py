@@ -13,18 +13,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.courses import Course
 from scenes.errors import WorldError
-from scenes.fitting import Array, refined
+from scenes.fitting import Array
 from scenes.worlds.asking import drawn, nearby
-from scenes.worlds.confusion import mistakable, unexplained
+from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure
-from scenes.worlds.experiment import Situation, laws_of_fit, on_unit, simulated
+from scenes.worlds.experiment import SEARCH_S, Situation, laws_of_fit, on_unit, retraced, simulated
 from scenes.worlds.levels import Difficulty
 from scenes.worlds.parts import Apparatus
+from scenes.worlds.predictions import on_course
 from scenes.worlds.questions import Question, answers, tolerance
+from scenes.worlds.refits import Refits, constants_of, units_of
 from scenes.worlds.rivals import rival_of
+from scenes.worlds.search import Search
 from scenes.worlds.terms import Structure
+from scenes.worlds.weak_form import Legs
 
 Flags = NDArray[np.bool_]
 
@@ -37,12 +40,15 @@ MATTERS = 3.0
 IDENTIFIABLE = 0.35
 """Greatest smallest error of an answer, in tolerances."""
 _LEAST_LOOKS, _MOST_NOISE = 12, 0.05
-_QUICK_S, _FINE_S = 0.06, 0.01
+_QUICK_S, _FINE_S = 0.12, 0.01
 """Longest steps of the integration of candidates and of keys [s]."""
 _REDRAWN = 8
 _SENSITIVE = 1.0
 """Greatest distance of two integrations of the course, in standard deviations of the readings."""
-_ROUNDS = 8
+_REFIT_SEED, _SOLVE_SEED = 1, 2
+"""Seeds of the noise of the readings to which other structures are fitted, and of those that are solved."""
+_BESIDE = 0.05
+"""How far beside the constants the fit that solves begins, as a share of their ranges."""
 _SHIFT = 1e-4
 _SHARPER_LOOKS, _SHARPER_NOISE = 1.4, 1.7
 """By how much looks and noise change when readings do not exclude a rival."""
@@ -97,9 +103,11 @@ class Maker:
         structure = draw_structure(self.difficulty, self.rng, self.split)
         told = Situation(structure.apparatus, structure.radius, FORCE, self.difficulty.looks, self.difficulty.noise)
         constants = draw_constants(structure, self.rng)
-        asked = drawn(structure, constants, told, self.difficulty, self.rng)
+        _refuse_wild(structure, constants, told)  # the commonest fault, and the cheapest to find
+        asked, before = drawn(structure, constants, told, self.difficulty, self.rng), dict(constants)
         matter, key = self._repaired(structure, constants, asked)
-        _refuse_wild(structure, constants, told, simulated(structure, constants, told, None))
+        if constants != before:
+            _refuse_wild(structure, constants, told)
         information = _Information(structure, constants, told, asked)
         spread = information.spread(told.looks)
         chosen = _chosen(asked, matter & _sane(key) & (spread < IDENTIFIABLE), spread)
@@ -111,10 +119,11 @@ class Maker:
         final = answers(structure, constants, questions, _FINE_S)[:, 0]
         world = DrawnWorld(structure, constants, told, questions, _numbers(final), _numbers(bounds))
         _refuse_guessable(world, self.rng)
-        world = _determined(world, self.difficulty)
-        _refuse_useless(world, simulated(structure, constants, world.told, 1))
-        _refuse_unsolved(world, simulated(structure, constants, world.told, 2), self.rng)
-        _refuse_mistakable(world, simulated(structure, constants, world.told, 1), self.rng)
+        refits = Refits(structure, constants, world.told, _REFIT_SEED)
+        _refuse_useless(world, refits)
+        world, refits = _determined(world, refits, self.difficulty)
+        _refuse_unsolved(world, self.rng)
+        _refuse_mistakable(world, refits, self.rng)
         return world
 
     def _repaired(
@@ -127,11 +136,15 @@ class Maker:
             useless = [part for part, row in zip(structure.parts, matter, strict=True) if not (row & _sane(key)).any()]
             if not useless:
                 return matter, key
-            at, number = useless[0]
-            mark = f"{at}" if number is None else f"{at}m{number}"
-            names = [name for name in structure.ranges if name.removesuffix(mark).isalpha() and name.endswith(mark)]
+            marks = [f"{at}" if number is None else f"{at}m{number}" for at, number in useless]
+            names = [name for name in structure.ranges for mark in marks if _is_of(name, mark)]
             constants |= draw_constants(structure, self.rng, names)
         raise Refused("a part does not matter")
+
+
+def _is_of(name: str, mark: str) -> bool:
+    """Whether a constant is one of the part with a mark: the place of its term, and the number of its modulation."""
+    return name.endswith(mark) and name.removesuffix(mark).isalpha()
 
 
 def _numbers(found: Array) -> tuple[float, ...]:
@@ -160,8 +173,9 @@ def _matters(structure: Structure, constants: Mapping[str, float], asked: Sequen
     return np.array(rows)
 
 
-def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> None:
+def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Situation) -> None:
     """Refuse a course that leaves the floor or is sensitive to small errors, because no fit of it would converge."""
+    course = simulated(structure, constants, told, None)
     if not np.isfinite(course.readings).all():
         raise Refused("thrown out")
     if told.apparatus is not Apparatus.WHEEL:
@@ -169,10 +183,7 @@ def _refuse_wild(structure: Structure, constants: Mapping[str, float], told: Sit
         places = course.readings.reshape(len(course.readings), told.bodies, 2, width)[:, :, 0]
         if (np.linalg.norm(places, axis=2) > told.radius).mean() > 0.15:
             raise Refused("thrown out")
-    laws = laws_of_fit(structure, told)
-    unit = on_unit(laws, constants)[:, None]
-    apart = laws.misfits(course, structure.label, unit, by_legs=False)[: course.readings.size]
-    if float(np.sqrt((apart**2).mean())) > _SENSITIVE:
+    if float(np.sqrt((retraced(structure, constants, told, course) ** 2).mean())) > _SENSITIVE:
         raise Refused("too sensitive")
 
 
@@ -247,63 +258,53 @@ def _refuse_guessable(world: DrawnWorld, rng: random.Random) -> None:
             raise Refused(f"guessable by {name}")
 
 
-def _determined(world: DrawnWorld, difficulty: Difficulty) -> DrawnWorld:
-    """The world with as many more looks, and as much less noise, as its readings need to exclude rivals.
+def _determined(world: DrawnWorld, refits: Refits, difficulty: Difficulty) -> tuple[DrawnWorld, Refits]:
+    """The world with as many more looks, and as much less noise, as its readings need to exclude rivals; its readings.
 
     Raises:
         Refused: A rival fits with all looks and the least noise of the difficulty.
     """
-    structure, constants, told = world.structure, world.constants, world.told
-    while rival_of(
-        structure, constants, told, world.questions, np.array(world.key), simulated(structure, constants, told, 1)
-    ):
+    structure, constants, told, key = world.structure, world.constants, world.told, np.array(world.key)
+    while rival_of(refits, world.questions, key):
         looks = min(difficulty.looks, -(-int(told.looks * _SHARPER_LOOKS) // 2) * 2)
         noise = max(difficulty.noise, float(f"{told.noise / _SHARPER_NOISE:.2g}"))
         if (looks, noise) == (told.looks, told.noise):
             raise Refused("a rival fits")
         told = replace(told, looks=looks, noise=noise)
+        refits = Refits(structure, constants, told, _REFIT_SEED)
     bounds = _Information(structure, constants, told, world.questions).spread(told.looks)
-    return replace(world, told=told, bounds=_numbers(bounds))
+    return replace(world, told=told, bounds=_numbers(bounds)), refits
 
 
-def _refuse_useless(world: DrawnWorld, course: Course) -> None:
+def _refuse_useless(world: DrawnWorld, refits: Refits) -> None:
     """Refuse a world whose answers hardly change if a part is removed and the rest is refitted to the readings."""
     key = np.array(world.key)
     for part in world.structure.parts:
         fewer, rest = _less(world.structure, world.constants, part)
-        laws = laws_of_fit(fewer, world.told)
-        unit = _fit(fewer, world.told, course, on_unit(laws, rest))
-        refit = laws.constants(fewer.label, unit[:, None])
+        refit = constants_of(refits.fitted(fewer, rest))
         found = answers(fewer, refit, world.questions, 0.03)[:, 0]
-        if not unexplained(fewer, laws.constants(fewer.label, unit), world.told, course):
+        if not refits.unexplained(fewer, refit):
             found = np.where([bool(question.options) for question in world.questions], key, found)
         if not (np.abs(_finite(found) - key) > MATTERS * tolerance(key)).any():
             raise Refused("a part does not matter after a fit")
 
 
-def _fit(structure: Structure, told: Situation, course: Course, unit: Array, rounds: int = _ROUNDS) -> Array:
-    laws = laws_of_fit(structure, told)
-
-    def misfits(units: Array) -> Array:
-        return laws.misfits(course, structure.label, units, by_legs=False)
-
-    return refined(misfits, np.clip(unit, -0.1, 1.1), rounds)
-
-
-def _refuse_mistakable(world: DrawnWorld, course: Course, rng: random.Random) -> None:
+def _refuse_mistakable(world: DrawnWorld, refits: Refits, rng: random.Random) -> None:
     """Refuse a world if another option of a `which` question explains the readings equally well."""
     for question in world.questions:
-        if question.options and mistakable(world.structure, world.constants, world.told, question, course, rng):
+        if question.options and mistakable(refits, world.constants, question, rng):
             raise Refused("another option explains the readings")
 
 
-def _refuse_unsolved(world: DrawnWorld, course: Course, rng: random.Random) -> None:
+def _refuse_unsolved(world: DrawnWorld, rng: random.Random) -> None:
     """Refuse a world that the reference with the true structure cannot solve from other readings."""
     structure, key = world.structure, np.array(world.key)
-    laws = laws_of_fit(structure, world.told)
-    unit = on_unit(laws, world.constants)
-    unit = _fit(structure, world.told, course, unit + 0.05 * np.array([rng.gauss(0, 1) for _ in unit]), 12)
-    found = answers(structure, laws.constants(structure.label, unit[:, None]), world.questions, 0.03)[:, 0]
+    course = simulated(structure, world.constants, world.told, _SOLVE_SEED)
+    unit = units_of(structure, world.constants)
+    search = Search(Legs.of(course, world.told))
+    fit = search.tell(structure, unit + _BESIDE * np.array([rng.gauss(0, 1) for _ in unit]))
+    fit = on_course(course, world.told, fit, SEARCH_S)
+    found = answers(structure, constants_of(fit), world.questions, 0.03)[:, 0]
     if not (np.abs(found - key) <= tolerance(key)).all():
         raise Refused("not solved with the structure known")
 

@@ -17,12 +17,14 @@ LATEST_S = 10.0
 """How much later than the laboratory's time a late question begins [s]."""
 OPTIONS = 4
 """Options of a `which` question."""
-_CANDIDATES, _KINDS = 24, 3
+_CANDIDATES, _KINDS = 60, 3
 """Questions that are drawn, and of how many kinds."""
 _MOST = {"which": 1, "push": 4}
 """Most candidates of a kind: one option is asked for, and forces that are sought take the most time."""
 _FLAT = ("dx", "dy", "vx", "vy", "speed")
 _LINE = ("dq", "u")
+_WEAKEST, _STRONGEST = 1.05, 1.4
+"""Least force of a `push` question as a multiple of the limit; the greatest one as a multiple of the usual one."""
 _LEAST_SIZE = 0.5
 """Least way of a `push` question [m, rad]."""
 
@@ -104,7 +106,9 @@ def _push(
     way = [0.0] * len(situation.push)
     way[rng.randrange(width)] = rng.choice((-1.0, 1.0))
     asked = replace(situation, kind="push", push=tuple(way), what="push", body=1)
-    reached = _reached(structure, constants, asked, float(np.linalg.norm(situation.push)))
+    # Of a force that may be anything up to far beyond the limit: the middle of a narrow range would be a good guess.
+    force = told.force * _WEAKEST * (_STRONGEST * difficulty.strong / _WEAKEST) ** rng.random()
+    reached = _reached(structure, constants, asked, force)
     return replace(asked, size=round(reached, 2) if reached > _LEAST_SIZE else _LEAST_SIZE)  # also if it has no value
 
 

@@ -5,58 +5,53 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scenes.courses import Course
 from scenes.fitting import Array, refined
+from scenes.worlds.candidates import Fit
 from scenes.worlds.catalogue import FORMS, MODULATIONS
 from scenes.worlds.drawing import draw_constants
-from scenes.worlds.experiment import Situation, laws_of_fit, on_unit
+from scenes.worlds.experiment import laws_of_fit, on_unit
 from scenes.worlds.questions import Question
+from scenes.worlds.refits import WORSE, Refits, constants_of
 from scenes.worlds.terms import Structure, Term
 
-WORSE = 1.5
-"""Mean square of the misfits, in variances of a reading, from which on a fit does not explain the readings."""
+_NEAR = 3.0
+"""Mean square of the misfits of legs up to which the whole course is fitted, as a multiple of `WORSE`."""
 _STARTS, _ROUNDS = 2, 8
 
 
-def unexplained(structure: Structure, constants: Mapping[str, float], told: Situation, course: Course) -> bool:
-    """Whether a structure with these constants fails to explain the readings of a course."""
-    laws = laws_of_fit(structure, told)
-    unit = on_unit(laws, constants)[:, None]
-    apart = laws.misfits(course, structure.label, unit, by_legs=False)[: course.readings.size]
-    return not float((apart**2).mean()) < WORSE
+def mistakable(refits: Refits, constants: Mapping[str, float], asked: Question, rng: random.Random) -> bool:
+    """Whether a fit with a wrong option in place of the true one explains the readings of a course.
 
-
-def mistakable(
-    structure: Structure,
-    constants: Mapping[str, float],
-    told: Situation,
-    asked: Question,
-    course: Course,
-    rng: random.Random,
-) -> bool:
-    """Whether a fit with a wrong option in place of the true one explains the readings of a course."""
+    Args:
+        refits: The readings of the drawn world.
+        constants: Its constants.
+        asked: The question with the options.
+        rng: Draws the constants from which fits begin.
+    """
+    structure = refits.drawn.structure
     at = next(at for at, term in enumerate(structure.terms) if term.form in asked.options)
     for name in asked.options:
         if name == structure.terms[at].form:
             continue
         for _ in range(_STARTS):
             other, begun = _swapped(structure, constants, at, name, rng)
-            if not unexplained(other, _fitted(other, begun, told, course), told, course):
+            fit = refits.fitted(other, begun)
+            if fit.chi_square < _NEAR * WORSE * refits.course.count and not refits.unexplained(
+                other, _of_course(refits, fit)
+            ):
                 return True
     return False
 
 
-def _fitted(structure: Structure, begun: Mapping[str, float], told: Situation, course: Course) -> Mapping[str, float]:
-    """Constants from a fit, first leg by leg and then of the whole course."""
-    laws = laws_of_fit(structure, told)
-    unit = np.clip(on_unit(laws, begun), 0, 1)
-    for by_legs in (True, False):
+def _of_course(refits: Refits, fit: Fit) -> Mapping[str, float]:
+    """Constants from a fit to the whole course."""
+    laws, label = laws_of_fit(fit.structure, refits.told), fit.structure.label
 
-        def misfits(units: Array, *, by_legs: bool = by_legs) -> Array:
-            return laws.misfits(course, structure.label, units, by_legs=by_legs)
+    def misfits(units: Array) -> Array:
+        return laws.misfits(refits.course, label, units, by_legs=False)
 
-        unit = refined(misfits, unit, _ROUNDS)
-    return laws.constants(structure.label, unit)
+    begun = np.clip(on_unit(laws, constants_of(fit)), 0, 1)
+    return laws.constants(label, refined(misfits, begun, _ROUNDS))
 
 
 def _swapped(

@@ -5,7 +5,7 @@ Constants and states may be arrays with a value for each trial, because a step t
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,26 @@ from scenes.worlds.parts import Apparatus
 from scenes.worlds.terms import Structure
 
 Array = NDArray[np.float64]
-Rates = Callable[[Mapping[str, Any], Any, Array, Any], Array]
+Rates = Callable[[Mapping[str, Any], Any, Any, Any], Any]
 """Time derivative of a state from constants, time [s], state and controls; all may be arrays of trials."""
 
 _SCOPE = {name: getattr(np, name) for name in ("sqrt", "sin", "cos", "exp", "tanh", "maximum", "empty_like")}
+_SINGLE = {name: getattr(math, name) for name in ("sqrt", "sin", "cos", "exp", "tanh")} | {
+    "maximum": max,
+    "empty_like": list,
+}
+"""The same for one trial, whose numbers are Python's: most of the time of numpy is spent in the call of a function."""
 
 
 @functools.lru_cache(4096)
-def rates_of(structure: Structure, *, walled: bool, held: bool = False) -> Rates:
+def rates_of(structure: Structure, *, walled: bool, held: bool = False, single: bool = False) -> Rates:
     """The time derivative of the state, as one compiled function.
 
     Args:
         structure: Which terms act.
         walled: Whether the soft wall acts.
         held: Whether visible bodies are fixed while hidden bodies move.
+        single: Whether states are lists of floats, for `followed`, instead of arrays.
     """
     writer = _Writer(structure)
     if not held:  # what is held moves by no term
@@ -39,7 +45,7 @@ def rates_of(structure: Structure, *, walled: bool, held: bool = False) -> Rates
         writer.walls()
     writer.seen(held=held)
     writer.unseen()
-    scope: dict[str, Any] = {**_SCOPE, "pi": math.pi}
+    scope: dict[str, Any] = {**(_SINGLE if single else _SCOPE), "pi": math.pi}
     # Nothing but texts of `scenes.worlds` is executed.
     exec("\n".join(["def rates(K, t, S, F):", *writer.lines, " return out"]), scope)  # noqa: S102 - as just said
     return scope["rates"]
@@ -146,3 +152,29 @@ def moved(
         return rates(constants, now, seen, controls)
 
     return integration.advanced(at, time, state, lasting, longest_s)
+
+
+def followed(
+    rates: Rates,
+    constants: Mapping[str, float],
+    time: float,
+    state: list[float],
+    controls: Sequence[float],
+    lasting: float,
+    longest_s: float,
+) -> list[float]:
+    """As `moved`, of one trial in plain numbers, which takes a tenth of the time; NaN where the law has no value."""
+    count = max(1, math.ceil(lasting / longest_s))
+    h = lasting / count
+    half, sixth = h / 2, h / 6
+    try:
+        for _ in range(count):
+            a = rates(constants, time, state, controls)
+            b = rates(constants, time + half, [s + half * r for s, r in zip(state, a, strict=True)], controls)
+            c = rates(constants, time + half, [s + half * r for s, r in zip(state, b, strict=True)], controls)
+            d = rates(constants, time + h, [s + h * r for s, r in zip(state, c, strict=True)], controls)
+            state = [s + sixth * (p + 2 * q + 2 * r + u) for s, p, q, r, u in zip(state, a, b, c, d, strict=True)]
+            time += h
+    except (ArithmeticError, ValueError):
+        return [math.nan] * len(state)
+    return state

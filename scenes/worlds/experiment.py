@@ -15,7 +15,7 @@ import numpy as np
 from scenes.courses import Course, Laws
 from scenes.fitting import Array
 from scenes.worlds.drawing import searched
-from scenes.worlds.equations import moved, rates_of
+from scenes.worlds.equations import followed, rates_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.terms import Structure
 
@@ -29,6 +29,8 @@ COURSE_S = 0.03
 """The same of a course that stands for a laboratory."""
 TURNS = 18
 """Most iterations of a course."""
+_FAR = 1e9
+"""What stands for a distance from a course that has no value [standard deviations]."""
 _SLOWED = 0.6
 """Share of its velocity that a body is expected to keep in a leg whose end is not read before the next one."""
 _REACH = 0.7
@@ -152,21 +154,42 @@ def simulated(
         longest_s: Longest step of the integration [s].
     """
     rng = None if noise_seed is None else np.random.default_rng(noise_seed)
-    plan, rates = Excitation(told), rates_of(structure, walled=True)
-    state, time, sigma = np.array(structure.start)[:, None], 0.0, told.noises
-    read = state[: structure.read, 0]
+    plan, rates = Excitation(told), rates_of(structure, walled=True, single=True)
+    state, time, sigma = list(structure.start), 0.0, told.noises
+    read = np.array(state[: structure.read])
     held, seen = list[Array](), list[Array]()
     for legs in told.turns:
         for pushes in plan.pushes(read, legs):
             for _ in range(LOOKS):
-                state = moved(rates, constants, time, state, pushes[:, None], LOOK_S, longest_s)
+                state = followed(rates, constants, time, state, pushes.tolist(), LOOK_S, longest_s)
                 time += LOOK_S
-                read = state[: structure.read, 0]
+                read = np.array(state[: structure.read])
                 if rng is not None:
                     read = np.round((read + sigma * rng.normal(size=len(read))) / RESOLUTION) * RESOLUTION
                 held.append(pushes)
                 seen.append(read)
     return Course(np.full(len(seen), LOOK_S), np.array(held), np.array(seen))
+
+
+def retraced(
+    structure: Structure, constants: Mapping[str, float], told: Situation, course: Course, longest_s: float = SEARCH_S
+) -> Array:
+    """How far theory is from the readings of a course under the same pushes [standard deviations]; shape as readings.
+
+    Args:
+        structure: Which terms act.
+        constants: Their constants.
+        told: The instruments.
+        course: What was held and read.
+        longest_s: Longest step of the integration [s].
+    """
+    rates, state, time = rates_of(structure, walled=True, single=True), list(structure.start), 0.0
+    seen = list[list[float]]()
+    for lasting, held in zip(course.durations.tolist(), course.controls.tolist(), strict=True):
+        state = followed(rates, constants, time, state, held, lasting, longest_s)
+        time += lasting
+        seen.append(state[: structure.read])
+    return np.nan_to_num((np.array(seen) - course.readings) / told.sigma, nan=_FAR, posinf=_FAR, neginf=-_FAR)
 
 
 @functools.lru_cache(1024)

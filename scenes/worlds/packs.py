@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 from scenes.pack import CANARY, Pack
 from scenes.worlds.experiment import LOOK_S, LOOKS, RESOLUTION
 from scenes.worlds.law_texts import laws_of, walls_of
-from scenes.worlds.padding import Padding, padding_of
+from scenes.worlds.padding import NO_PADDING, Padding, padding_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import ABS_TOL, REL_TOL
 from scenes.worlds.records import Certificate, WorldRecord
@@ -95,12 +95,13 @@ class StartState:
     """By the names of `Structure.states`."""
 
 
-def mjcf_of(record: WorldRecord, *, walled: bool = True, start: StartState | None = None) -> str:
+def mjcf_of(record: WorldRecord, *, walled: bool = True, padded: bool = True, start: StartState | None = None) -> str:
     """The model of a world, with its laws.
 
     Args:
         record: The world.
         walled: Whether there is a wall.
+        padded: Whether the model has the laws and bodies without effect that a laboratory has.
         start: Initial state; None for that of the experiment.
     """
     structure, apparatus = record.structure, record.apparatus
@@ -110,7 +111,7 @@ def mjcf_of(record: WorldRecord, *, walled: bool = True, start: StartState | Non
         parts.append(_seen(apparatus, body, place, record.constants["m" if body == 1 else "m2"]))
     axes = "xy" if apparatus.flat else "x"
     parts += [_unseen(f"hidden_{at}", axes) for at in structure.hidden]
-    padding = padding_of(structure, record.level)
+    padding = padding_of(structure, record.level) if padded else NO_PADDING
     parts += [_unseen("odo", "z")] if structure.worn or padding.way else []
     parts += [_unseen(name, axes) for name in padding.hidden]
     written = (*laws_of(structure), *(walls_of(structure) * walled), *padding.laws)

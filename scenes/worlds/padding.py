@@ -43,6 +43,9 @@ class Padding(NamedTuple):
     laws: tuple[Mapping[str, Any], ...]
 
 
+NO_PADDING = Padding((), False, ())
+
+
 def padding_of(structure: Structure, level: int) -> Padding:
     """The padding that equalises a world with the others of its level."""
     room, difficulty = _room(structure.apparatus, level), difficulty_of(level)

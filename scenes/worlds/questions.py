@@ -5,6 +5,7 @@ and released at a given time. The placement is not part of the history: hidden b
 is 0.
 """
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,9 @@ from scenes.fitting import Array
 from scenes.worlds.equations import moved, rates_of
 from scenes.worlds.terms import Structure
 
+Constants = Mapping[str, Array]
+"""Values of constants; one for each situation that is followed at the same time."""
+
 REL_TOL, ABS_TOL = 0.05, 0.04
 """A number is right within ABS_TOL + REL_TOL |key|."""
 HARDEST = 20.0
@@ -24,6 +28,8 @@ _GRID = 13
 """Forces from 0 to `HARDEST` between which an answer is sought first."""
 _STEPS = 10
 """Most steps of the search after that."""
+_HELD_S = 0.1
+"""Longest step while bodies are held [s]: hidden bodies move smoothly then."""
 _ROUGH_S = 0.05
 """Steps of an integration from which on a line between two of the forces is good enough [s]."""
 
@@ -71,17 +77,18 @@ def answers(structure: Structure, constants: Mapping[str, Any], asked: Sequence[
     """
     trials = int(np.size(constants["m"]))
     own = {name: np.broadcast_to(np.asarray(value, float), (trials,)) for name, value in constants.items()}
-    found: list[Array] = []
+    found = np.empty((len(asked), trials))
+    for number, question in enumerate(asked):
+        if question.options:
+            found[number] = option_of(structure, question)
+    numbers = [at for at, one in enumerate(asked) if not one.options and one.what != "push"]
+    forces = [at for at, one in enumerate(asked) if one.what == "push"]
     with np.errstate(all="ignore"):
-        for question in asked:
-            if question.options:
-                found.append(np.full(trials, option_of(structure, question)))
-            elif question.what == "push":
-                found.append(_least_push(structure, own, question, longest_s))
-            else:
-                end = _ended(structure, own, question, np.array(question.push)[:, None], longest_s)
-                found.append(value_of(question, end, _width(structure)))
-    return np.array(found)
+        if numbers:
+            found[numbers] = _values(structure, own, [asked[at] for at in numbers], longest_s)
+        if forces:
+            found[forces] = _least_pushes(structure, own, [asked[at] for at in forces], longest_s)
+    return found
 
 
 def option_of(structure: Structure, question: Question) -> float:
@@ -91,38 +98,79 @@ def option_of(structure: Structure, question: Question) -> float:
     return float(found[0]) if len(found) == 1 else float("nan")
 
 
-def _width(structure: Structure) -> int:
-    return 2 if structure.apparatus.flat else 1
+def _values(structure: Structure, constants: Constants, asked: Sequence[Question], longest_s: float) -> Array:
+    """The asked numbers after the pushes of the questions, all followed at once; shape (questions, trials)."""
+    trials = len(constants["m"])
+    pushes = np.repeat([question.push for question in asked], trials, axis=0).T
+    return _ended(structure, _tiled(constants, len(asked)), asked, pushes, longest_s)
+
+
+def _least_pushes(structure: Structure, constants: Constants, asked: Sequence[Question], longest_s: float) -> Array:
+    """The forces with which bodies just come so far; NaN unless there is exactly one. Shape (questions, trials)."""
+    trials = len(constants["m"])
+    ways = np.repeat([question.push for question in asked], trials, axis=0).T
+
+    def beyond(forces: Array) -> Array:
+        """How much too far they come by forces (forces, questions × trials)."""
+        points = len(forces)
+        several, pushes = _tiled(constants, points * len(asked)), np.tile(ways, points) * forces.ravel()
+        return _ended(structure, several, [*asked] * points, pushes, longest_s).reshape(forces.shape)
+
+    forces = np.repeat(np.linspace(0, HARDEST, _GRID)[:, None], len(asked) * trials, axis=1)
+    found = crossing(beyond, forces, longest_s**4, _STEPS if longest_s < _ROUGH_S else 0)
+    return found.reshape(len(asked), trials)
+
+
+def _tiled(constants: Constants, times: int) -> dict[str, Array]:
+    return {name: np.tile(value, times) for name, value in constants.items()}
 
 
 def _ended(
-    structure: Structure, constants: Mapping[str, Array], question: Question, push: Array, longest_s: float
+    structure: Structure, constants: Constants, asked: Sequence[Question], push: Array, longest_s: float
 ) -> Array:
-    """The final visible state (states, trials) after a push (controls, trials)."""
-    width, trials = _width(structure), len(constants["m"])
-    state = np.zeros((len(structure.states), trials))
-    rows = state[: structure.read].reshape(structure.bodies, 2, width, trials)
-    rows[:, 0] = np.array(question.place).reshape(structure.bodies, width, 1)
-    if question.clock and len(structure.states) > structure.read:
-        held, nothing = rates_of(structure, walled=False, held=True), np.zeros((structure.controls, 1))
-        state = moved(held, constants, 0.0, state, nothing, question.clock, 0.1)
-    rows = state[: structure.read].reshape(structure.bodies, 2, width, trials)
-    rows[:, 1] = np.array(question.speed).reshape(structure.bodies, width, 1)
-    free = rates_of(structure, walled=False)
-    return moved(free, constants, question.clock, state, push, question.lasting, longest_s)[: structure.read]
+    """The asked numbers of situations that are followed at once; shape (questions, trials).
+
+    Args:
+        structure: Which terms act.
+        constants: A value for each situation; those of one question are next to each other.
+        asked: The questions.
+        push: What is held; shape (controls, situations).
+        longest_s: Longest step of the integration [s].
+    """
+    width, columns = 2 if structure.apparatus.flat else 1, push.shape[1]
+    trials = columns // len(asked)
+    state = np.zeros((len(structure.states), columns))
+    rows = state[: structure.read].reshape(structure.bodies, 2, width, columns)
+    rows[:, 0] = np.repeat([one.place for one in asked], trials, axis=0).T.reshape(structure.bodies, width, columns)
+    clock = np.repeat([one.clock for one in asked], trials)
+    if clock.any() and len(structure.states) > structure.read:
+        state[structure.read :] = _held(structure, constants, state[: structure.read], clock)
+    rows = state[: structure.read].reshape(structure.bodies, 2, width, columns)
+    rows[:, 1] = np.repeat([one.speed for one in asked], trials, axis=0).T.reshape(structure.bodies, width, columns)
+    lasting = np.repeat([one.lasting for one in asked], trials)
+    seen = moved(rates_of(structure, walled=False), constants, clock, state, push, lasting, longest_s)
+    parts = np.split(seen[: structure.read], len(asked), axis=1)
+    return np.array([value_of(question, part, width) for question, part in zip(asked, parts, strict=True)])
 
 
-def _least_push(structure: Structure, constants: Mapping[str, Array], question: Question, longest_s: float) -> Array:
-    """The force that moves a body exactly the asked distance, for each trial; NaN unless it is unique."""
+def _held(structure: Structure, constants: Constants, seen: Array, clock: Array) -> Array:
+    """The state of what is hidden after what is seen was held where it is; that of the way too."""
+    kept = [(at, term) for at, term in enumerate(structure.terms) if term.kind.hidden or "wear" in term.modulations]
+    alone = Structure(structure.apparatus, tuple(term for _, term in kept), structure.radius)
+    names = [*structure.masses, *(name for at, term in kept for name in term.ranges(at))]
+    values = np.array([constants[name] for name in names])
+    return _held_alone(alone, values.tobytes(), seen.tobytes(), clock.tobytes())
 
-    def beyond(forces: Array) -> Array:
-        """Distance beyond the asked one for forces (forces, trials)."""
-        several = {name: np.tile(value, len(forces)) for name, value in constants.items()}
-        end = _ended(structure, several, question, np.outer(question.push, forces.ravel()), longest_s)
-        return value_of(question, end, _width(structure)).reshape(forces.shape)
 
-    forces = np.repeat(np.linspace(0, HARDEST, _GRID)[:, None], len(constants["m"]), axis=1)
-    return crossing(beyond, forces, longest_s**4, _STEPS if longest_s < _ROUGH_S else 0)
+@functools.lru_cache(64)
+def _held_alone(alone: Structure, values: bytes, seen: bytes, clock: bytes) -> Array:
+    """The same of a structure with no other terms. Kept, because many structures share such terms."""
+    until = np.frombuffer(clock)
+    state = np.zeros((len(alone.states), len(until)))
+    state[: alone.read] = np.frombuffer(seen).reshape(alone.read, -1)
+    constants = dict(zip(alone.ranges, np.frombuffer(values).reshape(len(alone.ranges), -1), strict=True))
+    rates, nothing = rates_of(alone, walled=False, held=True), np.zeros((alone.controls, 1))
+    return moved(rates, constants, 0.0, state, nothing, until, _HELD_S)[alone.read :]
 
 
 def crossing(beyond: Callable[[Array], Array], grid: Array, fine: float, steps: int = _STEPS) -> Array:

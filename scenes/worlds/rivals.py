@@ -6,54 +6,35 @@ the rival's answers must be right too.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.special import chdtri
 
-from scenes.courses import Course
 from scenes.family import EXCLUDED_SIGMAS
 from scenes.fitting import Array
 from scenes.worlds.candidates import Fit
-from scenes.worlds.experiment import Situation
 from scenes.worlds.questions import Question, answers, tolerance
-from scenes.worlds.search import Search
+from scenes.worlds.refits import Refits
 from scenes.worlds.terms import Structure
-from scenes.worlds.weak_form import Legs, named, to_unit
+from scenes.worlds.weak_form import named
 
-_SMOOTHED = 2
-"""How often the path is smoothed by the drawn law before rivals are fitted."""
 _ROUNDS = 6
 _STEP_S = 0.05
 _CHANCE = math.erfc(EXCLUDED_SIGMAS / math.sqrt(2))
 
 
-def rival_of(
-    structure: Structure,
-    constants: Mapping[str, float],
-    told: Situation,
-    asked: Sequence[Question],
-    key: Array,
-    course: Course,
-) -> Structure | None:
+def rival_of(refits: Refits, asked: Sequence[Question], key: Array) -> Structure | None:
     """A structure that explains a course as well as the drawn one, and does not give the key; None if none is found.
 
     Args:
-        structure: The drawn structure.
-        constants: Its constants.
-        told: Limits and instruments.
+        refits: The readings of the drawn world.
         asked: The questions.
         key: Their answers.
-        course: What was held and read.
     """
-    unit = np.array([float(to_unit(bounds, constants[name])) for name, bounds in structure.ranges.items()])
-    legs = Legs.of(course, told)
+    search, drawn = refits.search, refits.drawn
     with np.errstate(all="ignore"):
-        for _ in range(_SMOOTHED):
-            legs = legs.about(structure, unit).smoothed(structure, unit)
-        search = Search(legs, about=(structure, unit))
-        drawn = search.fit(structure, unit, _ROUNDS)
-        rivals = (search.fit(*near, _ROUNDS) for near in search.neighbours(drawn) if near[0] != structure)
+        rivals = (search.fit(*near, _ROUNDS) for near in search.neighbours(drawn) if near[0] != drawn.structure)
         return next((fit.structure for fit in _as_good(rivals, drawn) if not _right(fit, asked, key)), None)
 
 

@@ -81,10 +81,15 @@ class Structure:
     @functools.cached_property
     def ranges(self) -> dict[str, Range]:
         """All constants: masses first."""
-        found = {"m": MASS} | ({"m2": MASS} if self.apparatus is Apparatus.PAIR else {})
+        found = dict.fromkeys(self.masses, MASS)
         for at, term in enumerate(self.terms):
             found |= term.ranges(at)
         return found
+
+    @property
+    def masses(self) -> tuple[str, ...]:
+        """The constants that are masses, or the moment of inertia of a wheel."""
+        return ("m", "m2") if self.apparatus is Apparatus.PAIR else ("m",)
 
     @property
     def bodies(self) -> int:

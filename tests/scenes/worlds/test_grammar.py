@@ -9,6 +9,7 @@ from evaluator.certify.worlds import course_gap, engine_answers
 from scenes.worlds.acceptance import FORCE
 from scenes.worlds.catalogue import FORMS, MODULATIONS, forms_of, modulations_of
 from scenes.worlds.drawing import draw_constants
+from scenes.worlds.equations import followed, moved, rates_of
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.parts import Apparatus, Form, Modulation
 from scenes.worlds.questions import Question, answers, tolerance
@@ -72,6 +73,25 @@ def test_a_modulation_acts_in_the_engine_as_in_numpy(part: Modulation) -> None:
     one, other = record_of(plain, seed=3), record_of(modulated, seed=3)
     courses = [simulated(r.structure, r.constants, r.told, None).readings for r in (one, other)]
     assert np.abs(courses[0] - courses[1]).max() > 0.01
+
+
+@pytest.mark.parametrize("name", [*FORMS, *MODULATIONS])
+def test_one_trial_in_plain_numbers_moves_as_one_of_many(name: str) -> None:
+    if name in FORMS:
+        structure = with_brake(FORMS[name])
+    else:
+        part = MODULATIONS[name]
+        apparatus = next(one for one in (Apparatus.PUCK, Apparatus.WHEEL) if part in modulations_of(one))
+        form = next(form for form in forms_of(apparatus) if form.group in part.fits)
+        structure = with_brake(form, (name,))
+    rng = random.Random(name)
+    constants = draw_constants(structure, rng)
+    state = [rng.uniform(-2, 2) for _ in structure.states]
+    controls = [rng.uniform(-5, 5) for _ in range(structure.controls)]
+    one = followed(rates_of(structure, walled=True, single=True), constants, 0.7, state, controls, 0.9, 0.05)
+    column = np.array([state, state]).T
+    many = moved(rates_of(structure, walled=True), constants, 0.7, column, np.array([controls, controls]).T, 0.9, 0.05)
+    assert many == pytest.approx(np.array([one, one]).T, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("form", ["responder", "wake", "drag cup", "mutual power", "sluggish", "drive"])

@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from physment_mcp.world import World
-from scenes.worlds import packs
 from scenes.worlds.drawing import draw_constants, draw_structure
 from scenes.worlds.levels import GRAMMAR, LEVELS, difficulty_of
 from scenes.worlds.packs import mjcf_of
-from scenes.worlds.padding import Padding
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.records import WorldRecord
-from scenes.worlds.terms import Structure
 
 EACH = [(level, apparatus) for level in LEVELS for apparatus in difficulty_of(level).apparatuses]
 
@@ -51,11 +48,11 @@ def test_all_worlds_of_a_level_take_the_same_work(level: int, apparatus: Apparat
 
 
 @pytest.mark.parametrize("apparatus", difficulty_of(5).apparatuses)
-def test_padding_changes_no_bit_of_the_motion(apparatus: Apparatus, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_padding_changes_no_bit_of_the_motion(apparatus: Apparatus) -> None:
     record = drawn_record(5, apparatus, random.Random(3))
 
-    def motion() -> list[bytes]:
-        world, seen = World(mjcf_of(record)), list[bytes]()
+    def motion(*, padded: bool) -> list[bytes]:
+        world, seen = World(mjcf_of(record, padded=padded)), list[bytes]()
         wheel = apparatus is Apparatus.WHEEL
         world.push("object_1", **{"torque" if wheel else "force": np.array([0, 0, 2.0] if wheel else [2.0, 0, 0])})
         for _ in range(5):
@@ -64,11 +61,6 @@ def test_padding_changes_no_bit_of_the_motion(apparatus: Apparatus, monkeypatch:
             seen.append(b"".join(part.tobytes() for part in parts))
         return seen
 
-    padded = motion()
-
-    def nothing(_structure: Structure, _level: int) -> Padding:
-        return Padding((), False, ())
-
-    monkeypatch.setattr(packs, "padding_of", nothing)
-    assert motion() == padded
+    padded = motion(padded=True)
+    assert motion(padded=False) == padded
     assert len(set(padded)) == 5

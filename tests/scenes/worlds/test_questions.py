@@ -12,12 +12,13 @@ from scenes.worlds.asking import drawn, nearby
 from scenes.worlds.catalogue import FORMS, forms_of
 from scenes.worlds.confusion import mistakable
 from scenes.worlds.drawing import draw_constants, draw_structure, options_with
-from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import GRAMMAR, KINDS, difficulty_of
 from scenes.worlds.packs import pack_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import Question, answers, crossing, tolerance
 from scenes.worlds.records import WorldRecord
+from scenes.worlds.refits import Refits
 from scenes.worlds.tasks import task_of
 from scenes.worlds.terms import Structure, Term
 
@@ -156,8 +157,8 @@ def test_readings_tell_options_apart_unless_one_does_what_the_other_does() -> No
 
     def found(power: float) -> bool:
         constants = {"m": 1.2, "c0": 0.4, "p0": power, "k1": 0.9, "w1": 0.3}
-        course = simulated(structure, constants, told(Apparatus.GLIDER), 1)
-        return mistakable(structure, constants, told(Apparatus.GLIDER), asked, course, random.Random(1))
+        refits = Refits(structure, constants, told(Apparatus.GLIDER), 1)
+        return mistakable(refits, constants, asked, random.Random(1))
 
     assert not found(2.3)
     assert found(1.0)

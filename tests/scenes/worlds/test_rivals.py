@@ -7,10 +7,11 @@ import pytest
 
 from scenes.worlds.acceptance import Maker
 from scenes.worlds.drawing import draw_constants
-from scenes.worlds.experiment import Situation, simulated
+from scenes.worlds.experiment import Situation
 from scenes.worlds.levels import difficulty_of
 from scenes.worlds.parts import Apparatus
 from scenes.worlds.questions import Question, answers
+from scenes.worlds.refits import Refits
 from scenes.worlds.rivals import rival_of
 from scenes.worlds.terms import Structure, Term
 
@@ -26,14 +27,12 @@ ASKED = (
 def test_few_readings_leave_a_rival_and_many_do_not(looks: int, noise: float, found: bool) -> None:
     told = Situation(Apparatus.WHEEL, 6.0, 5.0, looks, noise)
     key = answers(STRUCTURE, CONSTANTS, ASKED, 0.02)[:, 0]
-    course = simulated(STRUCTURE, CONSTANTS, told, 1)
-    rival = rival_of(STRUCTURE, CONSTANTS, told, ASKED, key, course)
+    rival = rival_of(Refits(STRUCTURE, CONSTANTS, told, 1), ASKED, key)
     assert (rival is not None) == found
     assert rival != STRUCTURE
 
 
 def test_an_accepted_world_has_no_rival_in_other_readings() -> None:
     world = Maker(difficulty_of(2), random.Random(5)).world()
-    told = world.told
-    course = simulated(world.structure, world.constants, told, 1)
-    assert rival_of(world.structure, world.constants, told, world.questions, np.array(world.key), course) is None
+    refits = Refits(world.structure, world.constants, world.told, 1)
+    assert rival_of(refits, world.questions, np.array(world.key)) is None
