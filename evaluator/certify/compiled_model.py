@@ -78,7 +78,8 @@ def deepest_contact(mjcf: str) -> float:
 def numbers_of_parts(mjcf: str) -> dict[str, int]:
     """Kind of part → how many the model has, for those that cost time in each step.
 
-    Of geoms only those count that can collide. Rows of the constraint solver are counted at the start.
+    Of geoms only those count that can collide; bodies in a fluid count once more. Rows of the constraint solver are
+    counted at the start.
 
     Raises:
         ValueError: The model does not compile.
@@ -87,6 +88,7 @@ def numbers_of_parts(mjcf: str) -> dict[str, int]:
     return {
         **{kind: int(getattr(model, field)) for kind, field in _COUNTED.items()},
         "geoms that can collide": int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)),
+        "bodies in a fluid": model.nbody - 1 if model.opt.density > 0 or model.opt.viscosity > 0 else 0,
         "rows of the constraint solver at the start": int(data.nefc),
     }
 

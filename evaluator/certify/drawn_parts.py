@@ -2,9 +2,9 @@
 
 An agent can measure how long a step takes. Each law and each part costs time in every step, so their numbers must be
 the same at every seed. Measured with two bodies and one law, where a time step of the Euler integrator takes 7 µs: a
-second law costs 4 µs, a row of the constraint solver (dry friction, an equality) 0.3 µs, a body with a joint 0.1 µs, a
-tendon 0.07 µs. Stiffness and damping cost less than 0.03 µs, the noise of that measurement. The Runge-Kutta integrator
-takes four times as long for all of them.
+second law costs 4 µs, a row of the constraint solver (dry friction, an equality) 0.3 µs, a fluid around the bodies
+0.24 µs, a body with a joint 0.1 µs, a tendon 0.07 µs. Stiffness and damping cost less than 0.1 µs. The Runge-Kutta
+integrator takes four times as long for all of them.
 """
 
 import json
@@ -57,7 +57,7 @@ def unequal_parts(models: Sequence[str]) -> Iterator[str]:
     """Yield a sentence for each kind of part of which the models of a pack, from seed 0 on, have different numbers.
 
     Besides the elements it counts what costs the engine time by its value: rows of the constraint solver at the start,
-    such as those of joints and tendons with a `frictionloss` above 0.
+    such as those of joints and tendons with a `frictionloss` above 0, and the bodies, if the fluid has a density.
 
     Raises:
         ValueError: A model does not compile.

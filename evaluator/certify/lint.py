@@ -250,7 +250,8 @@ def _present(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 def _variants(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
     """Report the first variant that cannot be set up, for example because a tendon refers to an absent joint."""
-    if not pack.laws and not any("present" in element.attrib for element in _written(files).iter()):
+    is_conditional = bool(pack.laws) or any("present" in element.attrib for element in _written(files).iter())
+    if not is_conditional and not pack.predicts:
         return
     for seed in range(1, _VARIANTS):
         try:

@@ -48,6 +48,8 @@ def test_a_law_that_is_left_out_at_some_seeds_is_found() -> None:
         (model(rest='<actuator><motor joint="rail"/></actuator>'), "actuators is 0"),
         (model(more='<geom size="0.1" pos="0 9 0"/>'), "geoms that can collide is 1"),
         (model(joint='frictionloss="2"'), "rows of the constraint solver at the start is 0"),
+        (model(rest='<option density="1.2"/>'), "bodies in a fluid is 0"),
+        (model(rest='<option viscosity="1e-5"/>'), "bodies in a fluid is 0"),
     ],
 )
 def test_a_part_that_is_left_out_at_some_seeds_is_found(other: str, kind: str) -> None:

@@ -47,11 +47,6 @@ def episodes(tmp_path_factory: pytest.TempPathFactory) -> list[Episode]:
     return anyio.run(play)
 
 
-def besides_parts(files: PackFiles) -> list[str]:
-    """The faults of a scene, without those of draws that differ in their number of parts."""
-    return [fault for fault in lint(files) if "so the time of a step tells of the draw" not in fault]
-
-
 def only_reason(check: Check) -> str:
     (reason,) = check.reasons
     assert not check.passed
@@ -246,24 +241,37 @@ def test_lint_compiles_every_structure_of_a_model_with_parts_that_may_be_absent(
     author: Author, files: PackFiles
 ) -> None:
     carrier = (
-        '<body name="carrier" pos="0 2 1" present="k == 0"><joint name="carrier_joint" type="slide" axis="1 0 0"/>'
+        '<body name="carrier" pos="0 2 1" present="k &lt; 0.1"><joint name="carrier_joint" type="slide" axis="1 0 0"/>'
         '<geom size="0.1" mass="1"/></body>'
     )
     author.replace(files.mjcf, "</worldbody>", f"{carrier}</worldbody>")
-    assert besides_parts(files) == []
+    faults = lint(files)
+    assert faults
+    assert all("so the time of a step tells of the draw" in fault for fault in faults), faults
     rod = '<equality><joint joint1="object_1_joint" joint2="carrier_joint"/></equality>'
     author.replace(files.mjcf, "</worldbody>", f"</worldbody>{rod}")
-    (fault,) = besides_parts(files)
+    (fault,) = lint(files)
     assert fault.startswith("seed 1 cannot be set up: ")
     assert "carrier_joint" in fault
 
 
+@pytest.mark.parametrize(
+    ("quantity", "kind"), [("f", "rows of the constraint solver at the start"), ("k", "bodies in a fluid")]
+)
+def test_lint_reports_a_part_that_a_drawn_zero_switches_off(
+    quantity: str, kind: str, author: Author, files: PackFiles
+) -> None:
+    """In a pack without laws and without conditions on parts, too."""
+    author.edit(files, lambda pack: pack["derive"].update({quantity: pack["derive"][quantity].replace("1e-6", "0.0")}))
+    assert any(f"the number of {kind} is" in fault for fault in lint(files)), lint(files)
+
+
 def test_lint_names_the_seed_at_which_a_law_cannot_be_evaluated(author: Author, files: PackFiles) -> None:
-    law = {"on": "object_1", "force": ["-quadratic * vx * hypot(vx, vy)", "0", "0"], "present": "k > 0"}
+    law = {"on": "object_1", "force": ["-quadratic * vx * hypot(vx, vy)", "0", "0"], "present": "k > 0.1"}
     author.edit(files, lambda pack: pack.update(laws=[law]))
-    assert besides_parts(files) == []
-    author.edit(files, lambda pack: pack.update(laws=[law | {"force": ["sqrt(-k)", "0", "0"]}]))
-    (fault,) = besides_parts(files)
+    assert lint(files) == []
+    author.edit(files, lambda pack: pack.update(laws=[law | {"force": ["sqrt(0.1 - k)", "0", "0"]}]))
+    (fault,) = lint(files)
     assert fault.startswith("seed 1 cannot be set up: ")
     assert "laws[0].force[0]: a function or a power is not defined for its arguments at the start" in fault
 
@@ -271,7 +279,7 @@ def test_lint_names_the_seed_at_which_a_law_cannot_be_evaluated(author: Author, 
 def test_lint_tries_a_law_in_motion_where_it_is_not_present(author: Author, files: PackFiles) -> None:
     law = {"on": "object_1", "force": ["sqrt(0.0001 - x ** 2)", "0", "0"], "present": "k < 0"}
     author.edit(files, lambda pack: pack.update(laws=[law]))
-    (fault,) = besides_parts(files)
+    (fault,) = lint(files)
     assert "at seed 0 a law that is not present has no finite value in motion" in fault
 
 
@@ -289,9 +297,10 @@ async def test_twins_are_compared_in_everything_whatever_the_limit_of_calls(auth
 def test_a_knob_is_used_if_a_law_or_a_condition_names_it(author: Author, files: PackFiles) -> None:
     spare = {"canonical": 1, "choice": [1, 2], "meaning": "whether a ball lies there"}
     author.edit(files, lambda pack: pack["knobs"].update(spare=spare))
-    assert besides_parts(files) == ["knobs.spare is used nowhere"]
-    author.replace(files.mjcf, "</worldbody>", '<geom size="0.1" pos="0 5 1" present="spare == 1"/></worldbody>')
-    assert besides_parts(files) == []
+    assert lint(files) == ["knobs.spare is used nowhere"]
+    mark = '<geom size="0.1" pos="0 5 1" contype="0" conaffinity="0" present="spare == 1"/>'
+    author.replace(files.mjcf, "</worldbody>", f"{mark}</worldbody>")
+    assert lint(files) == []
 
 
 def test_shares_are_exact_on_twenty_seeds_and_favour_the_scene_on_fewer() -> None:
