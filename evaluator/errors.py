@@ -15,6 +15,21 @@ if TYPE_CHECKING:  # importing records takes a fifth of a second, and `--help` n
     from evaluator.records.episode import Usage
 
 
+def reason_of(error: OSError | ValueError) -> str:
+    """Why a file cannot be read, for a sentence: the word of the system, or the first problem of a record."""
+    if isinstance(error, OSError):
+        return error.strerror or "it cannot be read"
+    if isinstance(error, UnicodeDecodeError):
+        return "it is not UTF-8"
+    from pydantic import ValidationError  # noqa: PLC0415 - as above
+
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors(include_url=False)[0]
+    field = ".".join(map(str, first["loc"]))
+    return f"{field}: {first['msg']}" if field else first["msg"]
+
+
 class EvaluatorError(Exception):
     """Base class of all errors that this package raises on purpose."""
 

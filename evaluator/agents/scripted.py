@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from evaluator.agents.reference import ProtocolPlayer
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
-from evaluator.errors import AgentError, UsageError
+from evaluator.errors import AgentError, UsageError, reason_of
 from evaluator.records.episode import EpisodeKey, ToolCall
 from scenes import PackError, PackFiles, draw_knobs, find_pack, read_pack
 from scenes.answer_spec import AnswerSpec, Scalar
@@ -65,7 +65,7 @@ def load_script(path: Path) -> ScriptedAgent:
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise UsageError(f"the script {path} cannot be read: {error}") from error
+        raise UsageError(f"the script {path} cannot be read: {reason_of(error)}") from error
     form = TypeAdapter(Script)
     try:
         if isinstance(raw, dict):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from evaluator.errors import StoreError
+from evaluator.errors import StoreError, reason_of
 from evaluator.records.episode import Episode, EpisodeKey, Frame
 from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store.run_folder import RunFolder
@@ -108,7 +108,7 @@ def _records(folder: RunFolder) -> dict[EpisodeKey, str]:
         try:
             found[_Keyed.model_validate_json(line).key] = hashlib.sha256(line).hexdigest()
         except ValidationError as error:
-            raise StoreError(f"{folder.episodes_file} has a line without a key: {error}") from error
+            raise StoreError(f"{folder.episodes_file} has a line without a key: {reason_of(error)}") from error
     return found
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from evaluator.errors import StoreError
+from evaluator.errors import StoreError, reason_of
 from evaluator.records.episode import Episode, EpisodeKey, EvidenceRecord, Frame, GradeRecord, Record
 from evaluator.records.run import RunRecord
 from evaluator.store import durable
@@ -108,8 +108,9 @@ class RunFolder:
         try:
             return RunRecord.model_validate_json(self.run_file.read_bytes())
         except (OSError, ValidationError) as error:
-            reason = _first_problem(error) if isinstance(error, ValidationError) else str(error)
-            raise StoreError(f"{self.path} is not a run folder: run.json cannot be read ({reason})") from error
+            raise StoreError(
+                f"{self.path} is not a run folder: run.json cannot be read ({reason_of(error)})"
+            ) from error
 
     @property
     def frames_folder(self) -> Path:
@@ -147,8 +148,12 @@ class RunFolder:
         return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
 
     def episode_lines(self) -> list[bytes]:
-        """The complete lines of the episodes, as they are on disk."""
-        return self.episodes_file.read_bytes().split(b"\n")[:-1] if self.episodes_file.exists() else []
+        """The complete lines of the episodes, as they are on disk.
+
+        Raises:
+            StoreError: They cannot be read.
+        """
+        return _lines(self.episodes_file)[:-1]
 
     def read_seal(self) -> Seal | None:
         """The seal of the episodes; None if there is none.
@@ -161,7 +166,7 @@ class RunFolder:
         try:
             return Seal.model_validate_json(self.seal_file.read_bytes())
         except (OSError, ValidationError) as error:
-            raise StoreError(f"{self.seal_file} is no seal of a run: {error}") from error
+            raise StoreError(f"{self.seal_file} is no seal of a run: {reason_of(error)}") from error
 
     def write_seal(self, seal: Seal) -> None:
         """Write the seal of the episodes."""
@@ -180,9 +185,7 @@ class RunFolder:
             StoreError: A file cannot be read or written.
         """
         file = self.episodes_file
-        if not file.exists():
-            return []
-        lines = file.read_bytes().split(b"\n")
+        lines = _lines(file)
         problems = {place: _damage(line) for place, line in enumerate(lines[:-1])}
         seal = self.read_seal()
         if lines[-1] and seal and len(lines) <= seal.lines:
@@ -247,19 +250,27 @@ class RunFolder:
         durable.replace(file, frame.png)
 
     def _read(self, file: Path, kind: type[R]) -> list[R]:
-        if not file.exists():
-            return []
         records: list[R] = []
-        # Split at line feeds only: agents write U+2028 and similar characters, at which `str.splitlines` would split.
-        for number, line in enumerate(file.read_bytes().split(b"\n")[:-1], start=1):
+        for number, line in enumerate(_lines(file)[:-1], start=1):
             try:
                 records.append(kind.model_validate_json(line))
             except ValidationError as error:
                 raise StoreError(
-                    f"{file}, line {number} is damaged: {_first_problem(error)}; `physment-eval run --resume` with the"
+                    f"{file}, line {number} is damaged: {reason_of(error)}; `physment-eval run --resume` with the"
                     " options of the run sets it aside"
                 ) from error
         return records
+
+
+def _lines(file: Path) -> list[bytes]:
+    """The complete lines of a file, and last what follows them; a file that is not there is empty."""
+    try:
+        # At line feeds only: agents write U+2028 and similar characters, at which `str.splitlines` would split.
+        return file.read_bytes().split(b"\n")
+    except FileNotFoundError:
+        return [b""]
+    except OSError as error:
+        raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
 
 def _frames(episode: Episode) -> Iterator[Frame]:
@@ -273,12 +284,5 @@ def _damage(line: bytes) -> str:
     try:
         Episode.model_validate_json(line)
     except ValidationError as error:
-        return _first_problem(error)
+        return reason_of(error)
     return ""
-
-
-def _first_problem(error: ValidationError) -> str:
-    """The first problem of a record, and the field that has it."""
-    first = error.errors(include_url=False)[0]
-    field = ".".join(str(part) for part in first["loc"])
-    return f"{field}: {first['msg']}" if field else first["msg"]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluator.errors import UsageError
+from evaluator.errors import UsageError, reason_of
 
 Scalar = str | int | float | bool
 
@@ -69,7 +69,7 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"--config {file}: cannot be read ({error})") from error
+        raise UsageError(f"--config {file}: cannot be read ({reason_of(error)})") from error
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"--config {file}: is not TOML: {error}") from error
 

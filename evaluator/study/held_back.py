@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from evaluator.errors import StoreError, UsageError
+from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, Record
 from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded
 from evaluator.store.run_folder import RunFolder
@@ -84,7 +84,7 @@ def read_revealed(folder: RunFolder) -> SeedKey | None:
     try:
         return SeedKey.parse(RevealedKey.model_validate_json(file.read_bytes()).key)
     except (OSError, ValidationError, ValueError) as error:
-        raise StoreError(f"{file} holds no seed key: {error}") from error
+        raise StoreError(f"{file} holds no seed key: {reason_of(error)}") from error
 
 
 def reveal(folder: RunFolder, key_file: Path) -> None:

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 from evaluator.agents.recorded import different_values
 from evaluator.answers.grading import GRADER_VERSION
 from evaluator.answers.keys import KeyRing
-from evaluator.errors import StoreError, UsageError
+from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
 from evaluator.records.run import RunRecord
 from evaluator.scores.metrics import RunSummary, summarise
@@ -88,9 +88,7 @@ def read_submission(file: Path) -> Submission:
     except OSError as error:
         raise UsageError(f"{file} cannot be read: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise UsageError(f"{file} is no submission: {f'{place}: ' if place else ''}{first['msg']}") from error
+        raise UsageError(f"{file} is no submission: {reason_of(error)}") from error
 
 
 def first_difference(claimed: Submission, found: Submission) -> str:

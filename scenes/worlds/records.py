@@ -202,8 +202,10 @@ def _read(path: Path, kind: type[_L], marked: str = "") -> Iterator[_L]:
                     yield kind.model_validate_json(line)
     except FileNotFoundError as error:
         raise WorldError(f"{path}: there are no such worlds; `physment-eval worlds make` makes them") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldError(f"{path} cannot be read: {error}") from error
+    except OSError as error:
+        raise WorldError(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise WorldError(f"{path} cannot be read: it is not UTF-8") from error
     except ValidationError as error:
         raise WorldError(f"{path}, line {number}: {_first(error)}") from error
 

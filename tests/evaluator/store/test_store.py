@@ -1,5 +1,6 @@
 """Run folders survive kills, and report damage."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -128,6 +129,33 @@ def test_a_folder_that_cannot_be_made_is_refused_in_one_sentence(tmp_path: Path)
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="is not a run folder"):
         RunFolder(tmp_path).read_run()
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("run.json", RunFolder.read_run),
+        ("seal.json", RunFolder.read_seal),
+        ("episodes.jsonl", RunFolder.episodes),
+        ("episodes.jsonl", RunFolder.episode_lines),
+        ("episodes.jsonl", RunFolder.set_damage_aside),
+        ("grades.jsonl", RunFolder.grades),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_named_with_the_reason_and_without_the_words_of_python(
+    folder: RunFolder, name: str, read: Callable[[RunFolder], object]
+) -> None:
+    (folder.path / name).mkdir()
+    with pytest.raises(StoreError, match="Is a directory") as refused:
+        read(folder)
+    assert "Errno" not in str(refused.value)
+    assert name in str(refused.value)
+
+
+def test_a_seal_that_is_none_is_refused_with_its_first_problem(folder: RunFolder) -> None:
+    folder.seal_file.write_text('{"a": 1}', encoding="utf-8")
+    with pytest.raises(StoreError, match=r"seal\.json is no seal of a run: \w+: [^\n]+$"):
+        folder.read_seal()
 
 
 def test_a_run_file_with_a_missing_field_is_refused_with_its_name(folder: RunFolder) -> None:
