@@ -262,7 +262,7 @@ def test_lint_reports_a_part_that_a_drawn_zero_switches_off(
     quantity: str, kind: str, author: Author, files: PackFiles
 ) -> None:
     """In a pack without laws and without conditions on parts, too."""
-    author.edit(files, lambda pack: pack["derive"].update({quantity: pack["derive"][quantity].replace("1e-6", "0.0")}))
+    author.edit(files, lambda pack: pack["derive"].update({quantity: pack["derive"][quantity].replace("1e-9", "0.0")}))
     assert any(f"the number of {kind} is" in fault for fault in lint(files)), lint(files)
 
 
