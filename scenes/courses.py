@@ -320,7 +320,7 @@ class Predictor:
     laws: Fitter | Callable[[Course], Fitter]
     """The laws; or, if their ranges depend on what was read, a function of the course."""
     course: Callable[[Exchanges], Course]
-    """The course that readings tell of, without what must not be fitted."""
+    """The course of the readings, without the parts that must not be fitted."""
     predict: Callable[[str, Mapping[str, Any]], AnswerValue]
     """The answer from a structure and its constants."""
 

@@ -62,9 +62,9 @@ class Metadata(_PackModel):
     """What the scene is and asks."""
 
     scene_name: str
-    """Name of the scene; tells nothing of the answer."""
+    """Name of the scene, which must not hint at the answer."""
     task: str = Field(min_length=1)
-    """All that is told of the laboratory, and the question, with its unit and sign convention."""
+    """The description of the laboratory and the question, with its unit and sign convention."""
     problem_type: str
     """`comparison`, `calculation`, `computation` or `observation`; published packs use others too."""
     description: str = ""
@@ -286,11 +286,11 @@ class Pack(_PackModel):
     family: dict[str, str] = {}
     """Kinds of laws by name, each with the words in which the task states it. Private."""
     schematic: tuple[SchematicPart, ...] = ()
-    """What drawings show beside the objects. No part of the content that certificates hold for."""
+    """Additional elements of drawings. Not part of the certified content."""
     limits: LabLimits | None = None
-    """How far an agent may go; told in the prompt. Published packs have none."""
+    """Limits of an episode, stated in the prompt. Published packs have none."""
     instruments: Instruments | None = None
-    """How finely the state is read; told in the prompt. Published packs have none."""
+    """Resolutions of the instruments, stated in the prompt. Published packs have none."""
     version: str = "1"
     """Version of the pack; raised when its meaning changes."""
     canary: str | None = None

@@ -86,9 +86,9 @@ class Solution:
     """Every member of the stated family of laws, fitted to calls and readings, by the label of its structure."""
     settles: Callable[[Any, Mapping[str, KnobValue], float], float] | None = None
     """Whether the asked state stays: starts the drawn world off the state by this share of it, under constant loads and
-    without a controller, and returns by which share it is off after a long time. For questions about an equilibrium."""
+    without a controller, and returns its relative error after a long time. For questions about an equilibrium."""
     stages: Mapping[str, Callable[[str], Protocol]] = field(default_factory=dict[str, Callable[[str], Protocol]])
-    """The most direct attempts to bring about what is asked, by name: `stage` and `stage_…`."""
+    """The most direct attempts to produce the asked situation, by name: `stage` and `stage_…`."""
 
 
 def call(tool: str, **arguments: Any) -> Call:

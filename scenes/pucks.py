@@ -68,7 +68,7 @@ class PuckFloor:
     drifts: bool = False
     """Whether pushes make up for a uniform force, as far as it is known."""
     idle_legs: int = 0
-    """Legs without a push at first, which show a uniform force and tell it from a light puck."""
+    """Initial legs without a push, which distinguish a uniform force from a light puck."""
     patience: int | None = None
     """Legs after which a target that was not reached is left for the next one: what acts may keep the puck off it."""
 

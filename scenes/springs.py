@@ -25,7 +25,7 @@ SIGMA_M = 1.5e-4
 SIGMA_RAD_S = 1.5e-3
 """Standard deviation of a spin that is read."""
 GOALS = (0.06, 0.12, 0.16, 0.19, 0.212, 0.23, 0.246, 0.258, 0.268, 0.277, 0.285, 0.291)
-"""Stretches [m] that tell the kinds apart: closer together around the edges, up to a catch at 0.3 m."""
+"""Stretches [m] that distinguish the kinds: denser around the edges, up to a catch at 0.3 m."""
 _EDGES = np.linspace(0.185, 0.255, 15)
 _EDGE_RANGE = (0.18, 0.262)
 _LEAST = {"cubic": 3.0, "late": 0.7}

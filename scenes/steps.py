@@ -16,7 +16,7 @@ _STEP_M = 1e-5
 _WRONG = 1e4
 """What a negative strength costs: springs and floats only push back."""
 _FEW, _MANY = 25, 60
-"""Most steps of a fit from each start, and of the one that goes on from the best of them."""
+"""Largest numbers of steps: of a fit from each starting point, and of the final fit from the best of them."""
 _ALWAYS, _EACH = 3, 3
 """Constants of what always holds a body, and of each part that bears later."""
 
@@ -26,7 +26,7 @@ class PushSteps:
     """Forces that grow in steps, small enough not to trigger a device that releases a fast or distant body."""
 
     bodies: Sequence[str]
-    """The body that is pushed, then those that are read beside it."""
+    """The pushed body, then the other bodies that are read."""
     top_m: float
     """Height of the body at the start."""
     deepest: float

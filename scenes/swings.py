@@ -137,7 +137,7 @@ class Swing:
     span: Callable[[Knobs], float]
     """Duration of a leg [s] from the constants of the plain law."""
     reaches: Sequence[float]
-    """How far the body is let go in each round; the last one goes on."""
+    """Largest swing in each round; the last value holds for all further rounds."""
     wider: Callable[[Course], float]
     """How far it may go at most, judged by the course so far: somewhat farther than it has been."""
     time_s: float

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 URL = "http://127.0.0.1:8900"
-"""Where a referee listens unless it is told otherwise."""
+"""Default address of a referee."""
 URL_VARIABLE = "PHYSMENT_REFEREE_URL"
 TOKEN_VARIABLE = "PHYSMENT_REFEREE_TOKEN"  # noqa: S105 - a name, not a token
 """Environment variable with the token that a referee requires for opening episodes."""

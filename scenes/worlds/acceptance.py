@@ -32,7 +32,7 @@ from scenes.worlds.weak_form import Legs
 Flags = NDArray[np.bool_]
 
 FORCE = 5.0
-"""Greatest force [N] or torque [N·m] in every world, so that the limit tells nothing of the mass."""
+"""Largest force [N] or torque [N·m], the same in every world, so that the limit does not reveal the mass."""
 ASKED = 3
 """Questions of a world."""
 MATTERS = 3.0

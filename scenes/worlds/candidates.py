@@ -20,11 +20,11 @@ from scenes.worlds.terms import Structure, Term
 from scenes.worlds.weak_form import Whitened, named, to_unit, to_value
 
 PART = 7.0
-"""What a form or a modulation must gain in chi-square beside the price of its constants, since there are many."""
+"""Decrease of chi-square that a form or a modulation needs beyond the penalty of its constants, as there are many."""
 _CONSTANT = 4.0
 """The price of a constant in the score test."""
 _SAMPLES = (40, 160)
-"""Constants of a term that are tried: so many for each constant but its size, and most."""
+"""Number of samples of a term's constants: per constant except its magnitude, and at most."""
 _MODULATIONS = 2
 """Most modulations of a term."""
 _TINY = 1e-9

@@ -45,11 +45,11 @@ class Question:
     place: tuple[float, ...]
     """Where each body is put [m, rad]."""
     speed: tuple[float, ...]
-    """With which velocity each body is let go [m/s, rad/s]."""
+    """Velocity of each body at its release [m/s, rad/s]."""
     push: tuple[float, ...]
     """What is held on each body then [N, N·m]; of a `push` question its direction."""
     clock: float
-    """When they are let go [s]."""
+    """Time of the release [s]."""
     lasting: float
     """After which time the number is asked [s]."""
     what: str

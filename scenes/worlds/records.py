@@ -106,7 +106,7 @@ class WorldRecord(_Line):
 
     @property
     def told(self) -> Situation:
-        """What an experimenter is told."""
+        """The information in the prompt: apparatus, limits and instruments."""
         return Situation(self.apparatus, self.radius, self.force, self.looks, self.noise)
 
     @property

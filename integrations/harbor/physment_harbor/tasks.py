@@ -20,7 +20,7 @@ SERVICE = "laboratory"
 _EVIDENCE = "/laboratory/calls.json"
 """The log of calls: where the laboratory may write it, and where the verifier finds it."""
 _CALLS = 200
-"""Tool calls that an agent may make where the scene has no limit: as many as an external agent with 20 iterations."""
+"""Limit of calls if the scene has none: that of an external agent with 20 iterations."""
 
 
 @dataclass(frozen=True, slots=True)
