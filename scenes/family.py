@@ -22,8 +22,8 @@ _BOUND = 1e4
 """Largest misfit of a reading that counts: laws with wrong constants may diverge."""
 _FINER, _ROUNDS = 4, 8
 """Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
-_TRIALS = 100
-"""Draws for each plausible answer, of which those are taken that lie within the ranges."""
+_TRIALS, _TESTED = 100, 10
+"""Draws for each plausible answer; how many of those within the ranges are compared with the readings at most."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
 
@@ -38,7 +38,8 @@ def member(
 
     Plausible constants are drawn from a normal distribution around the best ones. Its covariance is that of linear
     least squares, (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard
-    deviations. Draws outside the ranges are rejected.
+    deviations. Draws outside the ranges are rejected. Where misfits are not linear in the constants, a draw is rejected
+    with the probability by which the readings make it less likely than the normal distribution does.
 
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
@@ -56,18 +57,57 @@ def member(
         slopes = [
             (misfits(middle + step) - misfits(middle - step)) / (2 * _STEP) for step in np.diag(steps)
         ]  # of constants counted in their ranges
-        slope = np.column_stack(slopes)
-        # The unit matrix is a standard deviation of a whole range, for constants on which no reading depends.
         scale = max(1.0, chi_square / max(count - size, 1))
-        values, axes = np.linalg.eigh(slope.T @ slope / scale + np.eye(size))
-        units = np.random.default_rng(0).standard_normal((_TRIALS * number, size)) / np.sqrt(values) @ axes.T
+        slope = np.column_stack(slopes) / np.sqrt(scale)
+
+        def excess(unit: Array) -> float:
+            off = misfits(middle + unit * (high - low))
+            return (float(off @ off) - chi_square) / scale - float((slope @ unit) @ (slope @ unit) + unit @ unit)
+
+        units = scattered(slope, _TRIALS * number)
         drawn = middle + units * (high - low)
         # Outside of the ranges draws are rejected: moving them to the edge would undo the correlations of constants.
-        within = drawn[np.all((drawn >= low) & (drawn <= high), axis=1)]
-        chosen = np.concatenate([within, np.clip(drawn, low, high)])[:number]
-        return [predict(constants) for constants in chosen]
+        within = units[np.all((drawn >= low) & (drawn <= high), axis=1)]
+        chosen = [middle + unit * (high - low) for unit in _likely(within, excess, number)]
+        return [predict(constants) for constants in [*chosen, *np.clip(drawn, low, high)][:number]]
 
     return Member(chi_square, count, size, predict(middle), plausible)
+
+
+def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:
+    """So many of the draws, each kept with the probability exp(-excess / 2); the likeliest others if they are too few.
+
+    Args:
+        units: Draws; shape (draws, constants).
+        excess: A draw → its chi-square less what the distribution of the draws allows for.
+        number: How many are wanted.
+    """
+    chances = np.random.default_rng(1).random(len(units))
+    kept, others = list[Array](), list[tuple[float, int]]()
+    for index in range(min(len(units), _TESTED * number)):
+        more = excess(units[index])
+        if more <= -2 * np.log(chances[index]):
+            kept.append(units[index])
+        else:
+            others.append((more, index))
+        if len(kept) == number:
+            break
+    return [*kept, *(units[index] for _, index in sorted(others))][:number]
+
+
+def scattered(slopes: Array, number: int) -> Array:
+    """Draws of what least squares leave open around the best constants; shape (number, constants).
+
+    Args:
+        slopes: Derivatives of the misfits by the constants, each counted in its usual size.
+        number: Number of draws.
+    """
+    size = slopes.shape[1]
+    # The unit matrix is a standard deviation of a usual size, for constants on which no reading depends.
+    # The factor of Cholesky is unique, and so are the draws; the signs of eigenvectors depend on the last bit.
+    factor = np.linalg.cholesky(slopes.T @ slopes + np.eye(size))
+    normal = np.random.default_rng(0).standard_normal((size, number))
+    return np.asarray(np.linalg.solve(factor.T, normal).T, dtype=float)
 
 
 def members(

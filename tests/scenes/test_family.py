@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scenes.courses import Array, Course, Knobs, Laws
-from scenes.family import member, members, reduced_chi_square, surviving
+from scenes.family import member, members, reduced_chi_square, scattered, surviving
 from scenes.protocol import AnswerValue, Member
 
 SIGMA = 0.1
@@ -53,6 +53,23 @@ def test_constants_of_which_the_readings_tell_the_sum_are_drawn_with_this_sum() 
     fit = member(lambda p: (p.sum() - 2) * PLACES / SIGMA, lambda p: float(p.sum()), [2.0, 0.0], [(0.0, 9.0)] * 2)
     answers = np.array(fit.plausible(100), dtype=float)
     assert np.abs(answers - 2).max() < 0.1
+
+
+def test_draws_that_the_readings_contradict_are_rejected() -> None:
+    # A line that bends after a place b by a slope k; at best k is 0, so that to first order b may be anything.
+    def misfits(p: Array) -> Array:
+        return (p[0] * PLACES + p[1] * np.maximum(PLACES - p[2], 0.0) - 2 * PLACES) / SIGMA
+
+    fit = member(misfits, lambda p: float(misfits(p) @ misfits(p)), [2.0, 0.0, 4.5], [(0.0, 9.0)] * 2 + [(0.0, 5.0)])
+    chi_squares = np.array(fit.plausible(400), dtype=float)
+    assert chi_squares.mean() < 3.0
+    assert chi_squares.max() < 25.0
+
+
+def test_draws_follow_the_covariance_of_least_squares() -> None:
+    slopes = np.array([[3.0, 1.0], [0.0, 2.0], [1.0, 1.0]])
+    drawn = scattered(slopes, 40_000)
+    assert np.cov(drawn.T) == pytest.approx(np.linalg.inv(slopes.T @ slopes + np.eye(2)), rel=0.05)
 
 
 def test_a_constant_that_no_reading_depends_on_is_drawn_from_its_range() -> None:
