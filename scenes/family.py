@@ -22,8 +22,8 @@ _BOUND = 1e4
 """Largest misfit of a reading that counts: laws with wrong constants may diverge."""
 _FINER, _ROUNDS = 4, 8
 """Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
-_TRIALS, _TESTED = 100, 10
-"""Draws for each plausible answer; how many of those within the ranges are compared with the readings at most."""
+_TRIALS = 100
+"""Draws for each plausible answer, of which those are taken that lie within the ranges and that the readings allow."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
 
@@ -84,7 +84,7 @@ def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list
     """
     chances = np.random.default_rng(1).random(len(units))
     kept, others = list[Array](), list[tuple[float, int]]()
-    for index in range(min(len(units), _TESTED * number)):
+    for index in range(len(units)):
         more = excess(units[index])
         if more <= -2 * np.log(chances[index]):
             kept.append(units[index])
