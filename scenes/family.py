@@ -22,7 +22,7 @@ _BOUND = 1e4
 """Largest misfit of a reading that counts: laws with wrong constants may diverge."""
 _FINER, _ROUNDS = 4, 8
 """Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
-_TRIALS = 100
+_TRIALS = 500
 """Draws for each plausible answer, of which those are taken that lie within the ranges and that the readings allow."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
