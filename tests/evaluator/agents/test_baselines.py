@@ -30,9 +30,10 @@ async def play(agent: ReferenceAgent | RandomAgent | BlindAgent | OracleOnceAgen
         return await play_episode(agent, client, episode_key(scene, seed=seed), VERSIONS)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
 @pytest.mark.parametrize("scene", [7, 16, 21, 26, 41, 46, 51, 66, 71, 76, 91, 96, 101])
-async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: int, seed: int) -> None:
+async def test_the_reference_protocol_gives_the_right_answer_through_mcp(scene: int) -> None:
+    """On a seed that the sweep of all scenes does not play."""
+    seed = 2
     episode = await play(ReferenceAgent(), scene, seed)
     assert episode.outcome is Outcome.ANSWERED
     verdict = grade(episode.answer, KEYS.key(scene, seed))
