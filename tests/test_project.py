@@ -1,6 +1,7 @@
 """What contributors rely on: make targets, workflow, commit hooks, citation, decision records, paths in guides."""
 
 import hashlib
+import importlib.util
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import sysconfig
 import tomllib
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,9 @@ import pytest
 import yaml
 from packaging.specifiers import SpecifierSet
 
+from evaluator.study.selection import parse_scenes
 from physment_mcp import __version__
+from scenes import list_packs
 from tests.builders.paths import DOCS, ROOT
 
 WORKFLOWS: dict[str, dict[str, Any]] = {
@@ -65,6 +69,12 @@ def test_the_tests_and_their_coverage_need_no_published_packs() -> None:
     assert commands[-3:] == ["make check", "make test", ".venv/bin/python -m pytest -m published -rs"]
 
 
+def test_the_modules_that_must_be_covered_exist() -> None:
+    core = PYPROJECT["tool"]["coverage"]["run"]["include"]
+    assert [name for name in core if not list(ROOT.glob(name))] == []
+    assert PYPROJECT["tool"]["coverage"]["report"]["fail_under"] == 100
+
+
 def test_every_test_that_reads_the_published_packs_is_marked() -> None:
     """So it is skipped with one reason where they are absent, and run without coverage where they are there."""
     reading = {
@@ -86,22 +96,36 @@ def test_the_workflow_tests_every_supported_python_with_locked_and_lowest_depend
 
 def test_the_jobs_of_the_workflow_call_make_targets_that_exist() -> None:
     called = {command.split()[1] for command in commands(WORKFLOW) if command.startswith("make ")}
-    assert called == {"check", "test", "test-lowest", "pages-check", "docs", "dist"}
+    assert called == {"check", "test", "pages", "docs", "dist"}
     assert called <= TARGETS
 
 
-def test_the_nightly_jobs_call_make_targets_that_exist() -> None:
-    (job,) = WORKFLOWS["nightly"]["jobs"].values()
-    targets = job["strategy"]["matrix"]["target"]
-    assert "make ${{ matrix.target }} PYTHON=python3.12" in commands(WORKFLOWS["nightly"])
-    assert set(targets) <= TARGETS
-    assert {"fuzz", "leaks", "hostile", "soak", "faults"} <= set(targets)
+def test_the_nightly_jobs_run_harnesses_that_exist_and_prove_every_scene() -> None:
+    harness, certificates = WORKFLOWS["nightly"]["jobs"].values()
+    named = [words.split()[0] for words in harness["strategy"]["matrix"]["harness"]]
+    assert ".venv/bin/python -m tests.harness.${{ matrix.harness }}" in commands(WORKFLOWS["nightly"])
+    assert [name for name in named if importlib.util.find_spec(f"tests.harness.{name}") is None] == []
+    assert {"fuzz.run", "fuzz.leaks", "load.hostile", "load.soak", "load.faults"} <= set(named)
+    parts = [selected_scenes(part) for part in certificates["strategy"]["matrix"]["scenes"]]
+    assert sorted(chain(*parts)) == [files.scene_id for files in list_packs()]
+
+
+def selected_scenes(part: str) -> list[int]:
+    return [files.scene_id for files in parse_scenes(part, None)]
+
+
+def test_the_harnesses_that_pages_name_exist() -> None:
+    pages = (ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md"))
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    named = set(re.findall(r"python -m (tests\.harness(?:\.\w+)+)", text))
+    assert len(named) > 5
+    assert [name for name in named if importlib.util.find_spec(name) is None] == []
 
 
 def test_a_release_is_checked_and_each_job_may_write_only_what_it_makes() -> None:
     jobs = WORKFLOWS["release"]["jobs"]
     (called,) = [command.split()[1:-1] for command in commands(WORKFLOWS["release"]) if command.startswith("make ")]
-    assert called == ["check", "test", "dist", "mcpb"]
+    assert called == ["check", "test", "dist"]
     assert set(called) <= TARGETS
     assert WORKFLOWS["release"]["permissions"] == {"contents": "read"}
     assert jobs["page"]["permissions"] == {"contents": "write"}

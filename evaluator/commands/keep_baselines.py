@@ -15,7 +15,7 @@ from evaluator.store.run_folder import RunFolder
 
 _DESCRIPTION = """\
 Keep a run as the baselines that every report shows: its records, compressed, and their scores. For contributors, after
-scenes have changed. `make baselines` plays the run first, for all scenes or for SCENES=7,81.
+scenes have changed. CONTRIBUTING.md shows the run.
 
 Scenes that were not played keep their records. An episode that an agent could not begin, such as `batch` in a scene
 without one, is left out.

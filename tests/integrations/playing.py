@@ -26,7 +26,7 @@ from tests.harness.clients.playing import LABORATORY, Rehearsed, canonical, exch
 from tests.harness.clients.scripted_model import KEY, app, serving
 
 ENVIRONMENTS = Path(os.environ.get("PHYSMENT_INTEGRATIONS") or ROOT / ".integrations")
-"""Where `make integrations` puts an environment for each integration."""
+"""Where `python -m tests.harness.frameworks` puts an environment for each integration."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def standing(integration: str, scratch: Path) -> Generator[Stand]:
     """A stand for an integration; skips the test if its environment is not there."""
     programs = ENVIRONMENTS / integration / "bin"
     if not programs.is_dir():
-        pytest.skip(f"the environment of {integration} is not here; `make integrations` makes it")
+        pytest.skip(f"{integration} is not installed; `python -m tests.harness.frameworks {integration}` installs it")
     folder = RunFolder(scratch / "run")
     command = [sys.executable, "-m", "evaluator", "referee", "--port", "0", "--out", str(folder.path)]
     with serving(app()) as model, subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

@@ -49,7 +49,7 @@ READ = """if True:
 def python() -> Path:
     found = ENVIRONMENTS / "harbor" / "bin" / "python"
     if not found.exists():
-        pytest.skip("Harbor is not here; `make harbor` installs it")
+        pytest.skip("Harbor is not here; `python -m tests.harness.frameworks harbor` installs it")
     return found
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 inspect_ai = pytest.importorskip(
-    "inspect_ai", reason="inspect_ai is not installed here; `make inspect-test` runs this in an environment of its own"
+    "inspect_ai", reason="inspect_ai is not installed; `python -m tests.harness.frameworks inspect` runs this"
 )
 
 from evaluator.commands.program import main  # noqa: E402 - after the check that the library is there

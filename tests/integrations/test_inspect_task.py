@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 inspect_ai = pytest.importorskip(
-    "inspect_ai", reason="inspect_ai is not installed here; `make inspect-test` runs this in an environment of its own"
+    "inspect_ai", reason="inspect_ai is not installed; `python -m tests.harness.frameworks inspect` runs this"
 )
 
 from inspect_ai.model import ModelOutput, ModelUsage, get_model

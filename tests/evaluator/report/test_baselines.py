@@ -37,7 +37,7 @@ def test_they_were_played_on_the_packs_of_today() -> None:
     run = baseline_run()
     assert run is not None
     other = [scene for scene, pack in run.record.packs.items() if not same_pack(pack, find_pack(int(scene)))]
-    assert other == [], "play them again: make baselines SCENES=" + ",".join(other)
+    assert other == [], f"CONTRIBUTING.md says how to play scenes {other} again"
 
 
 def test_the_table_has_every_agent_and_each_score_follows_from_its_row() -> None:

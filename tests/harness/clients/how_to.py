@@ -1,4 +1,4 @@
-"""Generates the page on clients from the programs that `make clients` runs."""
+"""Generates the page on clients from the programs that `python -m tests.harness.clients.run` runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ _OPENING = """\
 # How to connect a client
 
 Made from the programs in `tests/harness/clients/programs` by `pytest tests/harness/clients --update-goldens`; do not
-edit. `make clients` plays a whole episode with each of them, in a separate environment; [the
+edit. `python -m tests.harness.clients.run` plays a whole episode with each of them, in a separate environment; [the
 results](../reference/clients.md).
 
 Each program takes two arguments: where the laboratory is, and the opening prompt. The first is the address of an

@@ -128,7 +128,8 @@ def page(table: Sequence[tuple[str, ...]]) -> str:
     lines = [
         "# Clients that were run",
         "",
-        "Made by `make clients`; do not edit. Each client plays in a separate environment with a scripted model that"
+        "Made by `python -m tests.harness.clients.run`; do not edit. Each client plays in a separate environment with a"
+        " scripted model that"
         " makes three refused calls, then finds or creates an object, measures and answers. *Works* means that the"
         " calls, the results and the grade are the same as with the evaluator's own client. *Host only* means that the"
         " client starts a laboratory for each call. A row is of the last run of its client."

@@ -1,4 +1,4 @@
-"""The parts of `make clients`: the generated page, the scripted model, and the detection of client faults."""
+"""What plays with third-party clients: the generated page, the scripted model, and the detection of client faults."""
 
 import json
 import sys

@@ -81,7 +81,8 @@ def page(found: Found, expected: Mapping[str, Expected], suite: str) -> str:
     lines = [
         "# Conformance to the protocol",
         "",
-        "Made by `make conformance`; do not edit. It runs every server scenario of the official suite"
+        "Made by `python -m tests.harness.conformance.run`; do not edit. It runs every server scenario of the official"
+        " suite"
         f" (`{suite}`) against an episode of the host, in two protocols with sessions and in the stateless one. The"
         " scenarios of extensions (skills, tasks) are left out, because the host does not offer them.",
         "",

@@ -1,4 +1,4 @@
-"""The comparison of results with the list of expected failures; `make conformance` runs the suite itself."""
+"""The comparison of the conformance suite's results with the list of expected failures."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What `make engines` judges by, and that it measures the scenes as the rest of the suite does."""
+"""How other engines are judged, and that they are measured as the rest of the suite measures the locked one."""
 
 import re
 from importlib.metadata import version

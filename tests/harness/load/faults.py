@@ -1,4 +1,4 @@
-"""Runs of the evaluator that a fault strikes at a random moment, and that are then resumed: `make faults`.
+"""Runs of the evaluator that a fault strikes at a random moment, and that are then resumed.
 
 After each, every episode must be recorded once, with the grade that it has in an undisturbed run; no process may be
 left behind; and the run must have said in one sentence why it ended. Prints a table of faults and outcomes. The folders

@@ -1,4 +1,4 @@
-"""How much one hostile client slows honest ones, for each kind of attack: `make hostile`.
+"""How much one hostile client slows honest ones, for each kind of attack.
 
 A host of its own serves honest clients, each with its own episode and at a usual pace. Windows without and with one
 attacker alternate. The ratio compares the medians of the slowest calls of both kinds of windows. A ratio above the aim

@@ -1,4 +1,4 @@
-"""Half an hour of honest and hostile clients on one host, with a look at its memory, files and speed: `make soak`.
+"""Half an hour of honest and hostile clients on one host, with a look at its memory, files and speed.
 
 Honest clients play one episode after another and leave every fifth to expire; the attacks take turns. After a warm-up
 of a quarter of the samples, a straight line through the samples of each quantity must not rise by more than the share

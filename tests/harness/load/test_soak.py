@@ -17,7 +17,7 @@ def soaked(memory_mb: list[float], problems: list[str]) -> Soaked:
 
 async def test_an_attacked_host_serves_honest_clients_and_closes_everything() -> None:
     console = Console(quiet=True)
-    seen = await soak(seconds=20, clients=4, every_s=0.5, idle_timeout_s=2, console=console)
+    seen = await soak(seconds=8, clients=4, every_s=0.5, idle_timeout_s=2, console=console)
     assert seen.problems == []
     assert seen.attacks
     assert sum(sample.calls for sample in seen.samples) > 0

@@ -127,7 +127,9 @@ def test_the_same_content_gives_the_same_file(packed: Path, tmp_path: Path) -> N
     assert (tmp_path / "again.mcpb").read_bytes() == packed.read_bytes()
 
 
-@pytest.mark.skipif(shutil.which("mcpb") is None, reason="the bundle's own tool is not installed; `make mcpb` runs it")
+@pytest.mark.skipif(
+    shutil.which("mcpb") is None, reason="the bundle's own tool is not installed: npm i -g @anthropic-ai/mcpb"
+)
 def test_the_tool_of_the_format_accepts_the_manifest(unpacked: Path) -> None:
     said = subprocess.run(["mcpb", "validate", str(unpacked)], capture_output=True, text=True, check=False, timeout=300)
     assert said.returncode == 0, said.stdout

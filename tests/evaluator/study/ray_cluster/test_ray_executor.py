@@ -1,6 +1,7 @@
 """Episodes played by Ray workers, on a cluster of several nodes on this machine. Some nodes are killed during a run.
 
-Ray is a large package that few need: where it is not installed these are skipped. `make ray-test` installs and runs.
+Ray is a large package that few need: where it is not installed these are skipped.
+`python -m tests.harness.frameworks ray` installs it and runs them.
 """
 
 import importlib
@@ -21,7 +22,9 @@ import pytest
 from evaluator.commands.program import main
 
 HAS_RAY = importlib.util.find_spec("ray") is not None
-needs_ray = pytest.mark.skipif(not HAS_RAY, reason="Ray is not installed; `make ray-test` installs it")
+needs_ray = pytest.mark.skipif(
+    not HAS_RAY, reason="Ray is not installed; `python -m tests.harness.frameworks ray` installs it"
+)
 STORE_BYTES = 80 * 2**20
 """Size of the object store of a node: about the least that Ray accepts."""
 WORDS = ("--agent", "random", "--scenes", "7,21", "--seeds", "0-9", "--executor", "ray", "--concurrency", "4")
