@@ -24,7 +24,7 @@ Rates = Callable[[str, Knobs, Any, Array, Array], Array]
 """Time derivative of the state from structure, constants, time, state and controls. All may be arrays of trials."""
 
 PLAIN = "plain"
-"""Name of the structure that is fitted in order to plan, and never an answer."""
+"""Name of the simplified law for planning, which is never an answer."""
 _DEVIATIONS = 4.0
 """Standard deviations of chi-square above its mean up to which a fit explains its course."""
 _NEARLY = 100.0
@@ -34,7 +34,7 @@ _FINER, _LAST_ROUNDS = 4, 4
 _SEARCHES = 4
 """Most searches for a fit that explains a course."""
 _IN_VAIN = 0.8
-"""Share of chi-square that may be left after a repeated search for another one to be worth its time."""
+"""Another search follows if the last one reduced chi-square to less than this fraction."""
 _PARTS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of a course to which a repeated search is fitted one after the other."""
 _BOUND = 1e4
@@ -145,13 +145,13 @@ class Laws:
     starts: int = 300
     """Number of points of the box that are tried."""
     tried: int = 6
-    """How many of the best of them are refined."""
+    """Number of the best of them that are refined."""
     rounds: int = 15
     """Most steps of a refinement."""
     price: float = 4.0
-    """What a constant more must gain in chi-square to be believed."""
+    """Penalty in chi-square for each constant."""
     plain: Sequence[str] = ()
-    """Constants of `PLAIN`, a simple law with which pushes are planned, unless a structure has this name."""
+    """Constants of `PLAIN`, the simplified law for planning, unless a structure has this name."""
 
     def fitted(self, course: Course, structure: str, search: int = 0) -> tuple[float, dict[str, float]]:
         """Chi-square and constants of the best fit of a structure: first leg by leg, then of the whole course.

@@ -23,7 +23,7 @@ _BOUND = 1e4
 _FINER, _ROUNDS = 4, 8
 """Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
 _TRIALS = 500
-"""Draws for each plausible answer, of which those are taken that lie within the ranges and that the readings allow."""
+"""Number of draws for each plausible answer, before those outside the ranges or excluded by the readings are rejected."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
 

@@ -14,7 +14,7 @@ Misfits = Callable[[Array], Array]
 _EDGES = (-0.1, 1.1)
 """Bounds of a constant on the unit of its range: a little beyond it."""
 _SHIFT = 1e-4
-"""Difference from which slopes are found, on the same unit."""
+"""Step of finite differences, in the same unit."""
 _STEPS = 30
 """Most steps of `polished`."""
 

@@ -18,7 +18,7 @@ GRAVITY = 9.81
 """Acceleration of free fall in the scenes [m/s²]."""
 _RED = (1, 0, 0, 1)
 _REST_S = 1.0
-"""A step that is longer leads to rest; a shorter one is a look at the motion."""
+"""After a longer step the body is assumed to be at rest; shorter steps observe its motion."""
 
 
 def ball(name: str, kg: float, place: Sequence[float], radius: float) -> Call:
@@ -91,7 +91,7 @@ class Pan:
     top_m: float
     """Height of the pan at the start."""
     catch_m: float
-    """Way down at which a catch holds it for good."""
+    """Deflection at which a catch holds it permanently."""
     radius: float = 0.06
     """Radius of the balls [m]."""
     body: str = "object_1"
@@ -157,7 +157,7 @@ class Lever:
     enough: float
     """Angle that is enough."""
     fastest: float
-    """Spin [rad/s] from which on the device brakes."""
+    """Angular velocity above which the device brakes [rad/s]."""
     share: float
     """Share of this spin that the next ball should reach."""
     room: float
@@ -170,7 +170,7 @@ class Lever:
     look_s: float
     """When the first spin is read [s]."""
     wait_s: float = 6.0
-    """How long the body is given to come to rest [s]."""
+    """Time for the body to come to rest [s]."""
     arm_m: float = 0.5
     height_m: float = 1.0
     apart_m: float = 0.05

@@ -104,7 +104,7 @@ class Permissions(_PackModel):
     hidden: bool = False
     """Unknown to the agent until `find_objects`."""
     angle: bool = False
-    """Whether the position of an object on a hinge tells its joint angle."""
+    """Whether the position of an object on a hinge includes its joint angle."""
     spin: bool | None = None
     """Whether the velocity of an object on a hinge tells its joint speed. False also gates the rotational energy and
     the angular momentum, which are otherwise gated by the velocity alone."""
@@ -244,7 +244,7 @@ class Pack(_PackModel):
     answer: Scalar | tuple[Scalar, ...]
     """The key at seed 0. Private."""
     expected_behavior: str = ""
-    """What a good experimenter does. Private."""
+    """Description of a good experiment. Private."""
     reasoning: str = ""
     """The physics that leads to the answer. Private."""
     number_of_objects: Annotated[
@@ -282,7 +282,7 @@ class Pack(_PackModel):
     laws: tuple[Law, ...] = ()
     """Forces that MuJoCo has no element for. Private."""
     catches: tuple[Catch, ...] = ()
-    """What the prompt says catches, holds or stops something. Private."""
+    """Latches, nets, rims, guards and stops of the prompt. Private."""
     family: dict[str, str] = {}
     """Kinds of laws by name, each with the words in which the task states it. Private."""
     schematic: tuple[SchematicPart, ...] = ()
@@ -294,7 +294,7 @@ class Pack(_PackModel):
     version: str = "1"
     """Version of the pack; raised when its meaning changes."""
     canary: str | None = None
-    """A fixed text by which corpora can leave packs out."""
+    """The canary string, by which training corpora can exclude packs."""
     format: Literal[1] = 1
     """Version of this format."""
 

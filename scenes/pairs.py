@@ -39,9 +39,9 @@ _BOX = {
 }
 """Ranges of the constants: gear ratio, mass of the second body over the first's, both resistances, joint."""
 _MASSES = 3.0
-"""How many times smaller or larger the mass of the first body may be than it is at first sight."""
+"""Largest ratio between the mass of the first body and its first estimate, in both directions."""
 _STRIDE_S, _STOP_S, _MARGIN, _FIRMNESS = 0.05, 0.8, 1.3, 0.3
-"""Step of a plan; time in which bodies are stopped; by how much they may answer more than seen; weight of a guess."""
+"""Time step of a plan; time for stopping the bodies; safety factor of their response; weight of the first guess."""
 _TOUCH_S = 0.25
 """Duration of each of the first pushes."""
 _FIRST_GAINS = 7.0, 14.0

@@ -61,7 +61,7 @@ class Member:
     answer: AnswerValue
     """The answer by the best constants."""
     plausible: Callable[[int], list[AnswerValue]]
-    """This number of answers, by constants drawn from the normal distribution that the readings leave them."""
+    """Answers for a number of constants drawn from their normal distribution given the readings."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from scenes.courses import Array
 from scenes.protocol import Call, Exchanges, Reading, call
 
 _REST_S = 1.0
-"""A step that is longer leads to rest; a shorter one is a look at the motion."""
+"""After a longer step the body is assumed to be at rest; shorter steps observe its motion."""
 _STEP_M = 1e-5
 _WRONG = 1e4
-"""What a negative strength costs: springs and floats only push back."""
+"""Penalty of a negative stiffness, because springs and floats only push back."""
 _FEW, _MANY = 25, 60
 """Largest numbers of steps: of a fit from each starting point, and of the final fit from the best of them."""
 _ALWAYS, _EACH = 3, 3
@@ -48,7 +48,7 @@ class PushSteps:
     look_s: float
     """When the speed is read in a watched step [s]."""
     wait_s: float
-    """How long the body is given to come to rest [s]."""
+    """Time for the body to come to rest [s]."""
     least_m: float
     """Smallest way of a step that counts, so that noise does not carry the next one too far [m]."""
     least_m_s: float
@@ -166,11 +166,11 @@ class LateParts:
     """
 
     pressed: Callable[[Array, Array], Array]
-    """How far a late part was pressed or stretched at each point, from its three constants and the points."""
+    """Deformation of a late support at each point, from its three constants and the points."""
     least: float
-    """A late part is known once it was pressed so far [m, rad]."""
+    """Deformation from which on the stiffness of a late support is determined [m, rad]."""
     times: int
-    """At so many points."""
+    """Number of points at which it must be reached."""
 
     def known(self, constants: Array, points: Array) -> Array:
         """The constants without the stiffnesses of late supports that are still unknown."""

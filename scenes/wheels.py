@@ -21,11 +21,11 @@ _DENSITY = 1e5
 _WAY_M = 0.1
 """Distance along x between balls with even and with odd numbers."""
 _NEAR, _LEAST = 0.4, 1e-2
-"""A spin that is aimed at is reached from so far below it on; smallest difference of spins for a slope [rad/s]."""
+"""Tolerance below a target angular velocity; smallest difference of angular velocities for a slope [rad/s]."""
 _STEEPEST, _EVENEST = 80.0, 1.05
 """Largest and smallest ratio of a load to the one before."""
 _ROOM = 3.0
-"""How many times a factor may be as large as if its part were the largest torque that was read."""
+"""Upper bound of a coefficient, as a multiple of the value at which its part alone gives the largest torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class LoadedPan:
     wheel: str = "object_1"
     """The wheel whose spin is read."""
     wait_s: float = 9.0
-    """How long the wheel is given to come to a steady spin."""
+    """Time for the wheel to reach a steady angular velocity."""
     letter: str = "b"
     height_m: float = 1.0
 

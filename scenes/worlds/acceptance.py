@@ -36,9 +36,9 @@ FORCE = 5.0
 ASKED = 3
 """Questions of a world."""
 MATTERS = 3.0
-"""Tolerances by which an answer must change without a part."""
+"""Smallest change of an answer without a part, in tolerances."""
 IDENTIFIABLE = 0.35
-"""Greatest smallest error of an answer, in tolerances."""
+"""Largest allowed standard error of an answer, in tolerances."""
 _LEAST_LOOKS, _MOST_NOISE = 12, 0.05
 _QUICK_S, _FINE_S = 0.12, 0.01
 """Longest steps of the integration of candidates and of keys [s]."""
@@ -80,7 +80,7 @@ class Maker:
     split: str | None = None
     """Split of its structure; None for any."""
     refusals: Counter[str] = field(default_factory=Counter[str])
-    """Why draws were refused, and how often."""
+    """Number of refused draws by reason."""
 
     def world(self, most: int = 400) -> DrawnWorld:
         """The first accepted draw.

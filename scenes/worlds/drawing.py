@@ -20,7 +20,7 @@ _ALIKE = (
     {"spring", "power spring", "two wells"}, {"wake", "companion"}, {"drive", "gusts", "turning wind"},
     {"drag cup", "swinger"}, {"shear", "saddle"}, {"mutual power", "chase"},
 )  # fmt: skip
-"""Forms that do nearly the same; a world has one of each set."""
+"""Sets of similar forms; a world has at most one of each set."""
 MOST_LINE_TERMS = 4
 """Most terms of a wheel or a glider."""
 _DRAWS = 10_000

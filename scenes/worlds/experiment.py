@@ -30,7 +30,7 @@ COURSE_S = 0.03
 TURNS = 18
 """Most iterations of a course."""
 _FAR = 1e9
-"""What stands for a distance from a course that has no value [standard deviations]."""
+"""Misfit of a course without a value, such as after a divergence [standard deviations]."""
 _SLOWED = 0.6
 """Share of its velocity that a body is expected to keep in a leg whose end is not read before the next one."""
 _REACH = 0.7
@@ -45,13 +45,13 @@ class Situation:
 
     apparatus: Apparatus
     radius: float
-    """Where the wall or the buffers begin [m]; of no meaning for a wheel."""
+    """Distance at which the wall or the buffers begin [m]; unused for a wheel."""
     force: float
     """Greatest force on a body [N], or torque on a wheel [N·m]."""
     looks: int
     """Readings that the calls and the time allow."""
     noise: float
-    """Standard deviation of places [m, rad]; of velocities it is twice as much in 1/s."""
+    """Standard deviation of positions [m, rad]; the number for velocities is twice as large [m/s, rad/s]."""
 
     @property
     def sigma(self) -> Array:

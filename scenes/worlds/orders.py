@@ -14,7 +14,7 @@ from scenes.worlds.levels import Difficulty, difficulty_of
 from scenes.worlds.records import lines_file, read_records
 
 PUBLIC = "public"
-"""The secret of the public worlds, which is none."""
+"""Fixed text in place of a key for the public worlds."""
 _SPLITS = ("train",) * 6 + ("validation",) * 2 + ("test",) * 2
 """Splits of ten indexes in a row of the public worlds."""
 

@@ -19,7 +19,7 @@ from scenes.worlds.terms import Structure
 from scenes.worlds.weak_form import Legs, box_of, named
 
 EXPLAINED = 1.7
-"""Chi-square per degree of freedom up to which the reference holds that it knows."""
+"""Reduced chi-square up to which the reference reports that it knows the law."""
 _KEPT, _BEHIND = 6, 20.0
 """Most structures that are fitted to the whole course, and by how much their score may be behind."""
 _ROUNDS = 4

@@ -23,7 +23,7 @@ Constants = Mapping[str, Array]
 REL_TOL, ABS_TOL = 0.05, 0.04
 """A number is right within ABS_TOL + REL_TOL |key|."""
 HARDEST = 20.0
-"""Greatest force or torque among which that of a `push` question is looked for [N, N·m]."""
+"""Upper bound of the search for the force of a `push` question [N, N·m]."""
 _GRID = 13
 """Forces from 0 to `HARDEST` between which an answer is sought first."""
 _STEPS = 10
@@ -56,7 +56,7 @@ class Question:
     """Which number: `dx dy` or `dq`, the change of a coordinate; `vx vy speed` or `u`, of the velocity; `apart`, the
     distance between the pucks; `push`, the force [N, N·m]; `which`, the number of an option."""
     body: int = 1
-    """Of which body."""
+    """Number of the body."""
     size: float = 0.0
     """How far the body must come along the direction of the push [m, rad]."""
     options: tuple[str, ...] = ()

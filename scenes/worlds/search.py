@@ -30,7 +30,7 @@ _PLAIN = 0.5
 _DEVIATIONS = 3.0
 """Standard deviations of chi-square above its mean up to which a structure explains the readings."""
 _TOLD = 2
-"""How often the path is smoothed by a structure that is known."""
+"""Number of times that the path is smoothed with a known structure."""
 _LEAST_DRIFT = 0.2
 """Least error of the law in a search, in standard deviations of a reading: transitions leave out what is hidden."""
 
@@ -59,7 +59,7 @@ class Search:
     found: dict[Structure, Fit] = field(default_factory=dict[Structure, Fit])
     """Every structure that was fitted about the last path."""
     tried: int = 0
-    """How many fits were made."""
+    """Number of fits."""
 
     def __post_init__(self) -> None:
         self._rng, self._begun = np.random.default_rng(self.seed), time.process_time()
