@@ -23,7 +23,7 @@ _BOUND = 1e4
 _FINER, _ROUNDS = 4, 8
 """Number of steps into which a step of the integration is divided for the last rounds of the fit; most such rounds."""
 _TRIALS = 500
-"""Number of draws for each plausible answer, before those outside the ranges or excluded by the readings are rejected."""
+"""Number of draws for each plausible answer, before rejection by the ranges and by the readings."""
 _STEP = 1e-5
 """Step of numerical derivatives, as a share of the range of a constant."""
 
@@ -75,12 +75,12 @@ def member(
 
 
 def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:
-    """So many of the draws, each kept with the probability exp(-excess / 2); the likeliest others if they are too few.
+    """Rejection sampling: draws accepted with probability exp(-excess / 2), then the likeliest others if too few are.
 
     Args:
         units: Draws; shape (draws, constants).
-        excess: A draw → its chi-square less what the distribution of the draws allows for.
-        number: How many are wanted.
+        excess: A draw → its chi-square minus that of the normal approximation.
+        number: Number of draws to return.
     """
     chances = np.random.default_rng(1).random(len(units))
     kept, others = list[Array](), list[tuple[float, int]]()
