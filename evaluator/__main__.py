@@ -9,8 +9,7 @@ def entry() -> NoReturn:
     """Be the program `physment-eval`."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # as SIGTERM and SIGHUP still are
-    from evaluator.commands.process import end_at_once, end_in_order  # noqa: PLC0415
-    from evaluator.commands.program import main  # noqa: PLC0415
+    from evaluator.commands.program import end_at_once, end_in_order, main  # noqa: PLC0415
 
     code = main(begin=end_in_order)
     end_at_once()

@@ -18,8 +18,7 @@ from mcp.shared.exceptions import MCPError
 from pydantic import ValidationError
 
 from evaluator.agents.recorded import exact_difference, play_again
-from evaluator.episode.toolbox import Toolboxes
-from evaluator.episode.views import view_in, view_now
+from evaluator.episode.toolbox import Toolboxes, view_in, view_now
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey
 from evaluator.report.film_record import Film

@@ -4,7 +4,7 @@ import json
 import re
 from collections import Counter
 
-from evaluator.report.quoted import BUDGETS
+from evaluator.report.agent_results import BUDGETS
 from evaluator.scores.grouping import QUALITATIVE, QUANTITATIVE, problem_kind
 from evaluator.study.selection import parse_scenes
 from scenes import AnswerKind, Category, Pack, read_pack

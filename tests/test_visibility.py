@@ -12,7 +12,7 @@ from mcp import Client
 
 from evaluator.certify.pictures import at_start
 from evaluator.certify.viewed_episode import viewed_episode
-from evaluator.episode.views import shows_views, view_now
+from evaluator.episode.toolbox import shows_views, view_now
 from evaluator.films import film_of
 from physment_mcp.contract.names import VIEW_URI
 from physment_mcp.scene import load_scene, load_variants

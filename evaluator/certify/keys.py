@@ -11,7 +11,7 @@ from evaluator.certify.records import Check, check
 from evaluator.certify.subject import Draw, Subject, gap
 from evaluator.quantities.units import Unit, parse_unit
 from evaluator.records.episode import Episode, Outcome
-from evaluator.scores.experiment_cost import cost_of
+from evaluator.scores.dimensions import cost_of
 from scenes import AnswerKind, AnswerSpec, Pack
 from scenes.draw import step_values
 

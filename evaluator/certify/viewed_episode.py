@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcp import Client
 
-from evaluator.episode.views import shows_views
+from evaluator.episode.toolbox import shows_views
 from evaluator.errors import UsageError
 from physment_mcp.errors import SceneError
 from physment_mcp.scene import Scene, load_scene

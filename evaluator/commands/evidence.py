@@ -32,7 +32,7 @@ from evaluator.records.episode import (
 from evaluator.report.evidence import evidence_counts
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
-from evaluator.study.held_back import is_withheld, seeds_of
+from evaluator.study.integrity import is_withheld, seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 from scenes import PackError, find_pack
 

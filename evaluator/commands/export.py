@@ -9,7 +9,7 @@ from evaluator.errors import StoreError
 from evaluator.report.parquet import write_parquet
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.sealing import seal_note
+from evaluator.study.integrity import seal_note
 
 _DESCRIPTION = """\
 Write a graded run for other programs.

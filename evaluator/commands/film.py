@@ -21,7 +21,7 @@ from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store import durable
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, line_hashes, meeting
-from evaluator.study.held_back import seeds_of
+from evaluator.study.integrity import seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 
 _DESCRIPTION = f"""\

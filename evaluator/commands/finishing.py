@@ -17,8 +17,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import line_hashes
-from evaluator.study.held_back import is_withheld
-from evaluator.study.sealing import seal_note
+from evaluator.study.integrity import is_withheld, seal_note
 
 
 def finish(

@@ -16,11 +16,10 @@ from evaluator.records.run import ForkedRun, Plan
 from evaluator.records.seed_key import SeedKey
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import CONDITIONS, ForkParticipant, fork_keys, line_hashes, select_episodes
-from evaluator.study.held_back import pass_on_key, read_revealed, read_seed_key, seeds_of
+from evaluator.study.integrity import pass_on_key, read_revealed, read_seed_key, seal_note, seeds_of
 from evaluator.study.participants import participants_of
 from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.run_config import Meter, RunConfig
-from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack
 
 _DESCRIPTION = f"""\

@@ -9,9 +9,8 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.held_back import seeds_of
+from evaluator.study.integrity import seal_note, seeds_of
 from evaluator.study.provenance import refuse_other_worlds
-from evaluator.study.sealing import seal_note
 
 _DESCRIPTION = """\
 Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. If a verdict

@@ -22,23 +22,32 @@ from evaluator.agents.browser.app import app
 from evaluator.agents.browser.player import BrowserAgent, PageState
 from evaluator.agents.human import HumanAgent
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, count_of, folder_to_write, port, run_async, scene_id, seed
+from evaluator.commands.base import (
+    Commands,
+    count_of,
+    folder_to_write,
+    listening,
+    open_page,
+    page_token,
+    port,
+    run_async,
+    scene_id,
+    seed,
+)
 from evaluator.commands.finishing import report_on
-from evaluator.commands.listening import listening, open_page, page_token
 from evaluator.commands.terminal import printable
 from evaluator.episode.connect import connect
 from evaluator.episode.loop import play_episode
 from evaluator.episode.player import Agent
-from evaluator.episode.toolbox import Toolboxes
-from evaluator.episode.views import shows_views, view_now
+from evaluator.episode.toolbox import Toolboxes, shows_views, view_now
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.records.run import Plan
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
+from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import run_record, server_record
-from evaluator.study.sealing import seal_note
 from evaluator.study.selection import parse_scenes
 from scenes import PackFiles
 from scenes.world_names import reference_of

@@ -15,7 +15,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import run_async
 from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
-from evaluator.commands.terminal import ProgressDisplay
+from evaluator.commands.terminal import ProgressDisplay, Tally
 from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
 from evaluator.episode.participant import Participant
 from evaluator.errors import InfrastructureError, UsageError
@@ -23,14 +23,13 @@ from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import ForkedRun, Plan, RunRecord
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
+from evaluator.study.integrity import Sealing
 from evaluator.study.process_executor import process_workers, usual_workers
 from evaluator.study.provenance import played_worlds, run_record, server_record, worlds_difference
 from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import Meter, RunConfig
 from evaluator.study.runner import LocalPlay, Play, Runner, missing
-from evaluator.study.sealing import Sealing
 from evaluator.study.shards import WHOLE
-from evaluator.study.tally import Tally
 from scenes import PackFiles, same_packs
 
 

@@ -1,18 +1,157 @@
-"""Command line of the evaluator: lists the commands, and turns their errors into exit codes.
+"""Command line of the evaluator: study files, signals, and exit codes for the errors of commands.
 
 Modules of the evaluator except `errors` are imported inside functions, and of the commands only the one that is asked
 for, so that `--help` answers at once.
 """
 
 import argparse
+import contextlib
+import gc
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
 
-from evaluator.errors import UsageError
-from physment_mcp.contract.command_line import SentenceParser, did_you_mean
+from evaluator.errors import UsageError, reason_of
+from physment_mcp.contract.command_line import SentenceParser, did_you_mean, restore_sigint
+
+_OPEN_FILES = 65_536
+"""Connections and files that may be open at a time, if the system allows it."""
+_SIGNS = [sign for name in ("SIGINT", "SIGTERM", "SIGHUP") if (sign := getattr(signal, name, None)) is not None]
+"""Signals that end the program; Windows has no SIGHUP. SIGINT is first, because the others pass for it."""
+
+
+def make_room() -> None:
+    """Prepare this process for hundreds of open episodes, each with a connection and many long-lived objects."""
+    # With the default thresholds, searching these objects for cycles took a third of the processor time of 500
+    # episodes.
+    gc.set_threshold(10_000, 20, 20)
+    if find_spec("resource") is None:
+        return  # Windows has no such limit
+    import resource  # noqa: PLC0415
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with contextlib.suppress(OSError, ValueError):  # macOS may allow less than it reports
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def end_in_order() -> None:
+    """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
+
+    Until it is called, these signals end the process without a word, because nothing has begun: an exception that a
+    signal raises while modules are loaded may end anywhere. pydantic, as it builds a model, and an extension in C, as
+    it starts, put an error of their own in its place.
+
+    A signal that is ignored, as HUP is under `nohup`, stays ignored.
+    """
+    restore_sigint()
+    for sign in _SIGNS[1:]:
+        if signal.getsignal(sign) is signal.SIG_DFL:
+            signal.signal(sign, _interrupt)
+
+
+def end_at_once() -> None:
+    """Let these signals end the process without a word again: all is done, and only Python has to end."""
+    for sign in reversed(_SIGNS):
+        if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
+            signal.signal(sign, signal.SIG_DFL)
+
+
+def _interrupt(_sign: int, _frame: FrameType | None) -> None:
+    # A script that starts this program in its background has SIGINT ignored; TERM must end the program even so.
+    if signal.getsignal(signal.SIGINT) in {signal.SIG_IGN, None}:
+        raise KeyboardInterrupt
+    signal.raise_signal(signal.SIGINT)
+
+
+Scalar = str | int | float | bool
+
+
+RENAMED = {"--trust-edited": "--allow-modified", "--home-from": "--home-template"}
+"""Options of version 0.1 → their names since 0.2. Version 0.3 will not know the old ones."""
+
+
+def with_new_names(words: Sequence[str], note: Callable[[str], None]) -> list[str]:
+    """Replace old names of options, up to the words after `--`; `note` gets a sentence for each."""
+    found: list[str] = []
+    for at, word in enumerate(words):
+        if word == "--":
+            return [*found, *words[at:]]
+        name, equals, value = word.partition("=")
+        if name in RENAMED:
+            note(f"{name} is called {RENAMED[name]} now; version 0.3 will not know the old name")
+        found.append(f"{RENAMED.get(name, name)}{equals}{value}")
+    return found
+
+
+def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
+    """Put the options of the file that `--config` names before those of the command line, so that the latter win.
+
+    A key is a long option without its dashes (`max-cost` or `max_cost`). The values of a list are joined by commas; for
+    `agent`, the option is repeated for each value. The value `true` sets an option that takes no value.
+
+    Args:
+        words: Words of the command line, with or without `--config FILE`.
+        options: All long options, with their dashes.
+
+    Raises:
+        UsageError: The file cannot be read, or has a key that is not an option.
+    """
+    words = list(words)
+    end = words.index("--") if "--" in words else len(words)
+    place = next(
+        (at for at, word in enumerate(words[:end]) if word == "--config" or word.startswith("--config=")), None
+    )
+    if place is None:
+        return words
+    _, equals, value = words[place].partition("=")
+    if not equals and place + 1 >= end:
+        raise UsageError("--config needs a file, such as --config study.toml")
+    file = Path(value if equals else words[place + 1])
+    rest = words[:place] + words[place + (1 if equals else 2) :]
+    own = rest[: rest.index("--")] if "--" in rest else rest
+    given = {word.partition("=")[0] for word in own}
+    from_file: list[str] = []
+    for key, content in _read(file).items():
+        option = f"--{key.replace('_', '-')}"
+        if option not in {*options, *RENAMED} or option == "--config":
+            raise UsageError(f"{file}: there is no option {key!r}; see physment-eval run --help")
+        # Skip options of the command line: an option that may be repeated would get both values.
+        if option not in given:
+            from_file += _words(option, content, file)
+    return from_file + rest
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--config {file}: cannot be read ({reason_of(error)})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"--config {file}: is not TOML: {error}") from error
+
+
+def _words(option: str, content: Any, file: Path) -> list[str]:
+    if content is True:
+        return [option]
+    if content is False:
+        return []
+    if isinstance(content, list) and option == "--agent":
+        return [word for value in content for word in (option, str(value))]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - TOML
+    if isinstance(content, list):
+        return [f"{option}={','.join(map(str, content))}"]  # pyright: ignore[reportUnknownArgumentType] - TOML
+    if isinstance(content, Scalar):
+        return [f"{option}={content}"]
+    raise UsageError(f"{file}: {option.removeprefix('--')} must be a value or a list")
+
 
 if TYPE_CHECKING:
     from evaluator.commands.base import Commands
@@ -31,7 +170,6 @@ def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: 
         argv: Words of the command line; default: those of this process.
         begin: Called when the modules of the command are loaded, before it does anything.
     """
-    from evaluator.commands.process import make_room  # noqa: PLC0415
     from evaluator.errors import InfrastructureError, StoreError  # noqa: PLC0415
 
     make_room()
@@ -56,7 +194,6 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         SystemExit: The command line asks for help or the version.
     """
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
-    from evaluator.study.config import with_config, with_new_names  # noqa: PLC0415
 
     words = list(argv)
     # `run` is the default command: insert it if the first word is an option.

@@ -17,8 +17,7 @@ import uvicorn
 
 from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import RewardRule, Worth
-from evaluator.commands.base import Commands, count_of, folder_to_write, port, price, run_async, seconds
-from evaluator.commands.listening import listening
+from evaluator.commands.base import Commands, count_of, folder_to_write, listening, port, price, run_async, seconds
 from evaluator.episode.connect import HostConnector, connect
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.run import Plan
@@ -27,9 +26,8 @@ from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
 from evaluator.store.redaction import Redaction
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.held_back import read_seed_key
+from evaluator.study.integrity import Sealing, read_seed_key
 from evaluator.study.provenance import run_record, server_record
-from evaluator.study.sealing import Sealing
 from evaluator.study.selection import parse_scenes
 from physment_mcp.contract.addresses import is_loopback
 from scenes import PackFiles, default_folder

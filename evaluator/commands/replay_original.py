@@ -11,7 +11,7 @@ from rich.console import Console
 
 from evaluator.answers.keys import KeyRing
 from evaluator.commands.base import Commands, count_of, file_to_write, folder_to_write, run_async
-from evaluator.commands.terminal import ProgressDisplay
+from evaluator.commands.terminal import ProgressDisplay, Tally
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
 from evaluator.original.logs import LoggedEpisode, as_logged, find_logs
@@ -22,7 +22,6 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.run_config import Meter
 from evaluator.study.selection import parse_scenes
-from evaluator.study.tally import Tally
 from scenes import read_pack
 
 _DESCRIPTION = """\

@@ -18,8 +18,8 @@ from evaluator.report.paper_tables import paper_tables
 from evaluator.report.tables import tables
 from evaluator.scores.scoring import read_graded, score_episode
 from evaluator.store.run_folder import RunFolder
+from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import refuse_other_worlds
-from evaluator.study.sealing import seal_note
 from scenes import PackError, find_pack, list_packs, same_pack
 
 _DESCRIPTION = """\

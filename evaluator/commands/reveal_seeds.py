@@ -7,7 +7,7 @@ from pathlib import Path
 from evaluator.commands.base import Commands
 from evaluator.errors import UsageError
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.held_back import read_revealed, reveal, seed_key_file, seeds_of
+from evaluator.study.integrity import read_revealed, reveal, seed_key_file, seeds_of
 from scenes.world_names import reference_of
 
 _DESCRIPTION = """\

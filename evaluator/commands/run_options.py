@@ -26,7 +26,7 @@ from evaluator.commands.base import (
 )
 from evaluator.errors import UsageError
 from evaluator.study import process_executor
-from evaluator.study.held_back import read_seed_key
+from evaluator.study.integrity import read_seed_key
 from evaluator.study.participants import AGENTS, EXTERNAL
 from evaluator.study.run_config import Limits, RunConfig
 from evaluator.study.selection import (

@@ -176,7 +176,7 @@ def _list(args: argparse.Namespace) -> int:
         seeds = f"{split.seeds[0]}-{split.seeds[-1]}"
         console.print(f"split {split.label}: {len(packs)} scenes, seeds {seeds}", highlight=False)
     if args.html:
-        from evaluator.pages.gallery import write_gallery  # noqa: PLC0415 - only this option needs templates
+        from evaluator.pages.pictures import write_gallery  # noqa: PLC0415 - only this option needs templates
 
         write_gallery(read, args.html, args.link, args.scenes_dir)
         console.print(f"{args.html} has a card for each", highlight=False, markup=False, soft_wrap=True)

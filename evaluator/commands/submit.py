@@ -10,7 +10,7 @@ from evaluator.commands.base import Commands, count_of, file_to_write, run_async
 from evaluator.episode.connect import connect
 from evaluator.errors import UsageError
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.held_back import seeds_of
+from evaluator.study.integrity import seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
 from scenes.world_names import reference_of

@@ -9,12 +9,11 @@ import anyio.lowlevel
 import uvicorn
 
 from evaluator.answers.keys import KeyRing
-from evaluator.commands.base import Commands, port, run_async, seed_key
-from evaluator.commands.listening import listening, open_page, page_token
+from evaluator.commands.base import Commands, listening, open_page, page_token, port, run_async, seed_key
 from evaluator.errors import UsageError
 from evaluator.records.seed_key import seed_as_recorded
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.held_back import is_withheld, seeds_of
+from evaluator.study.integrity import is_withheld, seeds_of
 from evaluator.watch.app import app
 from evaluator.watch.followed_run import FollowedRun
 

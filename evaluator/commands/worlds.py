@@ -196,7 +196,7 @@ def _difficulty(level: int, settings: list[str]) -> Difficulty:
 
 
 def _secret(file: Path) -> str:
-    from evaluator.study.held_back import read_seed_key  # noqa: PLC0415 - the study is loaded only here
+    from evaluator.study.integrity import read_seed_key  # noqa: PLC0415 - the study is loaded only here
 
     return read_seed_key(file, "--key-file").secret.hex()
 

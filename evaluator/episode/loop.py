@@ -13,8 +13,7 @@ from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import JsonValue
 
-from evaluator.episode.bounds import as_text, bounded
-from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply
+from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply, as_text, bounded
 from evaluator.episode.spans import call_span, end_call, turn_span
 from evaluator.episode.toolbox import Toolbox, Toolboxes
 from evaluator.errors import AgentError, InfrastructureError

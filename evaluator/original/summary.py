@@ -8,8 +8,7 @@ from pydantic import JsonValue
 
 from evaluator.episode.player import ANSWER
 from evaluator.episode.protocols.text import parse_reply
-from evaluator.original.play import PlayedLog
-from evaluator.original.verdicts import eq1, why_other_than_eq1, why_other_verdict
+from evaluator.original.play import PlayedLog, eq1, why_other_than_eq1, why_other_verdict
 from evaluator.records.episode import Episode, Exchange, Outcome, Record, Verdict
 from evaluator.report.export import markdown_table
 

@@ -27,8 +27,7 @@ from evaluator.episode.loop import play_episode
 from evaluator.errors import InfrastructureError, RefusedRequest, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Grade, Outcome
 from evaluator.records.run import RunRecord
-from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode
-from evaluator.referee.variants import variant_of
+from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Variant, WantedEpisode, variant_of
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import played_worlds

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, cast
 from evaluator.episode.player import ANSWER
 from evaluator.records.episode import Exchange, Turn
 from evaluator.report.charts import Chart, Point, Series, chart
+from evaluator.scores.dimensions import is_number, lab_clock
 from evaluator.scores.evidence import COMPONENT_UNITS, FIELD_UNITS
-from evaluator.scores.experiment_cost import is_number, lab_clock
 
 _ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "duration": ("", "s"),

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from evaluator.records.episode import NormalisationClass
-from evaluator.report.agent_results import AgentResults
-from evaluator.report.quoted import BUDGETS, CATEGORIES, PAPER, REGRADED
+from evaluator.report.agent_results import BUDGETS, CATEGORIES, PAPER, REGRADED, AgentResults
 from evaluator.report.tables import Cell, Score, Share, Table, floors, mean_of
 from evaluator.scores.dimensions import WEIGHTS
 

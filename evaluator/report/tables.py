@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from evaluator.records.episode import NormalisationClass
-from evaluator.report.agent_results import AgentResults
-from evaluator.report.quoted import BUDGETS, PAPER
+from evaluator.report.agent_results import BUDGETS, PAPER, AgentResults
 from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.grouping import NO_RUNG, quadrant
 from evaluator.scores.metrics import GroupSummary

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple, TypeVar
 
 from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict
-from evaluator.scores.dimensions import SCORING_VERSION
-from evaluator.scores.experiment_cost import MedianCost, median_cost
+from evaluator.scores.dimensions import SCORING_VERSION, MedianCost, median_cost
 from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
 from evaluator.scores.grouping import (
     Condition,

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
-from evaluator.scores.dimensions import EpisodeScores
-from evaluator.scores.experiment_cost import ExperimentCost
+from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung

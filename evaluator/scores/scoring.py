@@ -14,8 +14,7 @@ from evaluator.answers.rewards import chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
-from evaluator.scores.dimensions import dimensions
-from evaluator.scores.experiment_cost import cost_of
+from evaluator.scores.dimensions import cost_of, dimensions
 from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of

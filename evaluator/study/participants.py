@@ -1,4 +1,4 @@
-"""Who plays a run: makes the participants that a `RunConfig` names, in this process or on another machine."""
+"""Who plays a run: makes the participants that a `RunConfig` names. Loads a provider's client when it is needed."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,8 +8,8 @@ from evaluator.agents.baselines import BlindAgent, OracleOnceAgent, RandomAgent
 from evaluator.agents.custom import load_agent
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.external.command import parse_external
-from evaluator.agents.models.factory import model_participant
-from evaluator.agents.models.lanes import Lanes
+from evaluator.agents.models.choice import Options, parse_model
+from evaluator.agents.models.lanes import Lanes, Patience
 from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
@@ -18,6 +18,37 @@ from evaluator.episode.participant import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.study.run_config import RunConfig
+
+
+def model_participant(
+    text: str,
+    options: Options | None = None,
+    base_url: str | None = None,
+    lanes: Lanes | None = None,
+    patience: Patience | None = None,
+    environ: Mapping[str, str] | None = None,
+) -> AgentParticipant:
+    """The model that `text` names, ready to play.
+
+    Args:
+        text: `model:PRESET` or `model:PROVIDER:NAME`, with or without options.
+        options: Options of all models; options in `text` win.
+        base_url: Address to ask, instead of the provider's own.
+        lanes: Shared by all agents of a run, so that the limit of a provider holds for all of them together.
+        patience: How long to wait for a model.
+        environ: Environment variables; by default those of the process.
+
+    Raises:
+        UsageError: There is no such model, something is missing to ask it, or it does not accept an option.
+    """
+    choice = parse_model(text, options or Options(), base_url, environ)
+    if lacking := choice.missing():
+        raise UsageError(f"{text}: {'; '.join(lacking)}; see `physment-eval models`")
+    from evaluator.agents.models.agent import ModelAgent  # noqa: PLC0415 - loading the client takes half a second
+
+    agent = ModelAgent(choice, (lanes or Lanes()).of(choice.provider.name), patience or Patience())
+    return AgentParticipant(agent, agent.facts(), agent)
+
 
 AGENTS = (
     "reference",

@@ -25,10 +25,10 @@ from evaluator.episode.participant import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
-from evaluator.study.channel import Crash, ProcessChannel
 from evaluator.study.participants import EXTERNAL
 from evaluator.study.run_config import RunConfig
 from evaluator.study.runner import Play
+from evaluator.study.worker_process import Crash, ProcessChannel
 from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 AVAILABLE = hasattr(socket, "AF_UNIX")

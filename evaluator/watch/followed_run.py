@@ -16,7 +16,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict
 from evaluator.records.run import RunRecord
-from evaluator.scores.experiment_cost import ExperimentCost, cost_of
+from evaluator.scores.dimensions import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
 from evaluator.store.run_folder import RunFolder
 from scenes import LabLimits, PackError, Rung, find_pack, same_pack

@@ -4,8 +4,7 @@ from pydantic import JsonValue
 
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, Grade, GradeRecord
-from evaluator.scores.dimensions import EpisodeScores, dimensions
-from evaluator.scores.experiment_cost import cost_of
+from evaluator.scores.dimensions import EpisodeScores, cost_of, dimensions
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import grounding_of
 from evaluator.scores.scored_episode import ScoredEpisode

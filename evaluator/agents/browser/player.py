@@ -13,8 +13,7 @@ import mcp_types as types
 from evaluator.agents.human import Left, refuse_commas
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.episode.protocols.typed import TypingError
-from evaluator.episode.toolbox import first_problem, schema_validator
-from evaluator.episode.views import joined, view_in
+from evaluator.episode.toolbox import first_problem, joined, schema_validator, view_in
 from evaluator.errors import RefusedRequest
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 

@@ -10,10 +10,9 @@ import httpx2
 from mcp import Client
 from pydantic import BaseModel, JsonValue, ValidationError
 
-from evaluator.episode.bounds import unrecordable
 from evaluator.episode.connect import HostConnector, http_client, mcp_client
 from evaluator.episode.loop import opening_prompt
-from evaluator.episode.player import ANSWER, Briefing
+from evaluator.episode.player import ANSWER, Briefing, unrecordable
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import InfrastructureError
 from evaluator.records.episode import EpisodeKey, Exchange, Outcome, ToolCall, Turn

@@ -35,8 +35,7 @@ from evaluator.agents.models.clients import (
 )
 from evaluator.agents.models.lanes import Lane, Patience
 from evaluator.agents.models.requests import MALFORMED_CALL, Requests, raw_finish_reason
-from evaluator.episode.bounds import as_text
-from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.episode.player import Briefing, Feedback, Reply, as_text
 from evaluator.episode.protocols.text import feedback_text, parse_reply
 from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall, Usage

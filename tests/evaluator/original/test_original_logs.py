@@ -11,8 +11,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.program import main
 from evaluator.errors import UsageError
 from evaluator.original.logs import LoggedVerdict, find_logs
-from evaluator.original.play import scene_of
-from evaluator.original.verdicts import Disagreement, Eq1Disagreement, eq1, why_other_than_eq1, why_other_verdict
+from evaluator.original.play import Disagreement, Eq1Disagreement, eq1, scene_of, why_other_than_eq1, why_other_verdict
 from evaluator.store.run_folder import RunFolder
 from scenes import default_folder
 

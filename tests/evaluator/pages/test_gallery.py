@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from evaluator.commands.program import main
-from evaluator.pages.gallery import Card, gallery
+from evaluator.pages.pictures import Card, gallery
 from scenes import default_folder
 from tests.builders.chromium import Page, chromium, installed
 

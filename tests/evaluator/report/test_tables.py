@@ -10,11 +10,10 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from evaluator.errors import UsageError
-from evaluator.report.agent_results import Run, agent_results
+from evaluator.report.agent_results import PAPER, Run, agent_results
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.figures import write_figures
 from evaluator.report.page import render
-from evaluator.report.quoted import PAPER
 from evaluator.report.tables import Count, Share, by_budget, by_category, group_picks, tables
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.spending import spending

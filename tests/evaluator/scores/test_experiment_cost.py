@@ -3,7 +3,7 @@
 import pytest
 
 from evaluator.records.episode import Episode, Outcome
-from evaluator.scores.experiment_cost import MedianCost, cost_of, median_cost
+from evaluator.scores.dimensions import MedianCost, cost_of, median_cost
 from scenes import LabLimits
 from tests.builders.records import episode, refused, rejected, returned, skipped, turn
 

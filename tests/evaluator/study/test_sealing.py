@@ -8,7 +8,7 @@ from evaluator.commands.program import main
 from evaluator.errors import StoreError
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
-from evaluator.study.sealing import Sealing, seal_note
+from evaluator.study.integrity import Sealing, seal_note
 
 EDITS = {
     "an answer": lambda lines: [lines[0].replace(b'"outcome":"', b'"outcome": "', 1), *lines[1:]],

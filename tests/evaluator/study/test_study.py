@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluator.commands.program import main
+from evaluator.commands.program import main, with_config, with_new_names
+from evaluator.commands.run import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.errors import UsageError
 from evaluator.records.episode import Usage
 from evaluator.records.run import Plan
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.config import with_config, with_new_names
-from evaluator.study.estimate import CHARACTERS_PER_TOKEN, PROMPT_TOKENS, TURN_TOKENS, input_tokens
 from evaluator.study.run_config import Limits, Meter
 from evaluator.study.shards import WHOLE, Shard, parse_shard, shard_of_environment
 from physment_mcp.scene import load_scene

@@ -12,7 +12,7 @@ import pytest
 from evaluator.commands.program import main
 from evaluator.records.episode import Episode, Frame
 from evaluator.store.run_folder import RunFolder
-from evaluator.study.sealing import Sealing
+from evaluator.study.integrity import Sealing
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import anyio
 
-from evaluator.commands.process import make_room
+from evaluator.commands.program import make_room
 from evaluator.episode.connect import LocalHost
 from evaluator.episode.participant import AgentParticipant
 from evaluator.episode.toolbox import Toolboxes
