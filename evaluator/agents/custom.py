@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from pydantic import JsonValue
 
-from evaluator.episode.participant import AgentParticipant
+from evaluator.episode.loop import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, EvaluatorError, UsageError
 from evaluator.records.episode import EpisodeKey

@@ -18,7 +18,7 @@ from evaluator.episode.toolbox import Toolboxes
 from evaluator.errors import AgentError, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, Outcome, Turn
 from evaluator.store.run_folder import RunFolder
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 _NOTHING = "(nothing)"
 

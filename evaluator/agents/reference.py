@@ -7,9 +7,8 @@ from pathlib import Path
 from evaluator.episode.player import Briefing, Feedback, Reply
 from evaluator.errors import AgentError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, ToolCall
-from scenes import PackError, find_pack
+from scenes import PackError, find_pack, reference_of
 from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading, load_solution
-from scenes.world_names import reference_of
 from scenes.worlds.predictions import Prediction
 from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
 

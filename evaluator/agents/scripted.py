@@ -13,10 +13,8 @@ from evaluator.agents.reference import ProtocolPlayer
 from evaluator.episode.player import ANSWER, Briefing, Feedback, Reply
 from evaluator.errors import AgentError, UsageError, reason_of
 from evaluator.records.episode import EpisodeKey, ToolCall
-from scenes import PackError, PackFiles, draw_knobs, find_pack, read_pack
-from scenes.answer_spec import AnswerSpec, Scalar
+from scenes import AnswerSpec, PackError, PackFiles, Scalar, draw_knobs, find_pack, read_pack, reference_of
 from scenes.protocol import AnswerValue, load_solution
-from scenes.world_names import reference_of
 
 Script = tuple[tuple[ToolCall, ...], ...]
 

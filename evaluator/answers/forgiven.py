@@ -39,7 +39,7 @@ from evaluator.answers.strict import (
 )
 from evaluator.quantities.units import conversion, parse_unit, same_quantity
 from evaluator.records.episode import NormalisationClass
-from scenes.answer_spec import AnswerKind
+from scenes import AnswerKind
 
 _MAX_PATTERN_CHARS = 300
 """Longer answers are not matched against a pack's patterns, which may be slow on long text."""

@@ -24,7 +24,8 @@ from typing import Any
 
 from evaluator.answers.forms import unlabel
 from physment_mcp.contract.expressions import FUNCTIONS, ExpressionError, Language, Node, Token
-from scenes.answer_spec import AnswerSpec, Variable
+from scenes import AnswerSpec
+from scenes.answer_spec import Variable
 
 MAX_CHARS = 300
 """Longer formulas are not read."""

@@ -24,7 +24,7 @@ from evaluator.answers.strict import (
     strict_parts,
 )
 from evaluator.records.episode import Episode, Grade, Outcome, Verdict
-from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
+from scenes import AnswerKind, AnswerSpec, Scalar
 
 REL_TOL = 0.05
 """Relative tolerance of every step."""

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.answers.grading import grade, right_parts
 from evaluator.answers.strict import AnswerKey, tolerance, wanted_number
 from evaluator.records.episode import Verdict
-from scenes.answer_spec import AnswerKind, AnswerSpec
+from scenes import AnswerKind, AnswerSpec
 
 GUESS_RANGE = (0.01, 100.0)
 """Range in which numbers are guessed."""

@@ -14,7 +14,7 @@ from pydantic import JsonValue
 from evaluator.answers.forms import Item, PlainNumber, as_item, plain_number, strict_items
 from evaluator.answers.formula import check_key, compare_formulas
 from evaluator.records.episode import NormalisationClass
-from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
+from scenes import AnswerKind, AnswerSpec, Scalar
 
 _WORD = re.compile(r"[^\W_]+(?:[.'’-][^\W_]+)*|_")
 _NEGATIONS = frozenset(

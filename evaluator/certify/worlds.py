@@ -15,7 +15,7 @@ from scipy.optimize import root_scalar
 
 from evaluator.answers.engine import Engine
 from evaluator.certify.parallel import in_processes
-from scenes.errors import WorldError
+from scenes import WorldError
 from scenes.worlds.acceptance import IDENTIFIABLE, Maker, bounds_of
 from scenes.worlds.experiment import Array, simulated
 from scenes.worlds.levels import GRAMMAR, Difficulty

@@ -18,8 +18,7 @@ import anyio
 from rich.console import Console
 
 from evaluator.errors import InfrastructureError, StoreError, UsageError
-from scenes.errors import WorldError
-from scenes.world_names import one_world
+from scenes import WorldError, one_world
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name

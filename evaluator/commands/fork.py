@@ -9,7 +9,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.commands.agent_options import USUAL_CONCURRENCY, add_model_options, model_options
 from evaluator.commands.base import Commands, allow_modified, count_of, folder_to_write, seconds, seed_key
 from evaluator.commands.playing import PreparedRun, create_folder, play_run
-from evaluator.episode.participant import AgentParticipant
+from evaluator.episode.loop import AgentParticipant
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode
 from evaluator.records.run import ForkedRun, Plan

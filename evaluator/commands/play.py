@@ -49,8 +49,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note
 from evaluator.study.provenance import run_record, server_record
 from evaluator.study.selection import parse_scenes
-from scenes import PackFiles
-from scenes.world_names import reference_of
+from scenes import PackFiles, reference_of
 
 _LINGER_S = 1.0
 """How long the page may take to ask for the verdict [s]."""

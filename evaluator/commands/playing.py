@@ -17,7 +17,7 @@ from evaluator.commands.finishing import finish
 from evaluator.commands.telemetry import exporting_spans
 from evaluator.commands.terminal import ProgressDisplay, Tally
 from evaluator.episode.connect import EpisodeConnector, HostConnector, connect
-from evaluator.episode.participant import Participant
+from evaluator.episode.loop import Participant
 from evaluator.errors import InfrastructureError, UsageError
 from evaluator.records.episode import EpisodeKey
 from evaluator.records.run import ForkedRun, Plan, RunRecord

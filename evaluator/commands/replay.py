@@ -17,7 +17,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seeds_of
 from evaluator.study.provenance import refuse_other_worlds
 from evaluator.study.replay import REL_TOL, Replayed, replay
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 _DESCRIPTION = """\
 Play the episodes of a run folder again: the same calls in the same turns. Each return is compared with the record.

@@ -8,7 +8,7 @@ from evaluator.commands.base import Commands
 from evaluator.errors import UsageError
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import read_revealed, reveal, seed_key_file, seeds_of
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 _DESCRIPTION = """\
 Disclose the seeds of a run that was played with --seed-key, or check what its publisher disclosed.

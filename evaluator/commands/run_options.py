@@ -38,8 +38,8 @@ from evaluator.study.selection import (
     select,
 )
 from evaluator.study.shards import parse_shard, shard_of_environment
+from scenes import is_world
 from scenes.splits import HELD_BACK, splits
-from scenes.world_names import is_world
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup as ArgumentGroup  # pyright: ignore[reportPrivateUsage] - has no public name

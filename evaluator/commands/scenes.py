@@ -35,13 +35,14 @@ from scenes import (
     draw_knobs,
     drawn_mjcf,
     find_pack,
+    is_world,
     read_pack,
+    reference_of,
     same_pack,
     write_new_scene,
 )
 from scenes.model import noise_of_seed
 from scenes.splits import splits
-from scenes.world_names import is_world, reference_of
 
 _DESCRIPTION = """\
 List the scenes, show one, start a new one, or write the pages about them.

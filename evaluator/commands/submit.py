@@ -13,7 +13,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 _SUBMIT = """\
 Write the results of a whole run into one JSON file for a leaderboard: summary, provenance, hashes of the records, the

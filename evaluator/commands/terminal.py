@@ -21,8 +21,7 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import GradedRun
 from evaluator.scores.wording import curve_sentence, decimal, dimension, floor_sentence, score_text, share
 from evaluator.study.run_config import Meter
-from scenes import Rung
-from scenes.world_names import reference_of
+from scenes import Rung, reference_of
 
 
 @dataclass(slots=True)

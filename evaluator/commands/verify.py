@@ -23,9 +23,8 @@ from evaluator.certify.records import (
 from evaluator.commands.base import Commands, count_of, run_async, wide_console
 from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
-from scenes import PackError, PackFiles, default_folder
+from scenes import PackError, PackFiles, default_folder, reference_of
 from scenes.layout import lay_out, not_laid_out
-from scenes.world_names import reference_of
 
 _VERIFY = """\
 Prove scenes sound by running them: certificates on many seeds.

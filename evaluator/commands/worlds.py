@@ -15,8 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from evaluator.commands.base import Commands, count_of, folder_to_write, run_async, wide_console
 from evaluator.errors import UsageError
 from evaluator.store.durable import append_line, locked
-from scenes.errors import WorldError
-from scenes.world_names import LEVEL_IDS, one_world, place_of
+from scenes import WorldError, one_world, place_of
+from scenes.world_names import LEVEL_IDS
 from scenes.worlds.drawing import SPLITS
 from scenes.worlds.folders import find_certificate, find_record
 from scenes.worlds.levels import LEVELS, Difficulty, difficulty_of

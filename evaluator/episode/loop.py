@@ -1,18 +1,24 @@
-"""The loop: an agent plays one episode through one client, within its iteration budget. Holds no answer key."""
+"""Plays one episode: an agent takes turns within a budget. Participants: who plays the episodes of a run, and how.
+
+Two kinds exist. An agent takes turns in the loop (`AgentParticipant`). A program drives itself and is watched from
+outside (`evaluator.agents.external`).
+"""
 
 import base64
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, nullcontext
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Protocol
 
 import mcp_types as types
 from mcp import Client
 from mcp.shared.exceptions import MCPError
 from pydantic import JsonValue
 
+from evaluator.episode.connect import EpisodeConnector
 from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, Reply, as_text, bounded
 from evaluator.episode.spans import call_span, end_call, turn_span
 from evaluator.episode.toolbox import Toolbox, Toolboxes
@@ -217,3 +223,73 @@ def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
         for exchange in exchanges
         if exchange.returned and not exchange.is_error and exchange.call.tool == ANSWER
     )
+
+
+class Participant(Protocol):
+    """Plays the episodes of a run under one name."""
+
+    @property
+    def name(self) -> str:
+        """Name in records and tables, different from that of every other participant of the run."""
+        ...
+
+    def facts(self) -> Mapping[str, JsonValue]:
+        """What decides its results besides its name, for `run.json`. Holds no secrets; often empty."""
+        ...
+
+    def running(self) -> AbstractAsyncContextManager[object]:
+        """The context in which it plays. Leaving it closes what its episodes share, such as connections."""
+        ...
+
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
+        """Play one episode once.
+
+        Args:
+            laboratory: Where to open the episode.
+            key: Which episode.
+            versions: Recorded with it.
+            used: Receives what each reply of a model used, also if the episode fails.
+
+        Raises:
+            InfrastructureError: Something that the episode needs failed; it has no outcome and may be played again.
+            PermanentFailure: No episode of this participant can be played.
+            UsageError: The participant cannot play in this laboratory.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class AgentParticipant:
+    """An agent whose turns the loop plays."""
+
+    agent: Agent
+    decisive: Mapping[str, JsonValue] = field(default_factory=dict[str, JsonValue])
+    """Its `facts`."""
+    owned: AbstractAsyncContextManager[object] = field(default_factory=nullcontext[None])
+    """What is closed when it has stopped playing, such as the HTTP client of a model."""
+
+    @property
+    def name(self) -> str:
+        """The agent's name."""
+        return self.agent.name
+
+    def facts(self) -> Mapping[str, JsonValue]:
+        """What it was made with."""
+        return self.decisive
+
+    def running(self) -> AbstractAsyncContextManager[object]:
+        """The context of what it owns."""
+        return self.owned
+
+    async def play(
+        self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
+    ) -> Episode:
+        """Play one episode, turn by turn."""
+        async with laboratory.open(key.scene, key.seed) as client:
+            return await play_episode(self.agent, client, key, versions, laboratory.toolboxes, used)
+
+    def wrapped(self, wrap: Callable[[Agent], Agent]) -> "AgentParticipant":
+        """The same participant with its agent wrapped: facts and what is owned stay those of the inner agent."""
+        return replace(self, agent=wrap(self.agent))

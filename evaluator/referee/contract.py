@@ -14,10 +14,8 @@ from evaluator.errors import RefusedRequest, UsageError
 from evaluator.records.episode import Grade, Outcome
 from evaluator.records.run import SEED_SHIFT
 from evaluator.study.selection import find_split
-from scenes import default_folder
-from scenes.errors import WorldError
+from scenes import WorldError, default_folder, reference_of
 from scenes.splits import HELD_BACK, Split, splits
-from scenes.world_names import reference_of
 from scenes.worlds.folders import levels_of, worlds_of
 from scenes.worlds.records import WorldRecord
 

@@ -31,8 +31,7 @@ from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Vari
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import played_worlds
-from scenes import find_pack, pack_hash
-from scenes.world_names import is_world
+from scenes import find_pack, is_world, pack_hash
 
 T = TypeVar("T")
 

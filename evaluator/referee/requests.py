@@ -25,7 +25,7 @@ from evaluator.errors import InfrastructureError, RefusedRequest, StoreError, Us
 from evaluator.loopback import is_for_this_machine
 from evaluator.referee.contract import EndedEpisode, Reward, WantedEpisode
 from evaluator.referee.episodes import Referee
-from scenes.world_names import is_world, reference_of
+from scenes import is_world, reference_of
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -31,7 +31,7 @@ from evaluator.scores.failures.findings import FailureMode
 from evaluator.scores.spending import Spending, calls_made, spending
 from evaluator.scores.wording import counted, curve_sentence, decimal, score_text, share
 from evaluator.store.run_folder import RunFolder
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 INLINE = 300
 """Most episodes of a report that is one file."""

@@ -8,8 +8,7 @@ from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
-from scenes import Rung
-from scenes.world_names import reference_of
+from scenes import Rung, reference_of
 
 
 @dataclass(frozen=True, slots=True)

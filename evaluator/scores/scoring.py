@@ -21,8 +21,7 @@ from evaluator.scores.grounding import grounding_of
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.store.run_folder import RunFolder
-from scenes import content_hash_of
-from scenes.world_names import reference_of
+from scenes import content_hash_of, reference_of
 
 WITHHELD = "withheld until the seeds are revealed"
 """In place of the reason of a grade, which may quote the key."""

@@ -15,14 +15,13 @@ from pydantic import JsonValue
 
 from evaluator.agents.recorded import RepeatingPlayer, exact_difference, replies_of
 from evaluator.episode.connect import EpisodeConnector
-from evaluator.episode.loop import play_episode
-from evaluator.episode.participant import AgentParticipant
+from evaluator.episode.loop import AgentParticipant, play_episode
 from evaluator.episode.player import Agent, Briefing, Feedback, Reply
 from evaluator.episode.protocols.text import feedback_text
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, Fork, Outcome, Usage, Versions
 from evaluator.store.run_folder import RunFolder
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
 """What `--episode` may say of an episode."""

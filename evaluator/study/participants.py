@@ -14,7 +14,7 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
 from evaluator.agents.stopping import with_stopping
-from evaluator.episode.participant import AgentParticipant, Participant
+from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
 from evaluator.study.run_config import RunConfig

@@ -14,9 +14,7 @@ from pydantic import JsonValue
 
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, PlayedWorld, RunRecord, ServerRecord
-from scenes import PackFiles, default_folder, pack_hash
-from scenes.errors import WorldError
-from scenes.world_names import is_world, one_world, place_of, reference_of
+from scenes import PackFiles, WorldError, default_folder, is_world, one_world, pack_hash, place_of, reference_of
 
 
 def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from evaluator.agents.external.agent import ExternalAgent
 from evaluator.agents.models.choice import Options
 from evaluator.agents.models.lanes import Patience
-from evaluator.episode.participant import Participant
+from evaluator.episode.loop import Participant
 from evaluator.records.episode import Usage
 from evaluator.records.run import Plan
 from evaluator.records.seed_key import SeedKey, SeedOf, seed_as_recorded

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import anyio
 
 from evaluator.episode.connect import EpisodeConnector
-from evaluator.episode.participant import Participant
+from evaluator.episode.loop import Participant
 from evaluator.episode.spans import end_episode, episode_span
 from evaluator.errors import InfrastructureError, PermanentFailure
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Versions, total_usage

@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from evaluator.errors import UsageError
-from scenes import Category, PackError, PackFiles, Rung, default_folder, find_pack, list_packs, read_pack
+from scenes import Category, PackError, PackFiles, Rung, default_folder, find_pack, is_world, list_packs, read_pack
 from scenes.finding import is_in_split
 from scenes.folder import ranges
 from scenes.splits import HELD_BACK, Split, splits
-from scenes.world_names import is_world
 
 SUITE = "all"
 """Selects every scene but the open worlds, which are a track of their own."""

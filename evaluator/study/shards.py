@@ -11,7 +11,7 @@ from evaluator.records.run import MergedPart, RunRecord
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import Sealing, seal_note
 from evaluator.study.provenance import worlds_difference
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"
 """Environment variable with the number of shards, for schedulers that do not set it."""

@@ -22,8 +22,7 @@ from evaluator.scores.scoring import graded_rows
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
 from evaluator.study.replay import REL_TOL
-from scenes import PackError, find_pack, same_pack
-from scenes.world_names import reference_of
+from scenes import PackError, find_pack, reference_of, same_pack
 
 
 class Submission(Record):

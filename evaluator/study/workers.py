@@ -17,15 +17,14 @@ from typing import Protocol
 import anyio
 
 from evaluator.episode.connect import EpisodeConnector, connect
-from evaluator.episode.participant import Participant
+from evaluator.episode.loop import Participant
 from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.episode import Episode, EpisodeKey, Versions
 from evaluator.records.run import RunRecord
 from evaluator.study.participants import participants_of
 from evaluator.study.run_config import RunConfig
 from evaluator.study.runner import MAX_ATTEMPTS, Play, play_key, unplayed
-from scenes import find_pack, same_pack
-from scenes.world_names import reference_of
+from scenes import find_pack, reference_of, same_pack
 
 _AGAIN_S = 0.5
 """Pause before a worker that did not reply is asked again whether it is ready [s]."""

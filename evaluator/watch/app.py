@@ -28,7 +28,7 @@ from evaluator.scores.grouping import Condition, condition
 from evaluator.statistics.intervals import proportion
 from evaluator.study.shards import WHOLE, parse_shard
 from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
-from scenes.world_names import reference_of
+from scenes import reference_of
 
 NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
 """Most episodes of each list."""

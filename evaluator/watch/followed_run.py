@@ -19,8 +19,7 @@ from evaluator.records.run import RunRecord
 from evaluator.scores.dimensions import ExperimentCost, cost_of
 from evaluator.scores.grouping import rung
 from evaluator.store.run_folder import RunFolder
-from scenes import LabLimits, PackError, Rung, find_pack, same_pack
-from scenes.world_names import reference_of
+from scenes import LabLimits, PackError, Rung, find_pack, reference_of, same_pack
 
 _SHOWN = 200
 """Most characters that are kept of an answer or an error."""

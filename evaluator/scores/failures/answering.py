@@ -28,7 +28,7 @@ from evaluator.scores.failures.findings import (
     step_duration,
     succeeded,
 )
-from scenes.answer_spec import AnswerKind
+from scenes import AnswerKind
 
 LEAST_TIME_S = 0.1
 """Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""

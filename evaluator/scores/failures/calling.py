@@ -23,7 +23,7 @@ from evaluator.scores.failures.findings import (
     read_before_answer,
     succeeded,
 )
-from scenes.answer_spec import AnswerKind
+from scenes import AnswerKind
 
 MASS_TOLERANCE = 0.05
 """Relative difference above which a mass in a call counts as different from the measured mass."""

@@ -11,7 +11,7 @@ from pydantic import Field
 from evaluator.answers.forms import plain_number
 from evaluator.answers.strict import AnswerKey
 from evaluator.records.episode import Episode, Exchange, Grade, Outcome, Record, Verdict
-from scenes.answer_spec import AnswerKind
+from scenes import AnswerKind
 
 _QUOTE_CHARS = 160
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s|\n")

@@ -12,7 +12,7 @@ from mcp import Client
 from evaluator.agents.scripted import ScriptedAgent
 from evaluator.answers.grading import grade_missing
 from evaluator.episode.connect import EpisodeConnector, HostConnector
-from evaluator.episode.participant import AgentParticipant
+from evaluator.episode.loop import AgentParticipant
 from evaluator.episode.player import Agent, Briefing, Feedback, Player, Reply
 from evaluator.errors import AgentError, InfrastructureError, PermanentFailure, StoreError
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Usage, Verdict

@@ -16,7 +16,7 @@ import anyio
 
 from evaluator.commands.program import make_room
 from evaluator.episode.connect import LocalHost
-from evaluator.episode.participant import AgentParticipant
+from evaluator.episode.loop import AgentParticipant
 from evaluator.episode.toolbox import Toolboxes
 from evaluator.records.episode import Versions
 from evaluator.records.run import Plan
