@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import scenes
-from physment_mcp.serving.icon import LARGE_PNG
+from physment_mcp.serving.resources import LARGE_PNG
 from physment_mcp.tools import TOOLS
 from physment_mcp.version import __version__
 from scenes import export_packs

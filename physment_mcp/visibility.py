@@ -18,8 +18,7 @@ import numpy as np
 from physment_mcp.scene import Scene, load_variants
 from physment_mcp.session import LabObject, Session
 from physment_mcp.world import Pose, World
-from physment_mcp.world.pictures.looks import Part, same_parts
-from physment_mcp.world.pictures.showing import Frame, ShownBody, ShownPart
+from physment_mcp.world.pictures.showing import Frame, Part, ShownBody, ShownPart, same_parts
 from physment_mcp.world.readings import Array
 
 _CACHED = 64

@@ -1,9 +1,13 @@
 """Command line of the laboratory: one episode on stdio, or one of the commands. The only reader of argv."""
 
 import argparse
+import contextlib
 import gc
 import logging
+import queue
 import sys
+import threading
+import time
 from collections.abc import Sequence
 from functools import partial
 from typing import NoReturn
@@ -14,9 +18,12 @@ from physment_mcp.commands import bundle, config, export, fork_server, serve
 from physment_mcp.commands.base import common_options, observations, scene_id, timestep, whole_number
 from physment_mcp.contract.command_line import SentenceParser
 from physment_mcp.errors import SceneError, UsageError
-from physment_mcp.serving.log_lines import PatientLines
 from physment_mcp.version import __version__, engine_version
 
+_WAITING = 1000
+"""Most lines that wait to be written; further ones are lost."""
+_LAST_S = 0.5
+"""Wall time that the last lines get when the program ends [s]."""
 _DESCRIPTION = """\
 A physics laboratory over MCP: one MuJoCo scene per episode, 26 typed tools.
 
@@ -122,3 +129,38 @@ def _waiting(scene: int | None) -> str:
         "physment-mcp: waits for messages of an MCP client on stdin; Ctrl-C ends it. To connect a client, see"
         f" `physment-mcp config --help`; to experiment by hand, use `physment-eval play {tried}`."
     )
+
+
+class PatientLines(logging.Handler):
+    """Hands log lines to a thread that writes them to standard error.
+
+    A full or unread standard error then loses lines, where it would block the program.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: queue.Queue[str] = queue.Queue(_WAITING)
+        self._writer: threading.Thread | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take a line, or lose it if too many wait. `logging` calls this in one thread at a time."""
+        if self._writer is None:  # not earlier: a process with threads should not fork
+            self._writer = threading.Thread(target=self._write, name="log", daemon=True)
+            self._writer.start()
+        with contextlib.suppress(queue.Full):
+            self._lines.put_nowait(self.format(record) + "\n")
+
+    def close(self) -> None:
+        """Give the last lines some time. `logging` calls this when the program ends."""
+        until = time.monotonic() + _LAST_S
+        while self._lines.unfinished_tasks and time.monotonic() < until:
+            time.sleep(0.005)
+        super().close()
+
+    def _write(self) -> None:
+        while True:
+            line = self._lines.get()
+            with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
+                sys.stderr.write(line)
+                sys.stderr.flush()
+            self._lines.task_done()

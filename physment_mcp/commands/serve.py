@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     """
     # --help need not wait for the engine.
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
-    from physment_mcp.serving.capacity import free_memory, usual_episodes  # noqa: PLC0415
+    from physment_mcp.serving.admission import free_memory, usual_episodes  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
     from physment_mcp.serving.host import Host  # noqa: PLC0415
     from physment_mcp.serving.listening import serve  # noqa: PLC0415

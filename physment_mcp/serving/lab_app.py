@@ -15,8 +15,7 @@ from typing import Any
 import mcp_types as types
 
 from physment_mcp.contract.names import APP_TYPE, APPS, VIEW_URI
-from physment_mcp.serving.icon import ICON
-from physment_mcp.serving.resources import FRESH_MS
+from physment_mcp.serving.resources import FRESH_MS, ICON
 from physment_mcp.tools.act import CHANGE_POSITION, MOVE_OBJECT
 from physment_mcp.tools.edit import CREATE_OBJECTS, DELETE_OBJECTS, FIND_OBJECTS
 from physment_mcp.tools.episode import STEP

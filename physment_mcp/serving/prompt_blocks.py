@@ -1,7 +1,13 @@
-"""Blocks of the opening prompt that a pack decides: the limits, the instruments, and the form of the answer."""
+"""Blocks of the opening prompt: limits, instruments, the form of the answer, and the tools as text.
 
-from collections.abc import Sequence
+A pack decides the first three. The list of tools is for agents that have no native tool calls.
+"""
 
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from physment_mcp.tools.base import Tool
 from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack, PublicQuantity
 
 
@@ -132,3 +138,63 @@ def _tolerance(form: AnswerForm) -> str:
 
 def _unit(unit: str | tuple[str, ...] | None) -> str:
     return f"in {unit}" if isinstance(unit, str) and unit != "1" else "no unit"
+
+
+def tool_listing(tools: Iterable[Tool[Any]]) -> str:
+    """A list with each tool's signature and description, and below it its arguments and results."""
+    return "\n".join(_entry(tool) for tool in tools)
+
+
+def _entry(tool: Tool[Any]) -> str:
+    arguments, results = tool.input_schema(), tool.output_schema()
+    required = set(arguments.get("required", ()))
+    fields: Mapping[str, Any] = arguments.get("properties", {})
+    defined: Mapping[str, Any] = arguments.get("$defs", {}) | results.get("$defs", {})
+    signature = ", ".join(
+        f"{name}: {_type(field, defined)}" + ("" if name in required else f" = {json.dumps(field.get('default'))}")
+        for name, field in fields.items()
+    )
+    lines = [f"- `{tool.name}({signature})`: {tool.description}"]
+    lines += [
+        f"  - `{name}`: {field['description']}"
+        for name, field in fields.items()
+        if field.get("description") and name != _OBJECT
+    ]
+    returned = [
+        f"`{name}: {_type(field, defined)}`" + (f" {field['description']}" if field.get("description") else "")
+        for name, field in results.get("properties", {}).items()
+        if name not in _EVERYWHERE
+    ]
+    return "\n".join([*lines, f"  - Returns {' · '.join(returned)}"] if returned else lines)
+
+
+_OBJECT = "object_id"
+"""An argument of many tools, which the prompt explains once."""
+_EVERYWHERE = {"sim_time", "results"}
+"""Fields of all results, or of none that says anything."""
+
+
+def _type(field: Mapping[str, Any], defined: Mapping[str, Any]) -> str:
+    """The type of a field, as `number`, `[number × 3]`, `{x: number, y: number}` or `string or integer`.
+
+    Args:
+        field: Its JSON Schema.
+        defined: The schemas that a `$ref` may name, from `$defs`.
+
+    Raises:
+        KeyError: The schema names no type; each argument and result must have one.
+    """
+    if "$ref" in field:
+        return _type(defined[field["$ref"].removeprefix("#/$defs/")], defined)
+    if "anyOf" in field:
+        return " or ".join(_type(option, defined) for option in field["anyOf"])
+    if "enum" in field:
+        return " or ".join(map(json.dumps, field["enum"]))
+    if field["type"] == "array":
+        size = (
+            f" × {field['minItems']}" if field.get("minItems") == field.get("maxItems") and "minItems" in field else ""
+        )
+        return f"[{_type(field['items'], defined)}{size}]"
+    if field.get("properties"):
+        return "{" + ", ".join(f"{name}: {_type(part, defined)}" for name, part in field["properties"].items()) + "}"
+    return str(field["type"])

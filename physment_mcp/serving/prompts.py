@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from physment_mcp.serving.examples import EXAMPLES, shown
-from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks, steps_block
-from physment_mcp.serving.tool_listing import tool_listing
+from physment_mcp.serving.prompt_blocks import answer_block, laboratory_blocks, steps_block, tool_listing
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 

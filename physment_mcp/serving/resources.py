@@ -3,21 +3,31 @@
 They contain only what the agent was told or has seen. Reading one is not a call, and changes nothing.
 """
 
+import base64
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import mcp_types as types
 
 from physment_mcp.contract.names import SCENE_URI
 from physment_mcp.errors import quoted
-from physment_mcp.serving.call_log import MAX_PAGE_BYTES, LoggedCall
-from physment_mcp.serving.icon import ICON
-from physment_mcp.serving.slot import EpisodeSlot
+from physment_mcp.serving.slot import MAX_PAGE_BYTES, EpisodeSlot, LoggedCall
 from physment_mcp.session import Session
 from scenes import AnswerForm
 
+_PICTURES = files("physment_mcp.serving") / "icons"
+
+LARGE_PNG = (_PICTURES / "512.png").read_bytes()
+"""The picture for catalogues, 512 × 512 pixels."""
+# A data URL, so that clients fetch nothing; small, because the protocol sends it with every result.
+ICON = types.Icon(
+    src="data:image/png;base64," + base64.b64encode((_PICTURES / "32.png").read_bytes()).decode("ascii"),
+    mime_type="image/png",
+    sizes=["32x32"],
+)
 MAX_URI = 200
 """Most characters of an unknown address that the data of an error repeats."""
 FRESH_MS = 3_600_000

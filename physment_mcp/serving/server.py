@@ -19,14 +19,11 @@ from pydantic_core import to_json
 from physment_mcp.contract.names import GONE, VIEW, VIEW_URI
 from physment_mcp.errors import EpisodeGone, RefusedCall, SceneError, quoted
 from physment_mcp.serving import lab_app
-from physment_mcp.serving.attachments import frame_with, view_with
-from physment_mcp.serving.call_log import FULL
 from physment_mcp.serving.frames import SHOWING_TOOLS
-from physment_mcp.serving.icon import ICON
 from physment_mcp.serving.prompts import IDLE_INSTRUCTIONS, CallProtocol, Prompting, PromptOptions, opening_prompt
-from physment_mcp.serving.resources import FRESH_MS, MAX_URI, listed_resources, listed_templates, read
-from physment_mcp.serving.slot import EpisodeSlot
-from physment_mcp.serving.views import recorded
+from physment_mcp.serving.resources import FRESH_MS, ICON, MAX_URI, listed_resources, listed_templates, read
+from physment_mcp.serving.slot import FULL, EpisodeSlot
+from physment_mcp.serving.views import frame_with, recorded, view_with
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.calls import MAX_NAME, call_async

@@ -1,14 +1,29 @@
-"""Views: what may be seen now, and how it moved during a step, in JSON for viewers. Making one is no call."""
+"""What goes with a result besides its text: a picture for the agent, a view for viewers.
 
-from collections.abc import Generator, Iterable, Mapping, Sequence
+A view is what may be seen now, and how it moved during a step, in JSON. Both are made after the call, which they can
+neither change nor hide. Making one is no call. Knows MCP results.
+"""
+
+import base64
+import logging
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
+import anyio
+import anyio.to_thread
+import mcp_types as types
+
+from physment_mcp.serving.frames import Frames
 from physment_mcp.session import LabObject, Session
 from physment_mcp.tools.episode import STEP
 from physment_mcp.visibility import Visibility, Visible, bodies_of, pose_numbers
 from physment_mcp.world.pictures.showing import ShownBody, ShownPart
 from physment_mcp.world.readings import Array
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MOST_INSTANTS = 120
 """About how many instants of a step a motion holds."""
@@ -71,3 +86,30 @@ def _motion(session: Session, drawn: Sequence[LabObject], states: Sequence[Array
     courses = {item.object_id: [pose_numbers(session, item, pose) for pose in read[item.body]] for item in drawn}
     moved = {name: course for name, course in courses.items() if any(pose != course[0] for pose in course)}
     return {"times": [world.time_of(state) for state in states], "poses": moved}
+
+
+async def frame_with(frames: Frames) -> list[types.ImageContent]:
+    """The picture for a finished call; none if it could not be drawn."""
+    png = await _made(frames.draw, "frame")
+    if png is None:
+        return []
+    return [types.ImageContent(type="image", data=base64.b64encode(png).decode("ascii"), mime_type="image/png")]
+
+
+async def view_with(
+    session: Session, find_visibility: Callable[[Session], Visibility], states: Sequence[Array] = ()
+) -> dict[str, Any] | None:
+    """The view after a finished call, or of now; None if it could not be made. Arguments as for `view_of`."""
+    return await _made(lambda: view_of(session, find_visibility(session), states), "view")
+
+
+async def _made(make: Callable[[], T | None], what: str) -> T | None:
+    """What `make` returns, in a thread; None if it fails. A cancellation waits, since the call has been made."""
+    try:
+        with anyio.CancelScope(shield=True):
+            return await anyio.to_thread.run_sync(make)
+    except Exception as crash:
+        # The traceback may name hidden things, so it is not logged at the default level.
+        logger.error("no %s: %s", what, type(crash).__name__)  # noqa: TRY400
+        logger.debug("traceback", exc_info=True)
+        return None

@@ -17,8 +17,7 @@ import numpy as np
 
 from physment_mcp.world import passive, readings
 from physment_mcp.world.readings import Array, Pose
-from physment_mcp.world.readout import quaternion_of, rotation_vector
-from physment_mcp.world.sensors import Sensors
+from physment_mcp.world.readout import Sensors, quaternion_of, rotation_vector
 
 FLOOR = 1e-4
 """Step [m] of what is read to full precision, or by no instrument.

@@ -13,11 +13,9 @@ from physment_mcp.world import clearance, editing, motion, passive, readings
 from physment_mcp.world.editing import JointKind
 from physment_mcp.world.loading import STATE
 from physment_mcp.world.pictures import showing
-from physment_mcp.world.pictures.looks import Part
-from physment_mcp.world.pictures.showing import Frame, ShownPart
+from physment_mcp.world.pictures.showing import Frame, Part, ShownPart
 from physment_mcp.world.readings import Array, Contact, HingeMotion, Pose, Shape, Twist
-from physment_mcp.world.readout import EXACT, Readout
-from physment_mcp.world.sensors import Sensors
+from physment_mcp.world.readout import EXACT, Readout, Sensors
 from physment_mcp.world.simulation import Simulation, settle
 
 NOISE_SALT = "noise_salt"

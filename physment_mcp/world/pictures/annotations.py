@@ -1,24 +1,29 @@
-"""What is written on a plate: the axes, the scale, and the ids of objects where they hide least. Knows no engine."""
+"""What is written on a plate: the axes, the scale, and the ids of objects where they hide least.
+
+Knows no engine. Places are in pixels.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from physment_mcp.world.pictures.framing import camera_axes
+from physment_mcp.world.pictures.framing import FIELD_DEG, View, camera_axes
 from physment_mcp.world.pictures.overlay import LINE, Colour, Overlay
-from physment_mcp.world.pictures.placement import (
-    PAD,
-    Box,
-    Label,
-    Optics,
-    arranged,
-    box_of,
-    middle,
-    round_length,
-    written_length,
-)
 from physment_mcp.world.readings import Array
 
+PAD = 6
+"""Room beside the text of a label [px]."""
+_GAPS = (10, 26, 50, 84, 130, 190)
+"""Distances of a label from its object that are tried [px]."""
+_MISLEADING = 250
+"""What it costs if a label is as near to another thing; a pixel of distance costs 12."""
+_BORDER = 4
+"""Labels are at least so far from the edge of the picture [px]."""
+
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom [px]."""
 INK: Colour = (31, 41, 55)
 SOFT: Colour = (90, 102, 120)
 PAPER: Colour = (255, 255, 255)
@@ -29,6 +34,133 @@ _AXIS = 58
 """Length of an axis that is seen at a right angle [px]."""
 _BAR = (110, 260)
 """Shortest and longest scale bar [px]; the longest round length that fits is drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Optics:
+    """Where the points of space are in a picture."""
+
+    view: View
+    width: int
+    height: int
+
+    @property
+    def pixels_per_metre(self) -> float:
+        """At the point that the camera looks at."""
+        return self.height / 2 / np.tan(np.radians(FIELD_DEG) / 2) / self.view.distance
+
+    def places(self, points: Array) -> Array:
+        """Places (n, 2) [px] of points (n, 3) [m] in front of the camera; behind it, NaN."""
+        seen = (points - self.view.centre) @ camera_axes().T
+        depth = seen[:, 2] + self.view.distance
+        depth = np.where(depth > 1e-6 * self.view.distance, depth, np.nan)
+        scale = (self.pixels_per_metre * self.view.distance / depth)[:, None]
+        return np.array((self.width / 2, self.height / 2)) + seen[:, :2] * (1, -1) * scale
+
+    def shows(self, points: Array) -> bool:
+        """Whether the middle of the points is inside the picture."""
+        x, y = middle(box_of(self.places(points)))
+        # A comparison with NaN is false, so what lies behind the camera is outside too.
+        return 0 <= x <= self.width and 0 <= y <= self.height
+
+
+def round_length(metres: float) -> float:
+    """The largest 1, 2 or 5 times a power of ten that is no larger."""
+    power = 10.0 ** np.floor(np.log10(metres))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
+
+
+def written_length(metres: float) -> str:
+    """A round length with the unit that needs the fewest digits."""
+    for factor, unit in ((1.0, "m"), (100.0, "cm"), (1000.0, "mm")):
+        if metres * factor >= 0.999:
+            return f"{metres * factor:.0f} {unit}"
+    return f"{metres:.0e} m"
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label that has no place yet."""
+
+    text: str
+    width: int
+    """Of the text [px]."""
+    thing: Box
+    """What it names."""
+
+
+def arranged(labels: Sequence[Label], size: tuple[int, int], taken: Sequence[Box]) -> list[tuple[Box, bool]]:
+    """For each label its place, and whether it is so far from its thing that a line must join them.
+
+    Args:
+        labels: The labels; earlier ones choose first.
+        size: Width and height of the picture.
+        taken: What is written already.
+    """
+    used, found = list(taken), list[tuple[Box, bool]]()
+    for label in labels:
+        others = [other.thing for other in labels if other is not label]
+        gap, spot = min(_choices(label), key=lambda choice: _cost(*choice, label.thing, size, used, others))
+        used.append(spot)
+        found.append((spot, gap > _GAPS[0] or _misleads(spot, label.thing, others)))
+    return found
+
+
+def _choices(label: Label) -> list[tuple[int, Box]]:
+    """Places around a thing at several distances, and one on it."""
+    width, height = label.width + 2 * PAD, LINE + 2
+    x, y = middle(label.thing)
+    on = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+    sides = [side for side in product((0, -1, 1), (-1, 1, 0)) if any(side)]
+    return [(gap, _placed(label.thing, (width, height), gap, side)) for gap in _GAPS for side in sides] + [(0, on)]
+
+
+def _cost(gap: int, spot: Box, thing: Box, size: tuple[int, int], used: Sequence[Box], others: Sequence[Box]) -> float:
+    whole = (spot[2] - spot[0]) * (spot[3] - spot[1])
+    inside = _overlap(spot, (_BORDER, _BORDER, size[0] - _BORDER, size[1] - _BORDER))
+    hidden = sum(_overlap(spot, other) for other in others) + 0.6 * _overlap(spot, thing)
+    written = sum(_overlap(spot, other) for other in used)
+    return 40 * (whole - inside) + 30 * written + 4 * hidden + 12 * gap + _MISLEADING * _misleads(spot, thing, others)
+
+
+def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
+    """Whether a label is nearer to another thing than to its own, or hardly farther from it: by edges or by middles."""
+    edges, middles = _distance(spot, thing) + _GAPS[0], float(np.hypot(*np.subtract(middle(thing), middle(spot))))
+    return any(
+        _distance(spot, other) < edges or np.hypot(*np.subtract(middle(other), middle(spot))) < middles
+        for other in others
+    )
+
+
+def box_of(places: Array) -> Box:
+    """What encloses places (n, 2)."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def middle(box: Box) -> tuple[float, float]:
+    """Its x and y."""
+    return (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+
+
+def _placed(box: Box, size: tuple[float, float], gap: float, side: tuple[int, int]) -> Box:
+    """A box of a size beside another; the side is -1, 0 or 1 to the right and downwards."""
+    x = {-1: box[0] - gap - size[0], 0: (box[0] + box[2] - size[0]) / 2, 1: box[2] + gap}[side[0]]
+    y = {-1: box[1] - gap - size[1], 0: (box[1] + box[3] - size[1]) / 2, 1: box[3] + gap}[side[1]]
+    return (x, y, x + size[0], y + size[1])
+
+
+def _distance(one: Box, other: Box) -> float:
+    """Between the nearest points of two boxes [px]."""
+    across = max(one[0] - other[2], other[0] - one[2], 0.0)
+    return float(np.hypot(across, max(one[1] - other[3], other[1] - one[3], 0.0)))
+
+
+def _overlap(one: Box, other: Box) -> float:
+    """Shared area [px²]."""
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    return width * height if width > 0 and height > 0 else 0.0
 
 
 def annotate(overlay: Overlay, optics: Optics, objects: Mapping[str, Array], notes: Sequence[str]) -> None:

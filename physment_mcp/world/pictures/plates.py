@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from physment_mcp.world.pictures.annotations import annotate
+from physment_mcp.world.pictures.annotations import Optics, annotate
 from physment_mcp.world.pictures.drawing import (
     corners_of,
     free_camera,
@@ -20,7 +20,6 @@ from physment_mcp.world.pictures.drawing import (
 )
 from physment_mcp.world.pictures.framing import FIELD_DEG, View
 from physment_mcp.world.pictures.overlay import Overlay, Pixels
-from physment_mcp.world.pictures.placement import Optics
 from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 960, 640

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from physment_mcp.world.pictures.annotations import Label, Optics, arranged, round_length, written_length
 from physment_mcp.world.pictures.framing import View, camera_axes
 from physment_mcp.world.pictures.overlay import Overlay, png_of
-from physment_mcp.world.pictures.placement import Label, Optics, arranged, round_length, written_length
 
 
 def test_a_png_holds_its_pixels_and_one_with_few_colours_the_nearest() -> None:

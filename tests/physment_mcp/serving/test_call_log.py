@@ -15,7 +15,7 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolRequestParams
 
-from physment_mcp.serving.call_log import CallLog
+from physment_mcp.serving.slot import CallLog
 from tests.builders.laboratory import Command, OpenHost
 
 BASE = "http://127.0.0.1"

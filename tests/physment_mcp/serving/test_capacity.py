@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from physment_mcp.serving.capacity import (
+from physment_mcp.serving.admission import (
     EPISODE_BYTES,
     _left_in_groups,  # pyright: ignore[reportPrivateUsage] - needs a tree of control groups
     free_memory,

@@ -13,9 +13,8 @@ from mcp_types import PromptReference
 
 from physment_mcp.scene import list_scenes, load_scene
 from physment_mcp.serving import call_log
-from physment_mcp.serving.call_log import MAX_PAGE_BYTES
 from physment_mcp.serving.server import build_server
-from physment_mcp.serving.slot import KEPT_CALLS, EpisodeSlot
+from physment_mcp.serving.slot import KEPT_CALLS, MAX_PAGE_BYTES, EpisodeSlot
 from physment_mcp.session import Session
 from tests.builders.laboratory import OpenLab, WritePack
 

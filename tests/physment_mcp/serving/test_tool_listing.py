@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from physment_mcp.scene import load_scene
+from physment_mcp.serving.prompt_blocks import tool_listing
 from physment_mcp.serving.prompts import CallProtocol, PromptOptions, opening_prompt
-from physment_mcp.serving.tool_listing import tool_listing
 from physment_mcp.session import Session
 from physment_mcp.tools import TOOLS
 from physment_mcp.tools.base import Tool
