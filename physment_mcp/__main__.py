@@ -1,4 +1,4 @@
-"""The program `physment-mcp`. Loading everything else takes a second; Ctrl-C ends the process at once meanwhile."""
+"""The program `physment-mcp`. Ctrl-C ends it at once while it imports everything else, which takes a second."""
 
 import signal
 import sys
@@ -6,7 +6,7 @@ from typing import NoReturn
 
 
 def entry() -> NoReturn:
-    """Be the program `physment-mcp`."""
+    """Run the program `physment-mcp`."""
     _end_at_once()
     from physment_mcp.commands.program import main  # noqa: PLC0415 - see above
 
@@ -16,11 +16,10 @@ def entry() -> NoReturn:
 
 
 def _end_at_once() -> None:
-    """Let Ctrl-C end this process without a word. Commands that can clean up undo it at their start: `restore_sigint`.
+    """Let SIGINT end this process silently. Commands with something to clean up call `restore_sigint` when they start.
 
-    An exception that it raises while modules are loaded may end anywhere: the engine, as it starts, puts an error of
-    its own in its place. An episode on stdio has nothing to clean up, and waits for the next line in a thread, which no
-    exception ends.
+    A KeyboardInterrupt during the imports may be lost: the engine replaces it by an error of its own. An episode on
+    stdio has nothing to clean up, and reads stdin in a thread that no exception interrupts.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -46,15 +46,15 @@ _PERMISSION: dict[Attribute, str] = {
 _UNLIMITED = LabLimits()
 
 
-class _Beginning(NamedTuple):
-    """What all episodes of a scene begin with; nothing in it is ever changed."""
+class _InitialState(NamedTuple):
+    """The initial state that all episodes of a scene share; nothing in it is changed."""
 
     state: SessionState
     opening: tuple[tuple[LabObject, dict[str, object]], ...]
 
 
-_BEGINNINGS: WeakKeyDictionary[Scene, _Beginning] = WeakKeyDictionary()
-"""Made for the first episode of a scene, and kept as long as the scene."""
+_INITIAL_STATES: WeakKeyDictionary[Scene, _InitialState] = WeakKeyDictionary()
+"""Cache of initial states, with the lifetime of their scenes."""
 
 
 @dataclass(slots=True)
@@ -81,18 +81,18 @@ class Session:
                 "scene %d runs with the time step of its model, %g s; the suite has %g s (--timestep %g forces it)",
                 *(public.scene_id, self.world.timestep, USUAL_TIMESTEP_S, USUAL_TIMESTEP_S),
             )
-        beginning = _BEGINNINGS.get(self.scene)
-        if beginning is None:
-            beginning = _BEGINNINGS[self.scene] = self._begin(public)
-        self.state, self.opening = beginning
+        initial = _INITIAL_STATES.get(self.scene)
+        if initial is None:
+            initial = _INITIAL_STATES[self.scene] = self._begin(public)
+        self.state, self.opening = initial
 
-    def _begin(self, public: PublicPack) -> _Beginning:
+    def _begin(self, public: PublicPack) -> _InitialState:
         bodies = set(self.world.bodies)
         missing = [listed.object_id for listed in public.objects if listed.object_id not in bodies]
         if missing:
             raise SceneError(f"scene {public.scene_id}: its XML has no body named {', '.join(missing)}")
         self.state = SessionState({listed.object_id: self._at_start(listed) for listed in public.objects})
-        return _Beginning(self.state, tuple((item, self.describe(item)) for item in self.known()))
+        return _InitialState(self.state, tuple((item, self.describe(item)) for item in self.known()))
 
     def _at_start(self, listed: PublicObject) -> LabObject:
         return LabObject(

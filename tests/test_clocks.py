@@ -18,7 +18,7 @@ from evaluator.store.run_folder import RunFolder
 from tests.builders.paths import ROOT
 
 STAMPS = {
-    "physment_mcp/serving/host.py": {"_create"},
+    "physment_mcp/serving/episode_server.py": {"_create"},
     "evaluator/agents/external/agent.py": {"play"},
     "evaluator/episode/loop.py": {"play_episode"},
     "evaluator/referee/episodes.py": {"_open_one"},

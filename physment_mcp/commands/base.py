@@ -1,4 +1,4 @@
-"""What commands share: how they are declared, common options, numbers on the command line, failures to write."""
+"""Shared by the commands: the interface for declaring them, common options, argument types, errors of writing."""
 
 import argparse
 import math
@@ -14,11 +14,11 @@ from scenes.errors import WorldError
 from scenes.world_names import one_world
 
 _MOST = 10_000
-"""Longest range of numbers that is accepted; a longer one is a typing error."""
+"""Longest accepted range of numbers; a longer one is taken for a mistake."""
 
 
 class Commands(Protocol):
-    """Where a command is declared: the object that `add_subparsers` returns, whose type argparse does not publish."""
+    """The object that `add_subparsers` returns, whose type argparse does not publish."""
 
     def add_parser(self, name: str, **kwargs: Any) -> argparse.ArgumentParser:
         """Declare a command."""

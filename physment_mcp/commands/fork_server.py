@@ -1,7 +1,7 @@
-"""`physment-mcp fork-server`: a process for each episode, without the time in which one loads its modules.
+"""`physment-mcp fork-server`: starts a process for each episode without importing its modules again.
 
-Loading the engine and the MCP library takes most of a second of processor time. This process loads them once and forks:
-each fork is `physment-mcp --scene N` on its own stdin and stdout. POSIX only.
+Importing the engine and the MCP SDK takes most of a second of processor time. This process imports them once and forks:
+each child is `physment-mcp --scene N` on its own stdin and stdout. POSIX only.
 """
 
 import argparse
@@ -22,11 +22,11 @@ from physment_mcp.commands.base import Commands, common_options
 from physment_mcp.errors import UsageError
 
 _LOADED = ("mcp.server.stdio", "physment_mcp.serving.frames", "physment_mcp.serving.server", "physment_mcp.session")
-"""What an episode on stdio needs; the rest comes with it."""
+"""Modules of an episode on stdio; they import the rest."""
 _LONGEST_LINE = 64_000
-"""Longest first line that is read [bytes]."""
+"""Longest accepted first line [bytes]."""
 _PATIENCE_S = 5
-"""Wall time that forks get to end [s]."""
+"""Time for children to exit before they are killed [s]."""
 
 Program = Callable[[Sequence[str]], int]
 """Takes the words of a command line and returns an exit code."""
@@ -37,7 +37,7 @@ def add(commands: Commands, program: Program) -> None:
 
     Args:
         commands: Where.
-        program: What a fork runs, with its words.
+        program: What a child runs, with its command line.
     """
     command = commands.add_parser(
         "fork-server",
@@ -67,8 +67,8 @@ def _run(program: Program, args: argparse.Namespace) -> int:
     for name in _LOADED:
         import_module(name)
     gc.collect()
-    gc.freeze()  # the forks share these objects, and do not search them for cycles
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system forgets forks that have ended
+    gc.freeze()  # children share these pages: their garbage collection does not touch them
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system reaps children
     while True:
         mark, brought, _, _ = socket.recv_fds(control, 1, 2)
         if not mark:
@@ -81,17 +81,17 @@ def _run(program: Program, args: argparse.Namespace) -> int:
             except Exception:  # noqa: BLE001 - what the interpreter would print, too
                 traceback.print_exc()
             finally:
-                os._exit(code)  # a fork that goes on would take the requests of its parent
+                os._exit(code)  # a child must not continue this loop
         for descriptor in brought:
             os.close(descriptor)
 
 
 def _ended() -> int:
-    """Wait for the forks, which end with their stdin, and end those that do not; returns the exit code."""
+    """Wait for the children, which exit at the end of their stdin, and kill the others; returns the exit code."""
     signal.signal(signal.SIGALRM, _kill_group)
-    if os.getpid() == os.getpgrp():  # else the group holds others than our forks
+    if os.getpid() == os.getpgrp():  # otherwise the group has other members than our children
         signal.alarm(_PATIENCE_S)
-    # With SIGCHLD ignored, this returns when there is no fork left.
+    # With SIGCHLD ignored, this returns when no child is left.
     with contextlib.suppress(ChildProcessError):
         os.wait()
     return 0
@@ -102,7 +102,7 @@ def _kill_group(_sign: int, _frame: FrameType | None) -> None:
 
 
 def _episode(brought: Sequence[int], program: Program) -> int:
-    """Be an episode on these descriptors; returns the exit code."""
+    """Run an episode on these descriptors; returns the exit code."""
     connection, errors = brought
     for source, target in ((connection, 0), (connection, 1), (errors, 2)):
         os.dup2(source, target)
@@ -119,7 +119,7 @@ def _episode(brought: Sequence[int], program: Program) -> int:
 
 
 def _words() -> list[str]:
-    """The first line of stdin, read byte by byte, because MCP reads what follows it."""
+    """The words in the first line of stdin, read byte by byte: what follows belongs to MCP."""
     line = bytearray()
     while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_LINE:
         line += byte

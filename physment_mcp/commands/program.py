@@ -21,9 +21,9 @@ from physment_mcp.errors import SceneError, UsageError
 from physment_mcp.version import __version__, engine_version
 
 _WAITING = 1000
-"""Most lines that wait to be written; further ones are lost."""
+"""Length of the queue of log lines; further ones are dropped."""
 _LAST_S = 0.5
-"""Wall time that the last lines get when the program ends [s]."""
+"""Time for writing the queued lines when the program ends [s]."""
 _DESCRIPTION = """\
 A physics laboratory over MCP: one MuJoCo scene per episode, 26 typed tools.
 
@@ -36,13 +36,13 @@ Without a command it serves one episode on stdin and stdout, for an MCP client t
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 usage or a scene that cannot be loaded."""
-    # The modules of the engine and open episodes live long. Collecting garbage after every 700 new objects, as is the
-    # default, looks at them again each time: a tenth of the time of a start, and of a call on a host of hundreds.
+    # Modules and open episodes are long-lived. With the default threshold of 700 allocations, the garbage collector
+    # traverses them so often that a start, and a call on a server with hundreds of episodes, takes a tenth longer.
     gc.set_threshold(10_000, 20, 20)
     try:
         args = parser().parse_args(sys.argv[1:] if argv is None else argv)
         logging.basicConfig(
-            handlers=[PatientLines()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
+            handlers=[NonBlockingHandler()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
         )
         return args.run(args)
     except (SceneError, UsageError) as error:
@@ -80,7 +80,7 @@ class _Parser(SentenceParser):
 
 
 class _Versions(argparse.Action):
-    """Prints the versions and ends. Only then are they asked for, because that would slow every start."""
+    """Prints the versions and exits. Looking them up at each start would slow it."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(f"physment-mcp {__version__}, MuJoCo {engine_version()}")
@@ -123,7 +123,7 @@ def _stdio(args: argparse.Namespace) -> int:
 
 
 def _waiting(scene: int | None) -> str:
-    """What a person reads who starts the server in a terminal."""
+    """The notice for a person who starts the server in a terminal."""
     tried = 7 if scene is None else scene
     return (
         "physment-mcp: waits for messages of an MCP client on stdin; Ctrl-C ends it. To connect a client, see"
@@ -131,11 +131,8 @@ def _waiting(scene: int | None) -> str:
     )
 
 
-class PatientLines(logging.Handler):
-    """Hands log lines to a thread that writes them to standard error.
-
-    A full or unread standard error then loses lines, where it would block the program.
-    """
+class NonBlockingHandler(logging.Handler):
+    """A log handler that never blocks: a thread writes to standard error, and a full queue drops lines."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -143,7 +140,7 @@ class PatientLines(logging.Handler):
         self._writer: threading.Thread | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a line, or lose it if too many wait. `logging` calls this in one thread at a time."""
+        """Queue a line, or drop it if the queue is full. `logging` calls this in one thread at a time."""
         if self._writer is None:  # not earlier: a process with threads should not fork
             self._writer = threading.Thread(target=self._write, name="log", daemon=True)
             self._writer.start()
@@ -151,7 +148,7 @@ class PatientLines(logging.Handler):
             self._lines.put_nowait(self.format(record) + "\n")
 
     def close(self) -> None:
-        """Give the last lines some time. `logging` calls this when the program ends."""
+        """Wait briefly for the queue to be written. `logging` calls this when the program ends."""
         until = time.monotonic() + _LAST_S
         while self._lines.unfinished_tasks and time.monotonic() < until:
             time.sleep(0.005)

@@ -17,7 +17,7 @@ from physment_mcp.contract.command_line import restore_sigint
 from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
-"""Connections that may be open at a time, where the system lets us choose."""
+"""Limit of open files that is asked of the system."""
 _LONGEST_TOKEN = 4096
 """[bytes]."""
 _NAME = re.compile(r"[A-Za-z0-9]{1,32}")
@@ -114,8 +114,8 @@ def run(args: argparse.Namespace) -> int:
     # --help need not wait for the engine.
     from physment_mcp.scene import scene_ids  # noqa: PLC0415
     from physment_mcp.serving.admission import free_memory, usual_episodes  # noqa: PLC0415
+    from physment_mcp.serving.episode_server import EpisodeServer  # noqa: PLC0415
     from physment_mcp.serving.frames import watching  # noqa: PLC0415
-    from physment_mcp.serving.host import Host  # noqa: PLC0415
     from physment_mcp.serving.listening import serve  # noqa: PLC0415
 
     restore_sigint()
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     if args.end_with_stdin:
         Thread(target=_end_with_stdin, daemon=True).start()
     args.max_episodes = args.max_episodes or usual_episodes(free_memory())
-    host = Host(
+    host = EpisodeServer(
         args.scenes_dir,
         args.max_episodes,
         args.idle_timeout,
@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_opened(args: argparse.Namespace) -> None:
-    """Try the episode of `--open`, which stays kept, so that it opens at once.
+    """Check that the episode of `--open` can be opened; its scene stays in the cache.
 
     Raises:
         UsageError: It cannot be opened.
@@ -222,7 +222,7 @@ def _control(args: argparse.Namespace) -> socket.socket | None:
 
 
 def _first_line() -> str:
-    """The first line of stdin, read byte by byte: `--end-with-stdin` waits for what follows it."""
+    """The first line of stdin, read byte by byte: `--end-with-stdin` reads what follows."""
     line = b""
     while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_TOKEN:
         line += byte
@@ -230,7 +230,7 @@ def _first_line() -> str:
 
 
 def _allow_open_files() -> None:
-    """Let as many connections be open at a time as the system allows; many systems start with 1024 or fewer."""
+    """Raise the limit of open files as far as the system allows; many systems start with 1024 or fewer."""
     if find_spec("resource") is None:
         return  # Windows has no limit of this kind
     import resource  # noqa: PLC0415
@@ -243,7 +243,7 @@ def _allow_open_files() -> None:
 
 
 def _end_with_stdin() -> None:
-    """Wait until the other end of stdin is closed, then send this process SIGTERM."""
+    """Wait for the end of stdin, then send SIGTERM to this process."""
     while os.read(0, 4096):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Opening episodes on a host: what a request must say, how many may be open, and loading the scene.
+"""Opens episodes on a server: the request model, the quota of open episodes, and loading the scene.
 
 Knows no HTTP, no sockets and no MCP.
 """
@@ -19,16 +19,16 @@ from physment_mcp.session import Session
 logger = logging.getLogger(__name__)
 
 _LARGEST = 2**64 - 1
-"""Largest magnitude of a whole number: a larger one is no scene and no seed, and errors and logs would repeat it."""
+"""Largest magnitude of an integer in a request: no scene or seed is larger, and errors and logs would repeat it."""
 EPISODE_BYTES = 1_000_000
-"""What an open episode takes at most: its state, a model of its own, its server and its log.
+"""Largest memory of an open episode: its state, a model of its own, its MCP server and its log.
 `tests/harness/bench/opening.py` measures 0.6 MB where four episodes share a seed."""
 _SHARE = 0.5
 """Share of the free memory that episodes may take."""
 _MOST = 8000
-"""Most episodes by default: beyond this the system's limit of open connections is the nearer one."""
+"""Largest default quota: beyond it, the system's limit of open files is reached first."""
 _UNKNOWN = 1000
-"""Episodes by default where the system does not tell how much memory is free."""
+"""Default quota where the free memory is unknown."""
 
 
 class EpisodeRequest(BaseModel):
@@ -52,14 +52,14 @@ class EpisodeQuota:
     taken: int = 0
 
     def acquire(self) -> bool:
-        """Count one more; returns False, and counts none, at the limit."""
+        """Take a place; returns False at the limit."""
         if self.taken == self.most:
             return False
         self.taken += 1
         return True
 
     def release(self) -> None:
-        """Count one less."""
+        """Free a place."""
         self.taken -= 1
 
 
@@ -75,10 +75,10 @@ class Admission:
     for_operator: bool
     """Whether refusals may tell details of packs: true if only the operator can ask."""
     _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
-    """Held while a scene is loaded, in a thread, because that takes up to 50 ms."""
+    """Held while a scene is loaded in a thread, which takes up to 50 ms."""
 
     async def open(self, body: bytes) -> tuple[EpisodeRequest, Session]:
-        """Open a session, which counts towards the quota until whoever closes the episode calls `quota.release`.
+        """Open a session. It counts towards the quota until the caller closes the episode and calls `quota.release`.
 
         Args:
             body: The request in JSON.
@@ -97,7 +97,7 @@ class Admission:
         try:
             kept = kept_scene(wanted.scene, wanted.seed, self.scenes_dir, self.timestep)
             if kept is not None:
-                return wanted, Session(kept, max_calls=wanted.max_calls)  # takes less time than a thread
+                return wanted, Session(kept, max_calls=wanted.max_calls)  # faster than starting a thread
             async with self._loading:
                 return wanted, await anyio.to_thread.run_sync(self._load, wanted)
         except SceneError as error:
@@ -114,12 +114,12 @@ class Admission:
 
 
 def usual_episodes(free: int | None) -> int:
-    """How many episodes a host takes if nobody says so, for some free memory [bytes], None if that is unknown."""
+    """The default quota for an amount of free memory [bytes]; None if it is unknown."""
     return _UNKNOWN if free is None else min(_MOST, max(1, int(_SHARE * free / EPISODE_BYTES)))
 
 
 def free_memory() -> int | None:
-    """Memory that this process may still take [bytes]; None if the system does not tell.
+    """Memory that this process may still allocate [bytes]; None if unknown.
 
     Source: `MemAvailable` of Linux, and the limits of the control groups of this process; elsewhere half of all memory.
     """
@@ -132,7 +132,7 @@ def free_memory() -> int | None:
 
 
 def _left_in_groups(root: Path, membership: Path) -> list[int]:
-    """What the control group of this process and those above it still allow [bytes], where they set a limit.
+    """Memory left in the control group of this process and in its ancestors, where they set a limit [bytes].
 
     Source: `memory.max` and `memory.current` of control groups, version 2.
     """

@@ -1,7 +1,6 @@
-"""Frames for results: pictures of what may be seen now in an episode, drawn by a separate process.
+"""Frames for results: pictures of what may be seen in an episode, drawn by a separate process.
 
-`visibility` says what may be seen, and where. The separate process receives only that. When it fails, results come
-without a frame.
+The process receives only what `visibility` permits. If it fails, results have no frame.
 """
 
 import base64
@@ -32,7 +31,7 @@ _PATIENCE_S = 60.0
 
 
 class Painter:
-    """The process that draws, one picture at a time. It ends with this process or with `close`."""
+    """The drawing process, which draws one picture at a time. It ends with this process or with `close`."""
 
     def __init__(self) -> None:
         """Start the process.
@@ -105,7 +104,7 @@ class Frames:
 
 
 def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:
-    """What makes the frames of an episode, for a value of `--observations`; None for text alone.
+    """The factory of frames for a value of `--observations`; None for text alone.
 
     Raises:
         UsageError: Nothing can be drawn off-screen on this machine.

@@ -32,21 +32,21 @@ logger = logging.getLogger(__name__)
 MAX_BODY = 64_000
 """Largest accepted request [bytes], as a body or as a line: three times the largest call that a tool looks at."""
 BODY_S = 15.0
-"""Wall time from the headers of a request to the end of its body [s]."""
+"""Deadline for the body of a request [s], from the end of its headers (kind `slow uploads`)."""
 
 REQUEST_S = 15.0
-"""Wall time from the opening of a connection, or from the first byte of a request, to the end of its headers [s]."""
+"""Deadline for the headers of a request [s], from the opening of the connection or the first byte of the request."""
 _READ = 2048
-"""Bytes that are read of a connection before others are looked at: all requests among them are parsed at once."""
+"""Size of one read from a connection [bytes]. uvicorn parses every request of a read at once (kind `slow readers`)."""
 _WARN_S = 60.0
-"""Shortest wall time between two warnings that connections are turned away [s]."""
+"""Shortest time between two warnings that connections are refused [s]."""
 _SCHEME = re.compile(r"[a-z][a-z0-9+.-]*://", re.ASCII | re.IGNORECASE)
 _ONE_OBJECT = 'a message is one JSON object, such as {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}'
 
 
 @dataclass(slots=True)
 class Connections:
-    """The open connections, in all and of each address."""
+    """Counts open connections, in total and per client address (kind `half-open connections`)."""
 
     most: int
     most_of_address: int
@@ -74,20 +74,20 @@ class Connections:
 
 
 def bounded_protocol(connections: Connections, request_s: float = REQUEST_S) -> type[asyncio.Protocol]:
-    """The protocol for one host.
+    """The protocol class of one server, for `uvicorn.Config`.
 
     Args:
-        connections: Counts its connections.
+        connections: Counts the connections of this server.
         request_s: As `REQUEST_S`.
     """
     return type("HostProtocol", (_BoundedProtocol,), {"open_connections": connections, "request_s": request_s})
 
 
 class _Reading(FlowControl):
-    """Reads no more of a connection while requests that were read wait for their turn.
+    """Flow control that pauses reading while pipelined requests wait (kind `slow readers`).
 
-    uvicorn reads on whenever the application awaits a part of a request, so that all requests of the connection, which
-    may be thousands, would be parsed and kept.
+    uvicorn resumes reading whenever the application awaits a part of a request. It would then parse and keep all
+    pipelined requests of a connection, which may be thousands.
     """
 
     def __init__(self, transport: asyncio.Transport, waiting: Sized) -> None:
@@ -95,18 +95,18 @@ class _Reading(FlowControl):
         self._waiting = waiting
 
     def resume_reading(self) -> None:
-        """Read, unless requests wait."""
+        """Resume, unless requests wait."""
         if not self._waiting:
             super().resume_reading()
 
 
 class _BoundedProtocol(AutoHTTPProtocol):
-    """One connection."""
+    """One connection, with a deadline for headers (kind `half-open connections`)."""
 
     open_connections: Connections
     request_s: float
     _address: str | None = None
-    """Where it comes from; None while it is not counted."""
+    """Address of the client; None while the connection is not counted."""
     _deadline: asyncio.TimerHandle | None = None
     _transport: Any = None
 
@@ -128,7 +128,7 @@ class _BoundedProtocol(AutoHTTPProtocol):
             transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        """Time the headers of a request, from its first byte on."""
+        """Start the deadline at the first byte of a request; stop it when the headers are complete."""
         if self._deadline is None and not self._in_request():
             self._wait()
         super().data_received(data)
@@ -137,7 +137,7 @@ class _BoundedProtocol(AutoHTTPProtocol):
             self._deadline = None
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop counting it."""
+        """Stop the deadline, and count the connection as closed."""
         if self._deadline is not None:
             self._deadline.cancel()
         if self._address is not None:
@@ -159,11 +159,12 @@ class _BoundedProtocol(AutoHTTPProtocol):
 
 
 class HttpGuard:
-    """ASGI middleware that passes a request on with its whole body, or refuses it.
+    """ASGI middleware that reads the body of a request and passes the request on, or refuses it.
 
-    It refuses requests that name another host or come from a web page of another site: a page in a browser on this
-    machine can make its own host name resolve to our address (DNS rebinding), and its requests then name that host. The
-    address that the connection was made to cannot be forged in this way, so it is accepted.
+    It refuses a Host header with a foreign name, and an Origin header of a foreign site. This prevents DNS rebinding: a
+    web page makes its own name resolve to our address, and its requests then carry that name. The address of our end
+    of the connection cannot be forged in this way, so it is accepted. Starlette's `TrustedHostMiddleware` compares with
+    a fixed list, which cannot hold the addresses of a server that listens on all interfaces.
 
     Args:
         app: The application behind.
@@ -188,7 +189,7 @@ class HttpGuard:
         self._within_s = within_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it: 400 for a wrong Host, 403 for a wrong Origin, 413 or 408 for its body."""
+        """Pass a request on, or refuse it: 400 for its Host, 403 for its Origin, 413 or 408 for its body."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -217,7 +218,7 @@ class HttpGuard:
         return None
 
     async def _body(self, receive: Receive) -> bytes | JSONResponse | None:
-        """The body of a request; a refusal of it; or None if the client broke the upload off."""
+        """The body; a response that refuses it; or None if the client disconnected during the upload."""
         body = bytearray()
         complete = False
         with anyio.move_on_after(self._within_s):
@@ -234,7 +235,7 @@ class HttpGuard:
 
 
 def with_body(body: bytes, receive: Receive) -> Receive:
-    """What an application receives of a request whose body was read: the body, then whatever the connection brings."""
+    """An ASGI `receive` that returns a body that was read already, and then the messages of the original one."""
     first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Message:
@@ -244,7 +245,7 @@ def with_body(body: bytes, receive: Receive) -> Receive:
 
 
 def has_token(request: Request, *tokens: str | None) -> bool:
-    """Whether a request has one of these bearer tokens; None never matches."""
+    """Whether a request carries one of these bearer tokens; None never matches."""
     scheme, _, shown = request.headers.get("authorization", "").partition(" ")
     given = shown.strip().encode()
     # Every token is compared, each in constant time, so the duration reveals nothing about them.
@@ -259,22 +260,21 @@ def refuse(status: int, sentence: str) -> JSONResponse:
 
 
 class Fault(NamedTuple):
-    """What is wrong with a message."""
+    """A JSON-RPC error about a message."""
 
     code: int
-    """Of JSON-RPC."""
     sentence: str
 
     def response(self) -> JSONResponse:
-        """The answer to it."""
+        """The error as an HTTP response."""
         error = {"code": self.code, "message": self.sentence}
         return JSONResponse({"jsonrpc": "2.0", "id": None, "error": error}, status_code=400)
 
 
 def fault_of(body: bytes) -> Fault | None:
-    """What is wrong with the body of a request; None if it is a JSON-RPC message.
+    """The error in the body of a request; None if it is a JSON-RPC message.
 
-    The MCP library would answer with the error of its validation: many lines that speak of its classes.
+    The MCP SDK would reply with the text of a pydantic error, which names its classes.
     """
     try:
         message: Any = from_json(body)

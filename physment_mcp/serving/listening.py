@@ -1,4 +1,7 @@
-"""A host on its port: the listening socket, the configuration of uvicorn, and the settings of the process."""
+"""Runs the episode server with uvicorn: the listening socket, the configuration, and the settings of the process.
+
+Each setting that defends against an attack names the kind of `python -m tests.harness.load.hostile` that needs it.
+"""
 
 import ctypes
 import gc
@@ -8,24 +11,23 @@ import sys
 
 import uvicorn
 
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.serving.http_guard import Connections, bounded_protocol
 
 _KEEP_ALIVE_S = 60
-"""How long an idle connection is kept [s]: longer than by clients (5 s), so that none is closed just as it is used."""
+"""How long an idle connection is kept [s]: longer than clients keep it (5 s), so none is closed as it is reused."""
 _CONNECTIONS_EACH = 8
-"""Open connections for each episode that may be open: a client that plays one uses two or three."""
+"""Most connections per episode that may be open (kind `half-open connections`); a client uses two or three."""
 _MORE_CONNECTIONS = 100
-"""Open connections besides these."""
+"""Connections besides these."""
 _ACCEPTED_AT_ONCE = 8
-"""Connections that are accepted before requests on open ones are looked at again."""
-_WAITING = 1024
-"""Connections that may wait to be accepted."""
+"""Connections accepted in one iteration of the event loop (kinds `200 requests at once`, `200 wrong URLs at once`)."""
+_BACKLOG = 1024
+"""Length of the queue of connections that the system has not handed over yet."""
 
-_NEW_OBJECTS = (2_000, 5, 50)
-"""Thresholds of the garbage collector: generation 0 after 2,000 allocations (1 to 2 ms), generation 1 after 5
-collections of generation 0 (5 ms), generation 2 after 50 of generation 1, if its objects have become more by a
-quarter."""
+_GC_THRESHOLDS = (2_000, 5, 50)
+"""GC thresholds: generation 0 after 2,000 allocations (1 to 2 ms), generation 1 after 5 collections of generation 0
+(5 ms), generation 2 after 50 of generation 1 (kinds `slow readers`, `steps of 60 s broken off`)."""
 _M_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 """The parameter of glibc's `mallopt`, and the size from which memory is a mapping of its own [bytes]."""
 
@@ -37,8 +39,8 @@ def listen(address: str, port: int) -> socket.socket:
         OSError: The system does not allow it.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=_WAITING)
-    # Every connection inherits this. Otherwise the system holds small packets back, which costs 40 ms a call.
+    listener = socket.create_server((address.strip("[]"), port), family=family, backlog=_BACKLOG)
+    # Accepted connections inherit this. Nagle's algorithm would delay small packets: 40 ms a call.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener
 
@@ -50,7 +52,7 @@ def announce(listener: socket.socket) -> None:
     print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
 
 
-def serve(host: Host, address: str, port: int) -> None:
+def serve(host: EpisodeServer, address: str, port: int) -> None:
     """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
 
     Raises:
@@ -58,26 +60,26 @@ def serve(host: Host, address: str, port: int) -> None:
     """
     listener = listen(address, port)
     announce(listener)
-    _run(PatientServer(_config(host)), [listener])
+    _run(DeepBacklogServer(_config(host)), [listener])
 
 
 def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
-    """Serve until interrupted, and look for garbage only in what was made since the start, a little at a time.
+    """Serve until interrupted, with the garbage collector set for short pauses.
 
-    Every episode waits for such a search. It would take 30 to 70 ms in all modules, and as long in 200 000 new objects.
+    A collection stops all episodes. `gc.freeze` takes the objects of the modules out of it, which take 30 to 70 ms.
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(*_NEW_OBJECTS)
+    gc.set_threshold(*_GC_THRESHOLDS)
     _give_memory_back()
     server.run(sockets)
 
 
 def _give_memory_back() -> None:
-    """Let glibc give the memory of a closed episode back to the system at once.
+    """Let glibc return the memory of a closed episode to the system at once (kind `episodes opened and closed`).
 
-    Its data are some hundred kilobytes. By default glibc soon keeps such blocks in its heap. The heap then grows by
-    20 kB for each episode that expires, because blocks do not fit into each other's gaps.
+    The data of an episode are blocks of some hundred kilobytes. By default glibc raises its threshold and serves such
+    blocks from its heap, which fragments: it grows by 3 to 20 kB for each closed episode.
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # other C libraries than glibc have none
@@ -85,7 +87,7 @@ def _give_memory_back() -> None:
             mallopt(_M_MMAP_THRESHOLD, _LARGE)
 
 
-def _config(host: Host) -> uvicorn.Config:
+def _config(host: EpisodeServer) -> uvicorn.Config:
     most = _CONNECTIONS_EACH * host.max_episodes + _MORE_CONNECTIONS
     return uvicorn.Config(
         host.app(),
@@ -98,11 +100,11 @@ def _config(host: Host) -> uvicorn.Config:
     )
 
 
-class PatientServer(uvicorn.Server):
-    """Accepts `Config.backlog` connections at once, and lets more wait, where uvicorn has one number for both."""
+class DeepBacklogServer(uvicorn.Server):
+    """Separates the backlog of the socket from the number of connections accepted at once; uvicorn has one number."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to accept connections."""
+        """Start to listen, and lengthen the backlog."""
         await super().startup(sockets)
         for listener in sockets or ():
-            listener.listen(_WAITING)
+            listener.listen(_BACKLOG)

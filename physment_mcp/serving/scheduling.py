@@ -1,7 +1,7 @@
-"""In which order the requests of a host are served, so that those of one episode delay the others little.
+"""Fair scheduling of requests: those of one episode delay the other episodes of its server little.
 
-All episodes share one event loop. A client with many requests at once would otherwise get as many shares of it, and a
-long step, which runs in a thread, would compete with every request of others for the interpreter and the processors.
+All episodes share one event loop. Without scheduling, a client that sends many requests at once gets as many shares of
+it, and a long step, which runs in a thread, competes with every other request for the GIL and the processors.
 """
 
 import contextlib
@@ -13,31 +13,31 @@ from typing import Any
 import anyio
 
 PATIENCE_S = 0.1
-"""Longest wall time that a request waits for the one before it [s]. On a busy host a brief request takes a third of it:
-if the next did not wait for its end, many of an episode would be served side by side, each slower than before."""
+"""Longest time that a request waits for the previous one of its episode [s]. On a busy server a short request takes a
+third of it. Without the wait, many requests of an episode would run concurrently, each slower than before."""
 _ALLOWED_S = 0.02
-"""Wall time after which a step lets the next request of its episode in, because that may cancel it; and wall time that
-an episode may step before it gives way to others [s]."""
+"""Time after which a step admits the next request of its episode, which may be its cancellation; also the time that an
+episode may step before it yields to others [s]."""
 _REGAINED = 0.1
-"""Part of all wall time that an episode may step without giving way. Whoever breaks steps off thus gains nothing."""
+"""Share of the time that an episode may step without yielding. Cancelling steps does not reset what was used."""
 _MOST_SPENT_S = 1.0
-"""Most wall time of steps that is held against an episode [s]."""
+"""Largest used time that is kept for an episode [s]."""
 _AT_ONCE = 8
-"""Most requests of an episode that are served at the same time, because each of them waits for something."""
+"""Most concurrent requests of an episode; all but one of them wait for something."""
 WAITS = 2.0
-"""Longest wait of a long step for other episodes, as a multiple of the wall time that its last piece took. This bounds
-what many busy episodes can do to it."""
+"""Longest wait of a long step for other episodes, as a multiple of the time of its last piece. It bounds the slowdown
+by many busy episodes."""
 _BRIEF_S = 0.002
-"""Wall time of a piece of a long step while other episodes are served [s]: such a piece delays them little."""
+"""Time of a piece of a long step while other episodes are served [s]."""
 _QUIET_S = 0.1
-"""Wall time without requests of other episodes after which pieces are as long as usual [s]."""
+"""Time without requests of other episodes after which pieces have their usual length [s]."""
 
 
 class Scheduler:
-    """The episodes of a host that are served now, apart from those whose request has taken long."""
+    """Keeps track of which episodes of a server are being served, apart from those in a long step."""
 
     def __init__(self) -> None:
-        """No episode is being served."""
+        """Start without requests."""
         self._served: set[object] = set()
         self._quiet = anyio.Event()
         self._last: object = None
@@ -46,17 +46,16 @@ class Scheduler:
         self._entrance = anyio.Semaphore(1)
 
     async def enter(self) -> None:
-        """Wait for the turn of a request that reaches no open episode.
+        """Admit a request that reaches no open episode.
 
-        Such requests enter one after another, so that many of them delay an episode little: between two of them, the
-        event loop serves whatever else is ready. None waits for the end of the one before, because opening an episode
-        takes long.
+        Such requests are admitted one per iteration of the event loop, so many of them delay the episodes little. None
+        waits for the end of the previous one, because opening an episode takes long.
         """
         async with self._entrance:
             pass
 
     def begin(self, episode: object) -> None:
-        """A request of an episode is being served."""
+        """Note that a request of an episode is being served."""
         if not self._served:
             self._quiet = anyio.Event()
         self._served.add(episode)
@@ -65,13 +64,13 @@ class Scheduler:
         self._last_at = time.monotonic()
 
     def end(self, episode: object) -> None:
-        """It no longer is, or it has taken long."""
+        """Note that it has ended or become a long step."""
         self._served.discard(episode)
         if not self._served:
             self._quiet.set()
 
     def last_besides(self, episode: object) -> float:
-        """When the latest request of another episode began, by the monotonic clock [s]."""
+        """Start of the latest request of another episode, by the monotonic clock [s]."""
         return self._others_at if episode is self._last else self._last_at
 
     async def quiet(self) -> None:
@@ -81,7 +80,7 @@ class Scheduler:
 
 
 class Turns:
-    """The turns of the requests of one episode."""
+    """Serves the requests of one episode in turn."""
 
     def __init__(
         self,
@@ -102,20 +101,20 @@ class Turns:
         self._patience_s = patience_s
         self._allowed_s = allowed_s
         self._quiet_s = quiet_s
-        # Fast: a request that need not wait costs no turn of the event loop, which one for every message would.
+        # `fast_acquire`: a request that need not wait costs no iteration of the event loop.
         self._places = anyio.Semaphore(_AT_ONCE, fast_acquire=True)
         self._turn = anyio.Semaphore(1, fast_acquire=True)
         self._holder: object = None
-        """Stands for the request that has the turn; None if none has it."""
+        """Identifies the request that has the turn; None if none has it."""
         self.exclusive = anyio.Lock(fast_acquire=True)
-        """Held by whatever reads or changes the episode, because requests are also let in while another one runs."""
+        """Held while the episode is read or changed: a request may be admitted while another one runs."""
         self._spent_s = 0.0
-        """Wall time of the pieces of its steps, less what it has regained since."""
+        """Time used by steps, less what has been regained since [s]."""
         self._spent_at = time.monotonic()
 
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncGenerator[None]:
-        """Wait for a turn. It begins when the request before ends, or when that one has taken long."""
+        """Wait for a turn: it begins when the previous request ends or has taken long."""
         async with self._places:
             request = object()
             with anyio.move_on_after(self._patience_s):
@@ -132,15 +131,15 @@ class Turns:
                 self._pass_on(request)
 
     def _pass_on(self, request: object) -> None:
-        """Give the turn to the next request, if this one still has it."""
+        """Release the turn, if this request still has it."""
         if self._holder is request is not None:
             self._holder = None
             self._turn.release()
 
     def giving_way(self, at_most: float = WAITS) -> Callable[[], Coroutine[Any, Any, float | None]]:
-        """What a call that works in pieces awaits before each: it lets others go first, if it takes long.
+        """A coroutine function that a long call awaits before each piece, to yield to other episodes.
 
-        It returns the wall time that the next piece may take [s]; None for the usual.
+        It returns the time that the next piece may take [s]; None for the usual one.
 
         Args:
             at_most: As `WAITS`.
@@ -167,7 +166,7 @@ class Turns:
         return give_way
 
     def _spend(self, piece_s: float, now: float) -> float:
-        """Count a piece; returns the wall time that the episode has spent [s]."""
+        """Add the time of a piece; returns the time that the episode has used [s]."""
         kept = max(0.0, self._spent_s - _REGAINED * (now - self._spent_at))
         self._spent_s, self._spent_at = min(kept + piece_s, _MOST_SPENT_S), now
         return self._spent_s

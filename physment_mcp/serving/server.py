@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 _PROMPT = "scene"
 _REPORT_S = 0.04
-"""Shortest wall time between two reports of progress of a call [s]."""
+"""Shortest time between two progress notifications of a call [s]."""
 _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
 
 

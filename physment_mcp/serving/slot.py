@@ -26,13 +26,13 @@ from physment_mcp.visibility import Visibility
 from scenes import PublicPack
 
 MAX_EPISODE_BYTES = 4_000_000
-"""Most arguments that an episode may bring in all its calls [bytes of JSON]; 10,000 usual calls bring half of it."""
+"""Largest size of all arguments of an episode [bytes of JSON]; 10,000 usual calls take half of it."""
 MAX_PAGE_BYTES = 30_000
-"""Most arguments and results in one reply about the log [bytes], so that writing it takes 1 ms."""
+"""Largest size of arguments and results in one page of the log [bytes]; writing it takes 1 ms."""
 FULL = f"the calls of this episode have brought {MAX_EPISODE_BYTES} bytes, which is the limit; you can only answer now"
 _TRUTH = {True: "true", False: "false"}
 KEPT_CALLS = 500
-"""Calls that the log keeps of an episode without a limit, so that a host of many episodes needs bounded memory."""
+"""Calls that the log keeps of an episode without a limit of calls; it bounds the memory of a server."""
 
 
 class LoggedCall(NamedTuple):
@@ -82,7 +82,7 @@ class LoggedCall(NamedTuple):
 
 @dataclass(slots=True)
 class CallLog:
-    """The calls of one episode, in the order in which they ran."""
+    """The calls of one episode, in order."""
 
     kept: int | None = None
     """How many of the latest calls to keep; None for all."""
@@ -90,12 +90,12 @@ class CallLog:
     left_out: int = 0
     """Calls that are no longer kept."""
     size: int = 0
-    """Bytes of all arguments noted so far."""
+    """Bytes of all arguments so far."""
     opened_at: float = field(default_factory=time.monotonic)
 
     @property
     def full(self) -> bool:
-        """Whether the episode has brought as much as it may; then only its answer is taken."""
+        """Whether the arguments have reached the limit; from then on only the answer is accepted."""
         return self.size > MAX_EPISODE_BYTES
 
     def page_from(self, first: int) -> Sequence[LoggedCall]:
@@ -125,14 +125,13 @@ class CallLog:
             started_at: When the call began, by the monotonic clock [s].
         """
         arguments = params.arguments or {}
-        # What was refused as too large is a mistake, or an attempt to fill the memory.
+        # Arguments that were refused as too large are not kept: they may be an attempt to exhaust the memory.
         too_large = excess(params.name, arguments)
         is_error = result is not None and bool(result.is_error)
         if too_large or (self.full and (is_error or params.name != ANSWER.name)):
             arguments = {"left_out": too_large or FULL}
         written = to_json(arguments, inf_nan_mode="strings")
-        # Only the text is kept: keeping the result objects made every later call a tenth slower, because the garbage
-        # collector looks at them again and again.
+        # Only the text is kept: result objects made later calls a tenth slower by repeated garbage collection.
         texts = (part.text for part in result.content if isinstance(part, types.TextContent)) if result else ()
         text = next(iter(texts), "") if result else None
         took = time.monotonic() - started_at
@@ -146,7 +145,7 @@ class CallLog:
 
 
 class EpisodeSlot:
-    """The place of at most one open episode; its calls run one at a time."""
+    """Holds at most one open episode; its calls run one at a time."""
 
     def __init__(
         self,
@@ -168,9 +167,9 @@ class EpisodeSlot:
             scene_ids: Which scenes can be opened; by default the open one.
             list_scenes: Lists the scenes that can be opened; by default the open one.
             watch: Makes the frames for results; None for results without frames.
-            gone: Why there is no episode and none can be opened; None if one is or can be open.
+            gone: Why there is no episode and none can be opened; None otherwise.
             find_visibility: Finds what may be seen in a scene, for clients that show the app; None for none.
-            scheduler: The other episodes of its host; None for an episode alone.
+            scheduler: Shared by the episodes of a server; None for a single episode.
         """
         self.session = session
         self.reopen = reopen
@@ -187,11 +186,11 @@ class EpisodeSlot:
 
     @property
     def offers_app(self) -> bool:
-        """Whether a client that shows apps gets the one that draws. Not with a limit of calls: showing is no call."""
+        """Whether clients that show apps are offered ours. Not with a limit of calls, because a view is not a call."""
         return self._find_visibility is not None and (self.session is None or self.session.max_calls is None)
 
     def visibility(self, session: Session) -> Visibility:
-        """What may be seen in the scene of a session, where the app is offered. Blocks.
+        """What may be seen in the scene of a session; only where the app is offered. Blocks.
 
         Raises:
             SceneError: The folder holds too few variants of the scene.
@@ -212,10 +211,10 @@ class EpisodeSlot:
         self.log = CallLog(kept=KEPT_CALLS if session.max_calls is None else None)
 
     def close(self, gone: str) -> None:
-        """Let go of the episode: its model and state take a megabyte, and the garbage collector does not see them.
+        """Release the episode: its model and state take a megabyte that the garbage collector does not count.
 
         Args:
-            gone: Tells further calls why there is no episode.
+            gone: Why there is no episode any more; the reply to further calls.
         """
         self.session, self.frames, self.gone, self.log = None, None, gone, CallLog()
 

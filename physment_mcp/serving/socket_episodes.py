@@ -1,9 +1,9 @@
-"""Episodes of the program that started this host: each over a Unix socket of its own, one JSON line a message.
+"""Episodes of the program that started this server: each over a Unix socket of its own, one JSON line a message.
 
-The program holds one end of a control socket, and this process inherited the other. For each episode the program makes
-a pair of sockets and sends one of them through the control socket. The first line on it is the request for the episode,
-and the reply is `{"opened": true}` or why not. All lines after that are MCP messages. Whoever closes the socket closes
-the episode. These sockets have no address: no other program can reach them, and nothing is left behind by a kill.
+The program holds one end of a control socket; this process inherited the other. For each episode the program creates a
+socket pair and sends one end through the control socket. The first line is the request for the episode; the reply is
+`{"opened": true}` or an error. All further lines are MCP messages. Closing the socket closes the episode. The sockets
+have no address, so no other program can connect, and a killed process leaves nothing behind.
 """
 
 import asyncio
@@ -37,27 +37,27 @@ from physment_mcp.visibility import Visibility
 logger = logging.getLogger(__name__)
 
 _REQUEST_S = 15.0
-"""Longest wall time until the first line is complete [s]."""
+"""Deadline for the first line [s]."""
 _CLOSED = "the connection of this episode was closed"
 
 
 @dataclass(slots=True, eq=False)
 class _Lines(LineStream):
-    """The socket of an episode."""
+    """The connection of an episode."""
 
     last_used: float = field(default_factory=time.monotonic)
     in_flight: int = 0
-    """Requests that are being served."""
+    """Number of requests that are being served."""
 
     async def request(self) -> bytes | None:
-        """The first line; None if it does not come in time, is too long, or the socket is closed."""
+        """The first line; None if it is late or too long, or if the socket is closed."""
         with anyio.move_on_after(_REQUEST_S), contextlib.suppress(OSError, ValueError):
             line = await self.reader.readline()
             return line if line.endswith(b"\n") else None
         return None
 
     async def receive(self) -> SessionMessage | Exception:
-        """As that of `LineStream`; notes when the episode was last used."""
+        """As `LineStream.receive`, and note the time of last use."""
         message = await LineStream.receive(self)  # a dataclass with slots cannot call super() without arguments
         self.last_used = time.monotonic()
         return message
@@ -67,7 +67,7 @@ class _Lines(LineStream):
 
 
 class SocketEpisodes:
-    """The open episodes on sockets."""
+    """Serves the episodes on sockets."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class SocketEpisodes:
             admission: Opens their sessions.
             watch: Makes the frames for results; None for results without frames.
             find_visibility: Finds out what may be seen in a scene, for clients that show the app.
-            scheduler: Shared by all episodes of the host.
+            scheduler: Shared by all episodes of the server.
         """
         self._admission = admission
         self._watch = watch
@@ -91,7 +91,7 @@ class SocketEpisodes:
         self._open: dict[_Lines, anyio.CancelScope] = {}
 
     async def serve(self, control: socket.socket) -> None:
-        """Serve an episode on each socket that the control socket brings, until its other end is closed."""
+        """Serve an episode on each socket that is received, until the other end of the control socket is closed."""
         control.setblocking(False)
         async with anyio.create_task_group() as tasks:
             while True:
@@ -108,7 +108,7 @@ class SocketEpisodes:
                 if brought:
                     tasks.start_soon(self._serve_one, socket.socket(fileno=brought[0]))
                 else:
-                    # The system has closed the socket, which tells the program at its other end.
+                    # The system has closed the socket, which the program notices at its end.
                     logger.warning("an episode is not opened: more files than the system allows would be open")
 
     def expire(self, oldest: float) -> int:
@@ -160,7 +160,7 @@ class SocketEpisodes:
 
 
 def _in_turn(lines: _Lines, turns: Turns, serve: OnRequest) -> OnRequest:
-    """Serve the requests of an episode one after another, as over HTTP, and count those that are not answered yet."""
+    """Serve the requests of an episode in turn, as over HTTP, and count those in flight."""
 
     async def served(
         context: DispatchContext[TransportContext], method: str, params: Mapping[str, Any] | None
@@ -177,12 +177,12 @@ def _in_turn(lines: _Lines, turns: Turns, serve: OnRequest) -> OnRequest:
 
 
 async def _ignore(_context: DispatchContext[TransportContext], _method: str, _params: Mapping[str, Any] | None) -> None:
-    """What a notification does beyond cancelling a call, which the dispatcher sees to: nothing."""
+    """Ignore a notification; the dispatcher itself handles cancellations."""
 
 
 @contextlib.asynccontextmanager
 async def _lines_of(connection: socket.socket) -> AsyncGenerator[_Lines]:
-    """The streams of a socket, which is closed afterwards; what was written still arrives."""
+    """The streams of a socket, which is closed afterwards; data already written still arrives."""
     reader, writer = await asyncio.open_connection(sock=connection, limit=MAX_BODY)
     try:
         yield _Lines(reader, writer)

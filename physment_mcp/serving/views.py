@@ -26,12 +26,12 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MOST_INSTANTS = 120
-"""About how many instants of a step a motion holds."""
+"""Approximate number of instants in the motion of a step."""
 
 
 @contextmanager
 def recorded(session: Session, tool: str, arguments: Mapping[str, Any]) -> Generator[Sequence[Array]]:
-    """Note states while a call runs in the block, for `view_of`; none unless it lets time pass."""
+    """Record states for `view_of` while the block runs a call; none unless the call lets time pass."""
     duration = arguments.get("duration")
     if tool != STEP.name or not isinstance(duration, int | float) or not 0 < duration <= 60:
         yield ()
@@ -47,7 +47,7 @@ def view_of(session: Session, visibility: Visibility, states: Sequence[Array] = 
     Args:
         session: The episode.
         visibility: What may be seen in its scene.
-        states: What `recorded` noted during the call just made.
+        states: States that `recorded` yielded for the call just made.
 
     Returns:
         `time` [s]; `drawing`: bodies as `{"id", "object", "movable", "parts"}`; `poses`: object → position [m]
@@ -89,7 +89,7 @@ def _motion(session: Session, drawn: Sequence[LabObject], states: Sequence[Array
 
 
 async def frame_with(frames: Frames) -> list[types.ImageContent]:
-    """The picture for a finished call; none if it could not be drawn."""
+    """The picture after a finished call, as MCP content; empty if it could not be drawn."""
     png = await _made(frames.draw, "frame")
     if png is None:
         return []
@@ -104,7 +104,7 @@ async def view_with(
 
 
 async def _made(make: Callable[[], T | None], what: str) -> T | None:
-    """What `make` returns, in a thread; None if it fails. A cancellation waits, since the call has been made."""
+    """Run `make` in a thread; None if it fails. Shielded from cancellation, because the call has already been made."""
     try:
         with anyio.CancelScope(shield=True):
             return await anyio.to_thread.run_sync(make)

@@ -65,18 +65,18 @@ A = TypeVar("A", bound=Arguments)
 
 
 class Progress(NamedTuple):
-    """How much of its work a tool has done, for tools that may take noticeable wall time."""
+    """Progress of a tool that may take noticeable time."""
 
     done: float
     total: float
     next_s: float = 0.0
-    """Wall time that the next piece is expected to take [s]."""
+    """Expected time of the next piece [s]."""
 
 
 Pieces = Generator[Progress, float | None, Result]
-"""Work that is done in pieces: it yields before each piece and once more after the last, then returns the result.
+"""A generator that does work in pieces: it yields before each piece and after the last, and returns the result.
 
-It may be sent the wall time that the next piece may take [s]."""
+`send` passes the time that the next piece may take [s]."""
 
 
 @dataclass(frozen=True, slots=True)

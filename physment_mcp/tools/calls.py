@@ -1,4 +1,7 @@
-"""The only entrance to the tools: a name and raw arguments in, a result out, or a refusal that changed nothing."""
+"""The only entrance to the tools: takes a name and raw arguments; returns a result, or refuses and changes nothing.
+
+It bounds the size of a call before anything else looks at its arguments.
+"""
 
 from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,12 +19,12 @@ from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
 ReportProgress = Callable[[float, float], Awaitable[float | None]]
-"""Receives how much of how much is done; returns the wall time that the next piece may take [s], None for the usual."""
+"""Takes the work done and the total; returns the time that the next piece may take [s], None for the usual one."""
 
 _SHORT_S = 1e-3
-"""Pieces that are expected to take less wall time [s] than this are not worth a thread, which takes up to 0.3 ms."""
+"""Pieces that are expected to take less time [s] run without a thread, whose start takes up to 0.3 ms."""
 _UNSHARED_S = 1.0
-"""Wall time of a piece [s] if no other episode waits; Ctrl-C is heeded after it."""
+"""Time of a piece [s] if no other episode waits; Ctrl-C takes effect between pieces."""
 MAX_NAME = 64
 """Longest name of a tool, in characters."""
 MAX_CALL_BYTES = 20_000
@@ -33,11 +36,11 @@ MAX_VALUES = 4000
 MAX_NESTING = 16
 """Most levels of lists and objects in the arguments of a call."""
 _SHORT = MAX_NAME
-"""Length of a text that is not worth counting [characters, each at most 4 bytes]."""
+"""Longest text that is not counted [characters, each at most 4 bytes]."""
 _FEW = 16
-"""Numbers in a list that is not worth counting."""
+"""Longest list of numbers that is not counted."""
 _LONG = 2**64
-"""Least size of an integer whose digits are counted as text; JSON allows thousands of them."""
+"""Smallest integer whose digits are counted as text; JSON allows thousands of digits."""
 
 _BY_NAME = {tool.name: tool for tool in TOOLS}
 
@@ -159,7 +162,7 @@ def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:
 
 
 def excess(name: str, arguments: Mapping[str, Any]) -> str:
-    """Why a call is too large to be looked at; empty if it is not. Stops at the first bound that is exceeded.
+    """Which bound on its size a call exceeds first, as a sentence; empty if none.
 
     Args:
         name: Name of the tool, as the client wrote it.
@@ -170,7 +173,7 @@ def excess(name: str, arguments: Mapping[str, Any]) -> str:
             if len(key) > _SHORT or not _is_small(value):
                 break
         else:
-            return ""  # as most calls are; the rest takes 15 to 50 µs
+            return ""  # fast path for most calls; the full check takes 15 to 50 µs
     return _excess(name, arguments)
 
 
@@ -195,7 +198,7 @@ def _excess(name: str, arguments: Mapping[str, Any]) -> str:
 
 
 def _is_small(value: Any) -> bool:
-    """Whether as many such values as a call may have are within the bounds: a number, a short text, a short vector."""
+    """Whether a value is a number, a short text or a short vector: a call of such values is within all bounds."""
     if isinstance(value, list):
         items = cast("list[Any]", value)
         return len(items) <= _FEW and all(map(_is_number, items))
@@ -203,19 +206,19 @@ def _is_small(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number that takes no more memory than others."""
+    """Whether a value is a float or an integer of at most 64 bits."""
     return isinstance(value, float) or (isinstance(value, int) and -_LONG < value < _LONG)
 
 
 def _text_of(value: Any) -> int:
-    """Text of a value without its parts [bytes]; that of a long integer from its bits, as its digits take long."""
+    """Size of a value as text, without its parts [bytes]; of a long integer estimated from its bits, which is fast."""
     if isinstance(value, str):
         return len(value.encode("utf-8", "surrogatepass"))
     return value.bit_length() * 3 // 10 if isinstance(value, int) and not -_LONG < value < _LONG else 0
 
 
 def _parts(value: Any) -> Sequence[Any]:
-    """What a value holds: the items of a list; the names and values of an object."""
+    """The parts of a value: the items of a list, the names and values of an object."""
     if isinstance(value, Mapping):
         named = cast("Mapping[Any, Any]", value)
         return [*named.keys(), *named.values()]

@@ -12,8 +12,8 @@ import weakref
 import mujoco
 import numpy as np
 
-from physment_mcp.world.inside import Addresses
 from physment_mcp.world.laws import BoundLaws
+from physment_mcp.world.reentrant import Addresses
 
 _LAWS: dict[int, BoundLaws] = {}
 """Address of a model → its laws."""

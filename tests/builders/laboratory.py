@@ -10,7 +10,7 @@ import httpx
 from mcp import Client
 from mcp_types import Implementation
 
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.session import Session
 from tests.builders.bench import PUBLIC, fingerprint
 
@@ -122,5 +122,5 @@ Command = Callable[..., list[str]]
 """The command line of the server under test, with these arguments."""
 OpenLab = Callable[..., AbstractAsyncContextManager[Lab]]
 """Opens a lab on a pack and its MJCF."""
-OpenHost = Callable[..., AbstractAsyncContextManager[tuple[Host, httpx.AsyncClient]]]
-"""Opens a host in this process, with the options of `Host`, and a client that needs no socket."""
+OpenHost = Callable[..., AbstractAsyncContextManager[tuple[EpisodeServer, httpx.AsyncClient]]]
+"""Opens a host in this process, with the options of `EpisodeServer`, and a client that needs no socket."""

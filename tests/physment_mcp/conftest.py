@@ -12,7 +12,7 @@ import pytest
 from mcp import Client
 
 from physment_mcp.scene import load_scene
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import EpisodeSlot
 from physment_mcp.session import Session
@@ -75,8 +75,8 @@ def inside(write_pack: WritePack, pack: dict[str, Any], xml: str) -> OpenHost:
     folder = write_pack(pack, xml)
 
     @contextlib.asynccontextmanager
-    async def opened(**options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
-        host = Host(scenes_dir=folder, **options)
+    async def opened(**options: Any) -> AsyncGenerator[tuple[EpisodeServer, httpx.AsyncClient]]:
+        host = EpisodeServer(scenes_dir=folder, **options)
         app = host.app()
         async with (
             app.router.lifespan_context(app),

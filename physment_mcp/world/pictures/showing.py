@@ -39,7 +39,7 @@ def colour(model: mujoco.MjModel, geom: int) -> Array:
     return np.asarray(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], dtype=np.float64)
 
 
-def look(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+def appearance(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
     """Everything that decides how a geom looks (19,), to nanometres: smaller differences are rounding errors."""
     parts = (data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom], colour(model, geom))
     return np.round(np.concatenate(parts), 9)
@@ -56,11 +56,11 @@ def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozens
     Raises:
         SceneError: A variant does not compile.
     """
-    looks = [_looks(mjcf, found_later) for mjcf in dict.fromkeys(variants)]
-    return frozenset(part for part, _ in frozenset.intersection(*looks))
+    appearances = [_appearances(mjcf, found_later) for mjcf in dict.fromkeys(variants)]
+    return frozenset(part for part, _ in frozenset.intersection(*appearances))
 
 
-def _looks(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, bytes]]:
+def _appearances(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, bytes]]:
     start = load(mjcf)
     model, data = start.model, mujoco.MjData(start.model)
     mujoco.mj_setState(model, data, start.state, STATE)
@@ -75,7 +75,7 @@ def _looks(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Part, byt
             seen = np.round(np.concatenate(local), 9)
         elif colour(model, geom)[3] > 0:
             # A viewer gets the parts in the frame of their body, so this must not depend on the seed either.
-            seen = np.concatenate([look(model, data, geom), _frame(data, int(model.geom_bodyid[geom]))])
+            seen = np.concatenate([appearance(model, data, geom), _frame(data, int(model.geom_bodyid[geom]))])
         else:
             continue
         # Adding 0.0 turns -0.0 into 0.0: the two are equal, but their bytes differ.

@@ -11,11 +11,11 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.serving.listening import serve
 
 
-class WatchedHost(Host):
+class WatchedHost(EpisodeServer):
     """A host that records each POST."""
 
     notes: Path

@@ -19,7 +19,7 @@ from starlette.types import Message, Receive, Scope, Send
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from physment_mcp.serving.http_guard import Connections, HttpGuard, bounded_protocol
-from physment_mcp.serving.listening import PatientServer
+from physment_mcp.serving.listening import DeepBacklogServer
 from physment_mcp.serving.scheduling import Scheduler
 
 PATIENCE_S = 30.0
@@ -219,7 +219,7 @@ def test_few_connections_are_accepted_before_open_ones_are_looked_at_again() -> 
     config = uvicorn.Config(echo, http=Counting, backlog=8, log_config=None, lifespan="off")
 
     async def serve() -> None:
-        server = PatientServer(config)
+        server = DeepBacklogServer(config)
         config.load()
         server.lifespan = config.lifespan_class(config)
         await server.startup(sockets=[listener])

@@ -17,7 +17,7 @@ import httpx
 import pytest
 from mcp import Client
 
-from physment_mcp.serving import host as serving_host
+from physment_mcp.serving import episode_server
 from physment_mcp.serving.http_guard import MAX_BODY
 from tests.builders.laboratory import Command, OpenHost, WritePack
 
@@ -289,7 +289,7 @@ async def test_a_log_that_is_read_while_its_episode_is_closed_is_complete(inside
 
 
 async def test_an_episode_has_a_bounded_number_of_sessions(inside: OpenHost, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving_host, "_SESSIONS", 2)
+    monkeypatch.setattr(episode_server, "_SESSIONS", 2)
     async with inside() as (_, http):
         path = httpx.URL((await http.post("/episodes", json={"scene": 7})).json()["mcp_url"]).path
         replies = [await http.post(path, json=HELLO, headers=ACCEPT) for _ in range(3)]

@@ -14,7 +14,7 @@ from mcp.shared.exceptions import MCPError
 
 from physment_mcp.commands.program import main
 from physment_mcp.contract.addresses import is_loopback
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.laboratory import OpenHost, WritePack
 
@@ -36,8 +36,8 @@ def inside(write_pack: WritePack, pack: dict[str, Any], xml: str) -> Callable[..
     folder = write_pack(pack, xml)
 
     @contextlib.asynccontextmanager
-    async def opened(base: str = BASE, **options: Any) -> AsyncGenerator[tuple[Host, httpx.AsyncClient]]:
-        host = Host(scenes_dir=folder, **options)
+    async def opened(base: str = BASE, **options: Any) -> AsyncGenerator[tuple[EpisodeServer, httpx.AsyncClient]]:
+        host = EpisodeServer(scenes_dir=folder, **options)
         app = host.app()
         async with (
             app.router.lifespan_context(app),
@@ -300,7 +300,7 @@ async def test_a_link_out_of_the_folder_of_scenes_is_refused(
     else:
         (outside / what).rename(moved)
         (outside / what).symlink_to(moved)
-    host = Host(scenes_dir=folder, token="ours")
+    host = EpisodeServer(scenes_dir=folder, token="ours")
     app = host.app()
     async with (
         app.router.lifespan_context(app),
@@ -319,7 +319,7 @@ async def test_a_link_out_of_the_folder_of_scenes_is_refused(
 async def test_a_model_that_names_a_file_is_refused(
     write_pack: WritePack, pack: dict[str, Any], xml: str, planted: str
 ) -> None:
-    host = Host(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")), token="ours")
+    host = EpisodeServer(scenes_dir=write_pack(pack, xml.replace("<worldbody>", planted + "<worldbody>")), token="ours")
     app = host.app()
     async with (
         app.router.lifespan_context(app),

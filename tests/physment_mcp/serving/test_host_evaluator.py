@@ -20,9 +20,9 @@ from tests.builders.records import STEP, VERSIONS, episode_key
 KEY = episode_key(budget=3)
 
 GUARDED = """
-from physment_mcp.serving.host import Host
+from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.serving.listening import serve
-serve(Host(token="ours", exposed=True, max_episodes=2), "127.0.0.1", 0)
+serve(EpisodeServer(token="ours", exposed=True, max_episodes=2), "127.0.0.1", 0)
 """
 """A host that is configured for other machines, on an address that only this machine reaches."""
 

@@ -1,12 +1,14 @@
-"""The host: many episodes in one process, each with an MCP endpoint of its own over HTTP.
+"""The episode server: many episodes in one process, each with an MCP endpoint of its own over HTTP.
+
+The command line, the replies and the documentation call it a host.
 
 `POST /episodes {"scene": 7, "seed": 0}` opens an episode and returns its URL. The URL identifies the episode, whether
 the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and in no reply.
 
-A host with a token opens episodes only for requests with this token. A host that other machines can reach requires it
-with every request, except for episodes that were opened with `"max_calls": N`: another program plays these and knows
-only the URL. The reply then contains an `owner_token`. Only with it, or with the token of the host, can the log of the
-calls be read (`GET /episodes/ID/calls`) and the episode be closed.
+With a token, it opens episodes only for requests that carry the token. If other machines can reach it, every request
+needs the token, except for episodes that were opened with `"max_calls": N`: another program plays these and knows only
+the URL. The reply then contains an `owner_token`. Reading the log of calls (`GET /episodes/ID/calls`) and closing the
+episode require this token or that of the server.
 """
 
 import contextlib
@@ -45,11 +47,11 @@ from physment_mcp.visibility import Visibility, cached_visibility
 logger = logging.getLogger(__name__)
 
 _SESSIONS = 200
-"""Most sessions that an episode may have open: one for each call of a client that ends none.
+"""Most open MCP sessions of an episode; some clients open one for each call and end none.
 
-Each takes about 40 kB, and 120 objects among which the garbage collector searches while all episodes wait."""
+A session takes about 40 kB and 120 objects of the garbage collector."""
 _SWEEP_S = 5.0
-"""Longest wall time between two searches for expired episodes [s]."""
+"""Longest time between two removals of expired episodes [s]."""
 _GONE = (
     "there is no such episode: it has expired, was closed, or never was; open one with"
     ' POST /episodes {"scene": 7, "seed": 0} on this host, and connect to the mcp_url it returns'
@@ -59,7 +61,7 @@ _AUTHORIZE = "send the token of this host as a bearer token (Authorization: Bear
 
 @dataclass(slots=True)
 class _HostedEpisode:
-    """An open episode and the endpoint at which it is reached."""
+    """An open episode and its endpoint."""
 
     manager: StreamableHTTPSessionManager
     slot: EpisodeSlot
@@ -73,8 +75,8 @@ class _HostedEpisode:
 
 
 @dataclass(slots=True)
-class Host:
-    """The episodes of one process."""
+class EpisodeServer:
+    """Opens, serves and closes the episodes of one process."""
 
     scenes_dir: Path | None = None
     max_episodes: int = 1000
@@ -82,33 +84,33 @@ class Host:
     token: str | None = field(default=None, repr=False)
     """Token that opens episodes; None if none is needed."""
     exposed: bool = False
-    """Whether other machines can reach the host; then every request needs the token."""
+    """Whether other machines can reach the server; then every request needs the token."""
     names: tuple[str, ...] = ()
-    """Names that it accepts besides its addresses and loopback."""
+    """Accepted names in Host headers, besides its addresses and those of loopback."""
     watch: Callable[[Session], Frames] | None = None
     """Makes the frames for results; None for results without frames."""
     timestep: float | None = None
     """Time step that replaces those of the models [s]."""
     id_prefix: str = ""
-    """Beginning of the id of every episode, by which a proxy finds this host among several."""
+    """Prefix of the id of every episode, by which a proxy routes to this server."""
     control: socket.socket | None = None
-    """Brings the sockets on which the program that started this host opens episodes; None if there is none."""
+    """Receives the sockets of episodes from the program that started this process; None if there is none."""
     opened_at_start: bytes | None = None
-    """Request for an episode that is open from the start, under the id `0`; None for none."""
+    """Request for an episode that is opened at the start with the id `0`; None for none."""
     _episodes: dict[str, _HostedEpisode] = field(default_factory=dict[str, _HostedEpisode])
     _admission: Admission = field(init=False)
     _sockets: SocketEpisodes = field(init=False)
     _tasks: TaskGroup | None = None
-    _nowhere: StreamableHTTPSessionManager | None = None
-    """Answers in place of an episode that is gone, and says how to open another."""
-    _nowhere_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
+    _gone_manager: StreamableHTTPSessionManager | None = None
+    """Serves requests for episodes that are gone: its replies say how to open another."""
+    _gone_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
     _scheduler: Scheduler = field(default_factory=Scheduler)
     _find_visibility: Callable[[Scene], Visibility] = field(init=False)
-    """Finds out what may be seen in a scene."""
+    """Finds what may be seen in a scene."""
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
-        # A request with the token comes from the operator, who may read the details.
+        # Only the operator has the token, and may read details of packs.
         quota = EpisodeQuota(self.max_episodes)
         self._admission = Admission(self.scenes_dir, quota, self.timestep, bool(self.token))
         self._find_visibility = cached_visibility(self.scenes_dir)
@@ -136,9 +138,9 @@ class Host:
             tasks.start_soon(self._sweep)
             if self.control is not None:
                 tasks.start_soon(self._sockets.serve, self.control)
-            # Stateless, so that it can also answer a client that is in the middle of a session.
-            nowhere = build_server(self._nowhere_slot)
-            self._nowhere, _ = await self._run(StreamableHTTPSessionManager(nowhere, stateless=True))
+            # Stateless: it can also reply to a client that has a session of the episode that is gone.
+            gone = build_server(self._gone_slot)
+            self._gone_manager, _ = await self._run(StreamableHTTPSessionManager(gone, stateless=True))
             if self.opened_at_start is not None:
                 await self.open_episode(self.opened_at_start, "0")
             yield
@@ -147,7 +149,7 @@ class Host:
     async def _run(
         self, manager: StreamableHTTPSessionManager
     ) -> tuple[StreamableHTTPSessionManager, Callable[[], None]]:
-        """Run a manager in a task of its own; returns the manager and a function that ends it."""
+        """Run a manager in a task; returns the manager and a function that ends the task."""
         assert self._tasks is not None
 
         async def live(*, task_status: TaskStatus[Callable[[], None]]) -> None:
@@ -194,7 +196,7 @@ class Host:
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request to the MCP server of its episode, or to one that says how to open another episode."""
+        """Pass a request to the MCP server of its episode, or to the one for episodes that are gone."""
         request = Request(scope, receive)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
@@ -207,11 +209,11 @@ class Host:
                 return
             receive = with_body(body, receive)
         if episode is None:
-            assert self._nowhere is not None
-            async with self._nowhere_slot.turns.turn():
-                await self._nowhere.handle_request(scope, receive, send)
+            assert self._gone_manager is not None
+            async with self._gone_slot.turns.turn():
+                await self._gone_manager.handle_request(scope, receive, send)
         elif request.method == "GET":
-            # A stream that the client keeps open for messages to come; this does not count as use of the episode.
+            # A stream for messages of the server, which the client keeps open; it does not count as use of the episode.
             await episode.manager.handle_request(scope, receive, send)
         else:
             episode.in_flight += 1
@@ -223,7 +225,7 @@ class Host:
                 episode.last_used = time.monotonic()
 
     def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
-        """Whether a request may reach an episode whose URL it knows. With a wrong token it never may."""
+        """Whether a request may reach an episode whose URL it has. A wrong token is always refused."""
         owner_token = None if episode is None else episode.owner_token
         if episode is not None and episode.player_token is not None:
             return has_token(request, self.token, owner_token, episode.player_token)
@@ -238,7 +240,7 @@ class Host:
         return has_token(request, self.token, episode.owner_token)
 
     async def _admit(self, path: str) -> None:
-        """Let a request in: at once if its path belongs to an open episode."""
+        """Admit a request; one for an open episode is admitted at once."""
         _, _, rest = path.partition("/episodes/")
         if rest.partition("/")[0] not in self._episodes:
             await self._scheduler.enter()
@@ -283,7 +285,7 @@ class Host:
             return refuse(404, "no such episode, or it has expired")
         if not self._owns(request, episode):
             return refuse(401, "only who opened this episode can read its log: send its owner_token as a bearer token")
-        # Kept here, because the episode may be closed while this waits.
+        # Local references, because the episode may be closed while this waits.
         session, log, turns = episode.slot.open_session(), episode.slot.log, episode.slot.turns
         if session.max_calls is None:
             return refuse(404, "no log is kept of this episode; open one with max_calls")
@@ -313,7 +315,7 @@ class Host:
 
 
 class _Endpoint:
-    """An ASGI application that is an object: Starlette passes all methods of a path to such a one."""
+    """An ASGI class, because Starlette limits the route of a plain function to GET."""
 
     def __init__(self, serve: Callable[[Scope, Receive, Send], Awaitable[None]]) -> None:
         self._serve = serve
