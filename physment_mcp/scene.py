@@ -48,7 +48,7 @@ class _Source(NamedTuple):
 
 
 class _KeptScenes:
-    """The scenes that this process loaded last, at most so many."""
+    """A cache of loaded scenes with least-recently-used eviction."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -56,7 +56,7 @@ class _KeptScenes:
         self._lock = Lock()
 
     def get(self, source: _Source) -> Scene | None:
-        """The scene, if it is kept."""
+        """The scene, if it is in the cache."""
         with self._lock:
             scene = self._scenes.get(source)
             if scene is not None:
@@ -64,7 +64,7 @@ class _KeptScenes:
             return scene
 
     def keep(self, source: _Source, scene: Scene) -> Scene:
-        """Keep a scene, and let go of the one that was not used for longest; returns the one that is kept."""
+        """Add a scene, evict the least recently used one beyond the limit, and return the cached scene."""
         with self._lock:
             kept = self._scenes.setdefault(source, scene)
             if len(self._scenes) > self._most:
@@ -72,7 +72,7 @@ class _KeptScenes:
             return kept
 
     def clear(self) -> None:
-        """Let go of all."""
+        """Empty the cache."""
         with self._lock:
             self._scenes.clear()
 

@@ -4,7 +4,7 @@ A part is drawn if it looks the same in every variant of the scene, and belongs 
 type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
 orientation at the start, and only if its position says where all of it is. So the only attribute that may be seen and
 not read is the orientation that such an object, or one that cannot move, has at the start of every variant. Objects are
-drawn where the instruments read them. Whoever draws receives only these parts and places.
+drawn where the instruments read them. A renderer receives only these parts and poses.
 """
 
 import functools

@@ -13,7 +13,7 @@ from mcp.shared.message import SessionMessage
 
 @dataclass(slots=True, eq=False)
 class LineStream:
-    """Messages over a socket, which is closed by whoever made it."""
+    """Messages over a socket. The creator of the socket closes it."""
 
     reader: asyncio.StreamReader
     writer: asyncio.StreamWriter

@@ -1,8 +1,8 @@
-"""How deep bodies would overlap, as far as instruments show: so a refusal says no more than readings do.
+"""Depths of overlap at the resolution of the instruments, so that a refusal reveals no more than readings do.
 
-A refusal compares a depth with a limit. If the depth were true, whoever bisects the radius of a created ball would find
-a place to nanometres. To round the depth would not help: the threshold would stay as sharp. So overlaps are computed in
-a coarse copy of the world, in which every number is a multiple of a step:
+A refusal compares a depth with a limit. With the true depth, an agent could find a position to nanometres by bisecting
+the radius of created balls. Rounding the depth would not prevent this, because the threshold stays sharp. So overlaps
+are computed in a coarse copy of the world, in which every number is a multiple of a step:
 
 - Bodies are where `get_position` would say that they are, with its noise, whether or not an agent may read it. So a
   refusal tells of a body what one reading of it tells.

@@ -1,4 +1,4 @@
-"""Functions of the engine that may be called while the engine is at work, as from its callback for passive forces.
+"""Reentrant functions of the engine, which may be called from its callback for passive forces.
 
 The functions of the Python package `mujoco` catch errors of the engine with a handler that each of them sets when it
 begins and removes when it ends. Such a function within another one removes the handler of the outer one, and an error
@@ -24,7 +24,7 @@ _numbers_of = (ctypes.c_double * 0).from_buffer
 
 
 def _library() -> ctypes.PyDLL:
-    """The engine's library, which is loaded already; its functions keep the interpreter's lock, as they are brief."""
+    """The engine's library, which is loaded already; its functions keep the GIL, because they are short."""
     folder = Path(mujoco.__file__).parent
     return ctypes.PyDLL(str(next(file for name in _FILES for file in sorted(folder.glob(name)))))
 

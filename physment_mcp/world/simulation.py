@@ -40,14 +40,14 @@ class _Instant(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Places of the origins and velocities of the centres of mass of all bodies (nbody, 3)."""
+    """Positions of the origins and velocities of the centres of mass of all bodies (nbody, 3)."""
 
     places: Array
     velocities: Array
 
 
 class _Recording(NamedTuple):
-    """States that are noted while the world is stepped."""
+    """States that are recorded while the world is stepped."""
 
     every: int
     """[time steps]."""
@@ -140,10 +140,10 @@ class Simulation:
 
     @contextmanager
     def recorded(self, every: int) -> Generator[list[Array]]:
-        """Note states while the block steps the world, which changes nothing but how long that takes.
+        """Record states while the block steps the world; the steps are the same.
 
         Args:
-            every: The states at multiples of so many time steps are noted, besides the first and the last one.
+            every: Interval of the recorded states [time steps]; the first and the last state are recorded too.
 
         Yields:
             The states, for `World.poses_at`; they are complete after the block.

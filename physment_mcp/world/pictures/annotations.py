@@ -1,6 +1,6 @@
 """What is written on a plate: the axes, the scale, and the ids of objects where they hide least.
 
-Knows no engine. Places are in pixels.
+Knows no engine. Positions are in pixels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ _BAR = (110, 260)
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """Where the points of space are in a picture."""
+    """Projects points of space into a picture."""
 
     view: View
     width: int
@@ -50,7 +50,7 @@ class Optics:
         return self.height / 2 / np.tan(np.radians(FIELD_DEG) / 2) / self.view.distance
 
     def places(self, points: Array) -> Array:
-        """Places (n, 2) [px] of points (n, 3) [m] in front of the camera; behind it, NaN."""
+        """Positions (n, 2) [px] of points (n, 3) [m] in front of the camera; behind it, NaN."""
         seen = (points - self.view.centre) @ camera_axes().T
         depth = seen[:, 2] + self.view.distance
         depth = np.where(depth > 1e-6 * self.view.distance, depth, np.nan)
@@ -133,7 +133,7 @@ def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
 
 
 def box_of(places: Array) -> Box:
-    """What encloses places (n, 2)."""
+    """Bounding box of positions (n, 2)."""
     low, high = places.min(axis=0), places.max(axis=0)
     return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 

@@ -1,4 +1,4 @@
-"""Where the camera is: computes the point to look at and the distance from what is drawn. Knows no engine."""
+"""Places the camera: computes its target point and distance from what is drawn. Knows no engine."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
 """Pixels as PNG, and lines, boxes, arrows and texts over them, all by Pillow. Knows no engine.
 
-Places are (x, y) in pixels from the upper left corner.
+Positions are (x, y) in pixels from the upper left corner.
 """
 
 import io
@@ -84,7 +84,7 @@ class Overlay:
 
 
 def png_of(pixels: Pixels, colours: int | None = None) -> bytes:
-    """A PNG file of (height, width, 3) pixels, with at most so many colours (2 to 256) if they are limited."""
+    """A PNG file of (height, width, 3) pixels, with at most `colours` colours (2 to 256), or all for None."""
     image, file = Image.fromarray(pixels), io.BytesIO()
     if colours is not None:
         image = image.quantize(colours, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
