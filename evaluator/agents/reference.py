@@ -1,7 +1,7 @@
-"""Plays reference protocols, of packs and of generated worlds, through the public tools."""
+"""Plays protocols, generators of calls as packs write them, through the public tools; the reference agent."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from evaluator.episode.player import Briefing, Feedback, Reply
@@ -9,8 +9,6 @@ from evaluator.errors import AgentError
 from evaluator.records.episode import Episode, EpisodeKey, Exchange, ToolCall
 from scenes import PackError, find_pack, reference_of
 from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading, load_solution
-from scenes.worlds.predictions import Prediction
-from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
 
 
 @dataclass(slots=True)
@@ -86,44 +84,3 @@ class ReferenceAgent:
         if solve is None:
             raise AgentError(f"no reference protocol: solution.py of scene {reference_of(key.scene)} defines no solve")
         return ProtocolPlayer(solve, briefing.prompt)
-
-
-@dataclass(frozen=True, slots=True)
-class GrammarAgent:
-    """Plays worlds: pushes, searches the grammar for the terms that explain the readings, and predicts."""
-
-    seconds: float = SEARCH_SECONDS
-    """Processor time of the search [s]."""
-    name: str = "grammar"
-    """Name in records and tables."""
-
-    def player(self, key: EpisodeKey, briefing: Briefing) -> "_GrammarPlayer":
-        """Start an episode; of the scene it learns the prompt alone."""
-        del key
-        return _GrammarPlayer(self.seconds, briefing.prompt)
-
-
-@dataclass(slots=True)
-class _GrammarPlayer:
-    seconds: float
-    prompt: str
-    player: ProtocolPlayer = field(init=False)
-    predictions: list[Prediction] = field(default_factory=list[Prediction])
-
-    def __post_init__(self) -> None:
-        def solve(prompt: str) -> Protocol:
-            """Lead what can be pushed to many places with pushes of many sizes, and read each state on the way."""
-            return blind_protocol(prompt, self.seconds, self.predictions.append)
-
-        self.player = ProtocolPlayer(solve, self.prompt)
-
-    async def act(self, feedback: Feedback | None) -> Reply:
-        """The next pushes and readings, or the answer with what it is based on.
-
-        Raises:
-            AgentError: The task is none of a world.
-        """
-        reply = await self.player.act(feedback)
-        if self.predictions and any(call.tool == ANSWER for call in reply.calls):
-            return replace(reply, reasoning=self.predictions[-1].says())
-        return reply

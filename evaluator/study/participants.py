@@ -80,7 +80,7 @@ _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
 
 
 def _grammar() -> Agent:
-    from evaluator.agents.reference import GrammarAgent  # noqa: PLC0415 - loads scipy, which no other agent needs
+    from evaluator.agents.grammar import GrammarAgent  # noqa: PLC0415 - loads scipy, which no other agent needs
 
     return GrammarAgent()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import physment_mcp
-from evaluator.agents.reference import GrammarAgent
+from evaluator.agents.grammar import GrammarAgent
 from evaluator.episode.player import Briefing
 from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey

@@ -1,0 +1,54 @@
+"""The reference of worlds that knows the grammar and not the draw. It reads the prompt and opens no file.
+
+Apart from `reference`, because the search loads scipy, which no other agent needs.
+"""
+
+from dataclasses import dataclass, field, replace
+
+from evaluator.agents.reference import ProtocolPlayer
+from evaluator.episode.player import Briefing, Feedback, Reply
+from evaluator.records.episode import EpisodeKey
+from scenes.protocol import ANSWER, Protocol
+from scenes.worlds.predictions import Prediction
+from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
+
+
+@dataclass(frozen=True, slots=True)
+class GrammarAgent:
+    """Plays worlds: pushes, searches the grammar for the terms that explain the readings, and predicts."""
+
+    seconds: float = SEARCH_SECONDS
+    """Processor time of the search [s]."""
+    name: str = "grammar"
+    """Name in records and tables."""
+
+    def player(self, key: EpisodeKey, briefing: Briefing) -> "_GrammarPlayer":
+        """Start an episode; of the scene it learns the prompt alone."""
+        del key
+        return _GrammarPlayer(self.seconds, briefing.prompt)
+
+
+@dataclass(slots=True)
+class _GrammarPlayer:
+    seconds: float
+    prompt: str
+    player: ProtocolPlayer = field(init=False)
+    predictions: list[Prediction] = field(default_factory=list[Prediction])
+
+    def __post_init__(self) -> None:
+        def solve(prompt: str) -> Protocol:
+            """Lead what can be pushed to many places with pushes of many sizes, and read each state on the way."""
+            return blind_protocol(prompt, self.seconds, self.predictions.append)
+
+        self.player = ProtocolPlayer(solve, self.prompt)
+
+    async def act(self, feedback: Feedback | None) -> Reply:
+        """The next pushes and readings, or the answer with what it is based on.
+
+        Raises:
+            AgentError: The task is none of a world.
+        """
+        reply = await self.player.act(feedback)
+        if self.predictions and any(call.tool == ANSWER for call in reply.calls):
+            return replace(reply, reasoning=self.predictions[-1].says())
+        return reply
