@@ -136,7 +136,7 @@ def _make(args: argparse.Namespace) -> int:
     orders = [WorldOrder(level, _difficulty(level, args.set), secret) for level in args.level]
     unmade: list[str] = []
     try:
-        args.out.mkdir(parents=True, exist_ok=True)
+        args.out.mkdir(mode=0o700, parents=True, exist_ok=True)  # other users, such as those of agents, read no keys
         with locked(args.out):
             for order in orders:
                 unmade += _make_level(args, order)

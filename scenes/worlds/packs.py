@@ -56,7 +56,8 @@ def pack_of(record: WorldRecord, certificate: Certificate | None) -> Pack:
     )
     return Pack.model_validate({
         "metadata": {
-            "scene_name": f"World {record.level}:{record.index}", "task": task_of(record),
+            "scene_name": "World",  # level and index would tell how to make it again, with its key
+            "task": task_of(record),
             "problem_type": "computation", "description": structure.label,
         },
         "answer": list(certificate.key) if certificate else [0.0] * len(record.questions),

@@ -2,12 +2,14 @@
 
 import gc
 import random
+import re
 import types
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import physment_mcp
 from evaluator.answers.engine import all_readings
 from physment_mcp.scene import load_scene
 from physment_mcp.session import Session
@@ -72,6 +74,19 @@ def test_the_memory_of_a_session_holds_no_key_and_names_no_term(exported: Path) 
     kept = "\n".join(texts)
     assert [secret for secret in _secrets() if secret in kept] == []
     assert not numbers & set(_made(1)[1].key)
+
+
+def test_an_agent_is_not_told_which_world_it_plays(exported: Path) -> None:
+    episode = physment_mcp.open_episode(_made(1)[0].scene_id, 0, scenes_dir=exported)
+    assert "# Scene: World\n" in episode.prompt
+    assert not re.search(rf"{_made(1)[0].scene_id}|world:|\b5:0\b", episode.prompt)
+
+
+def test_other_users_read_no_kept_pack(exported: Path, tmp_path: Path) -> None:
+    find_pack(_made(1)[0].scene_id, tmp_path / "worlds")
+    place = tmp_path / "cache" / "physment" / "worlds"
+    assert any(place.rglob("solution.py"))
+    assert place.stat().st_mode & 0o077 == 0
 
 
 def _reachable(start: object) -> tuple[set[str], set[float]]:
