@@ -11,13 +11,16 @@ import numpy as np
 from scenes.courses import Course
 from scenes.fitting import Array
 from scenes.protocol import Call, Protocol, Reading, answer, call
-from scenes.worlds.experiment import LOOK_S, LOOKS, Excitation, Situation, laws_of_fit
+from scenes.worlds.experiment import LOOK_S, LOOKS, SEARCH_S, Excitation, Situation
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import Prediction, predicted, searched_course
+from scenes.worlds.predictions import Prediction, on_course, predicted, searched_course
 from scenes.worlds.questions import answers
 from scenes.worlds.records import WorldRecord
+from scenes.worlds.refits import constants_of
+from scenes.worlds.search import Search
 from scenes.worlds.task_reading import questions_of, situation_of
 from scenes.worlds.terms import Structure
+from scenes.worlds.weak_form import Legs
 
 SOLUTION = '''"""World {reference}: the reference that knows the structure and not the constants."""
 
@@ -39,9 +42,8 @@ def protocol(line: str) -> Callable[[str], Protocol]:
     def solve(_prompt: str) -> Protocol:
         course = yield from _explored(record.told)
         structure = record.structure
-        laws = laws_of_fit(structure, record.told)
-        _, constants = laws.fitted(course, structure.label)
-        found = np.nan_to_num(answers(structure, constants, record.questions, 0.02)[:, 0])
+        fit = on_course(course, record.told, Search(Legs.of(course, record.told)).solve(structure), SEARCH_S)
+        found = np.nan_to_num(answers(structure, constants_of(fit), record.questions, 0.02)[:, 0])
         yield [answer([float(f"{number:.6g}") for number in found])]
 
     return solve

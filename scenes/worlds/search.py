@@ -31,6 +31,8 @@ _DEVIATIONS = 3.0
 """Standard deviations of chi-square above its mean up to which a structure explains the readings."""
 _TOLD = 2
 """Number of times that the path is smoothed with a known structure."""
+_POINTS, _STARTS, _TRIES = 400, 8, 4
+"""Points at which a structure with unknown constants is tried, how many of them are fitted, and how often at most."""
 _LEAST_DRIFT = 0.2
 """Least error of the law in a search, in standard deviations of a reading: transitions leave out what is hidden."""
 
@@ -95,6 +97,18 @@ class Search:
             fit = self.fit(structure, unit, _ROUNDS)
             unit = fit.unit
             self._again(1.0)
+        return self.found[structure]
+
+    def solve(self, structure: Structure) -> Fit:
+        """Fit a known structure with unknown constants: from the best of many points, then as `tell`."""
+        for _ in range(_TRIES):
+            units = self._rng.random((len(structure.ranges), _POINTS))
+            costs = (self._whitened.misfits(structure, units) ** 2).sum(axis=0)
+            for at in np.argsort(costs)[:_STARTS]:
+                self.fit(structure, units[:, at], _ROUNDS)
+            self.tell(structure, self.found[structure].unit)
+            if self.explained:
+                break
         return self.found[structure]
 
     def extend(self, parts: int) -> None:

@@ -30,7 +30,7 @@ from scenes.worlds.search import Search
 from scenes.worlds.weak_form import Legs, to_unit
 
 NOISE_SEED = 1000
-"""Seed of the noise of readings, which no certificate uses."""
+"""Added to the scene id, the seed of the noise of readings: no certificate uses it, and no two worlds share one."""
 LINEAR = {"linear drag", "swirl", "wind", "shear", "saddle", "friction", "spring", "slope"}
 """Forms that are linear in place and velocity."""
 _BESIDE = 0.05
@@ -40,7 +40,7 @@ _BESIDE = 0.05
 def searched(record: WorldRecord, seconds: float, **changes: Any) -> Search:
     """A search for the terms of a world, with limits and instruments changed."""
     told = replace(record.told, **changes)
-    course = simulated(record.structure, record.constants, told, NOISE_SEED + record.index)
+    course = simulated(record.structure, record.constants, told, NOISE_SEED + record.scene_id)
     return Search(Legs.of(course, told), seconds=seconds)
 
 
