@@ -20,10 +20,11 @@ from scenes.worlds.expansion import expand
 from scenes.worlds.experiment import Situation, simulated
 from scenes.worlds.levels import GRAMMAR
 from scenes.worlds.parts import Apparatus
-from scenes.worlds.predictions import predicted, searched_course
+from scenes.worlds.predictions import on_course, predicted, searched_course
 from scenes.worlds.questions import Question, answers, tolerance
 from scenes.worlds.records import WorldRecord
 from scenes.worlds.reference import blind_protocol
+from scenes.worlds.refits import constants_of
 from scenes.worlds.search import Search
 from scenes.worlds.task_reading import questions_of, situation_of
 from scenes.worlds.terms import Structure, Term
@@ -126,6 +127,16 @@ def test_terms_are_found_and_predict() -> None:
     assert (found.answer <= found.high).all()
     assert found.known
     assert "It explains the readings" in found.says()
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_a_known_structure_is_fitted_with_nothing_known_of_its_constants(name: str) -> None:
+    structure, told = STRUCTURES[name], told_of(STRUCTURES[name])
+    constants, asked = draw_constants(structure, random.Random(8)), questions(structure.apparatus)
+    course = simulated(structure, constants, told, 1)
+    fit = on_course(course, told, Search(Legs.of(course, told)).solve(structure))
+    key, found = (answers(structure, one, asked, 0.02)[:, 0] for one in (constants, constants_of(fit)))
+    assert (np.abs(found - key) <= tolerance(key)).all()
 
 
 def test_a_search_without_the_right_form_knows_that_it_does_not_know() -> None:
