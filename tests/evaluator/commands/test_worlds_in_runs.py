@@ -75,7 +75,7 @@ def test_shards_of_worlds_are_merged(make: Made, tmp_path: Path, capsys: pytest.
     assert main(["merge", str(out), "--out", str(tmp_path / "whole"), "--scenes-dir", str(worlds)]) == 0
     assert len(RunFolder(tmp_path / "whole").episodes()) == 6
     capsys.readouterr()
-    assert main(["merge", str(out), "--out", str(tmp_path / "other")]) == 2
+    assert main(["merge", str(out), "--out", str(tmp_path / "other"), "--scenes-dir", str(tmp_path)]) == 2
     assert "there are no worlds of level 1 here" in capsys.readouterr().err
 
 

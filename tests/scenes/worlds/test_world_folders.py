@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import physment_mcp
+from scenes import default_folder
 from scenes.errors import PackError, WorldError
 from scenes.finding import find_pack, is_in_split
 from scenes.folder import read_pack
@@ -20,11 +21,12 @@ from scenes.splits import splits
 from scenes.world_names import scene_id_of
 from scenes.worlds.drawing import SPLITS, draw_structure, structures_of
 from scenes.worlds.expansion import world_ids
-from scenes.worlds.folders import find_record, find_worlds, levels_of
+from scenes.worlds.folders import PUBLISHED, find_certificate, find_record, find_worlds, levels_of, worlds_of
 from scenes.worlds.levels import LEVELS, difficulty_of
 from scenes.worlds.orders import PUBLIC, WorldOrder
 from scenes.worlds.publishing import publish
-from scenes.worlds.records import as_line, keys_file, lines_file, read_certificates, read_records
+from scenes.worlds.questions import answers
+from scenes.worlds.records import CANARY_LINE, as_line, keys_file, lines_file, read_certificates, read_records
 from tests.builders.paths import DOCS
 from tests.builders.worlds import structure_rows, write_worlds
 
@@ -153,6 +155,21 @@ def test_a_published_set_has_its_keys_apart_and_the_canary(worlds: Path, tmp_pat
     hosted = find_pack(scene_id_of(1, 0), target)
     assert {path.suffix for path in hosted.folder.iterdir()} == {".json", ".xml"}
     assert "answer" not in json.loads(next(hosted.folder.glob("*.json")).read_text(encoding="utf-8"))
+
+
+def test_the_public_set_has_no_gaps_and_theory_gives_its_keys() -> None:
+    folder = default_folder()
+    counts = {len(worlds_of(folder, level)) for level in levels_of(folder)}
+    assert len(counts) == 1
+    for level in levels_of(folder):
+        assert lines_file(folder / PUBLISHED, level).read_text(encoding="utf-8").startswith(CANARY_LINE)
+        for index, record in enumerate(worlds_of(folder, level)):
+            certificate = find_certificate(record, folder)
+            assert certificate is not None
+            assert (record.index, record.settings, record.commitment) == (index, (), "")
+            assert certificate.record == record.digest
+            key = answers(record.structure, record.constants, record.questions, 0.02)[:, 0]
+            assert key == pytest.approx(certificate.key, rel=1e-3, abs=1e-3)
 
 
 @pytest.mark.parametrize(
