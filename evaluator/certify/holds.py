@@ -57,16 +57,13 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
     draws = [(seed, 1) for seed in range(seeds)] + [(seed, _EXTREME_SHARE) for seed in (lightest, heaviest)]
     looks = effort * _looks_in_all(subject) / sum(share for _, share in draws)
     tally = _Tally([0] * len(pack.catches))
-    for number, (seed, share) in enumerate(draws):
-        try:
-            reason = _drive(subject, subject.draw(seed), number, round(share * looks), tally)
-        except (ExpressionError, PackError) as error:
-            return check("holds", [*reasons, f"field catches: {error}"])
-        except Unstable:
-            reason = "the engine becomes unstable in the first time steps under the largest load"
-        reasons += [f"seed {seed}: {reason}"] if reason else []
-        if len(reasons) == _REASONS:
-            break
+    try:
+        reasons = _drive_all(subject, [(seed, round(share * looks)) for seed, share in draws], _SEQUENCE, tally)
+        if not reasons and not all(tally.sprung):
+            # A catch that is far away acts only on a load that stays: one attack for the whole laboratory time.
+            reasons = _drive_all(subject, [(seed, _most_looks(subject)) for seed, _ in draws], 1, tally)
+    except (ExpressionError, PackError) as error:
+        return check("holds", [f"field catches: {error}"])
     never = [catch.words[0] for catch, count in zip(pack.catches, tally.sprung, strict=True) if not count]
     reasons += [f"no load springs the {word}: its condition is never met" for word in never if not reasons]
     return check(
@@ -124,28 +121,52 @@ class _Tally:
         self.worst = max(self.worst, run.watch.worst)
 
 
-def _drive(subject: Subject, draw: Draw, number: int, looks: int, tally: _Tally) -> str | None:
+def _drive_all(subject: Subject, draws: Sequence[tuple[int, int]], in_a_row: int, tally: _Tally) -> list[str]:
+    """Drive draws, given as (seed, number of looks), with `in_a_row` attacks a run; returns why some failed.
+
+    Raises:
+        ExpressionError: A condition of a catch cannot be computed.
+        PackError: A condition names what is not there.
+    """
+    reasons: list[str] = []
+    for number, (seed, looks) in enumerate(draws):
+        try:
+            reason = _drive(subject, subject.draw(seed), number, looks, in_a_row, tally)
+        except Unstable:
+            reason = "the engine becomes unstable in the first time steps under the largest load"
+        reasons += [f"seed {seed}: {reason}"] if reason else []
+        if len(reasons) == _REASONS:
+            break
+    return reasons
+
+
+def _most_looks(subject: Subject) -> int:
+    """Number of time steps of a seed that fit into the laboratory time."""
+    limits = subject.pack.limits
+    return round(((limits and limits.lab_time) or MAX_SIMULATED_S) / Engine(subject.draw(0).mjcf).timestep)
+
+
+def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int, tally: _Tally) -> str | None:
     """Drive a draw with sequences of attacks; returns why it failed."""
     start = Engine(draw.mjcf)
     attacks = attacks_on(list(handles_of(start, subject.pack)), start, subject.pack)
     removed = removals(start, subject.pack)
-    limits = subject.pack.limits
-    most = round(((limits and limits.lab_time) or MAX_SIMULATED_S) / start.timestep)
+    most = _most_looks(subject)
     runs = max(1, math.ceil(looks / most))
     for run in range(runs):
         turn = number + run * _STRIDE
         watched = _Run(Engine(draw.mjcf), subject, draw, min(looks // runs, most), removed[turn % len(removed)])
-        reason = watched.through(_sequence(attacks, turn))
+        reason = watched.through(_sequence(attacks, turn, in_a_row))
         tally.add(watched)
         if reason:
             return reason
     return None
 
 
-def _sequence(attacks: Sequence[Attack], turn: int) -> list[Attack]:
+def _sequence(attacks: Sequence[Attack], turn: int, in_a_row: int) -> list[Attack]:
     """Attacks of a run; over the runs each of them comes first, and each meets each."""
     first, pace = turn % len(attacks), turn // len(attacks) + 1
-    return [attacks[(first + pace * place) % len(attacks)] for place in range(_SEQUENCE)]
+    return [attacks[(first + pace * place) % len(attacks)] for place in range(in_a_row)]
 
 
 class _Run:

@@ -187,6 +187,22 @@ def test_a_catch_that_is_never_sprung_proves_nothing(author: Author, files: Pack
     assert checked(files).reasons == ("no load springs the latch: its condition is never met",)
 
 
+def test_a_load_that_reaches_the_catch_slowly_stays_for_the_whole_laboratory_time(
+    author: Author, files: PackFiles
+) -> None:
+    def slow(pack: dict[str, Any]) -> None:
+        pack["limits"] |= {"force": 0.02, "lab_time": 60}
+
+    author.edit(files, slow)
+    assert checked(files).passed
+
+    def lets_go(pack: dict[str, Any]) -> None:
+        pack["laws"] = held_by("0")
+
+    author.edit(files, lets_go)
+    assert not checked(files).passed
+
+
 def test_bounds_and_conditions_may_depend_on_knobs(author: Author, files: PackFiles) -> None:
     scaled = {**LATCH, "sprung": "abs(object_1_x) > m / m", "holds": {"abs(object_1_x) * m": ["m", "1.2 * m"]}}
     author.edit(files, lambda pack: pack.update(catches=[scaled, STOPS]))
