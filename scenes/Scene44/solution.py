@@ -1,277 +1,275 @@
-"""Scene 44: the profile of the gas from one descent, the power and the lift from three loads at one depth."""
+"""Scene 44: the upper gas from three loads at the top, the lower one from three just above the trap."""
 
-from math import pi
+from itertools import pairwise
+from math import exp, log, tanh
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from scenes.family import member
+from scenes.fitting import chi_square, polished
+from scenes.loads import GRAVITY, ball, hung, joined
 from scenes.protocol import answer, call
+from scenes.rigs import motion
 
-GRAVITY = 9.81
-FLOAT_KG, FAR_KG = 2.0, 50.0
-TOP, ASKED, BOTTOM = 40.0, 30.0, 32.5
-"""Height of the start; depth that is asked for, and depth beyond which it may get into the trap."""
-HEAVY_KG, MIDDLE_KG, SMALL_KG = 4.0, 1.5, 0.5
-SPACING = 1.7
-"""Way between two readings of a descent, m."""
-DESCENT_S = 190.0
-LONGEST_S = 60.0
-EDGE = 0.7
-POWERS, KINDS = (1.0, 1.5, 2.0), ("two layers", "three layers")
-PARTS = {"two layers": 2, "three layers": 4}
+FLOAT = "object_1"
+FLOAT_KG, FAR_KG, UNIT_N = 8.0, 75.0, 45.0
+TOP, ASKED, TRAP, WIDTH = 6.0, 5.4, 5.49, 0.03
+"""Height of the start; depths: asked for, beyond which it may be in the trap, and of the change of the gas [m]."""
+SMALL_KG, MIDDLE_KG, HEAVY_KG = 1.5, 1.5, 3.0
 RADIUS = 0.05
-PLACES = {"heavy": 1, "middle": 2, "small": 3, "load": 4}
-"""Where balls are made, beside the shaft, m."""
+PLACES = {"small": 1, "middle": 2, "heavy": 3, "load": 4}
+"""Where balls are made, beside the shaft [m]."""
+NEAR, BELOW = 4.5, 5.08
+"""Depths from which on the boundary may come, and at which it is passed [m]."""
+QUICK_S, USED_S, LONGEST_S = 40.0, 75.0, 25.0
+"""Time in which half of the load may bring it down, time that is used, and longest wait for a reading [s]."""
+READ_M, READ_M_S = 9e-4, 3e-4
+"""Standard deviations of a way and of a speed that are read."""
+PARTS, FAR_STEP_S, MOST_STEPS = 32, 0.004, 5000
+"""Parts of a leg in the fit; time step of the asked descent, and most of them."""
+POWERS = (1.0, 1.25, 1.5, 1.75, 2.0)
+RANGES = np.array([(4.0, 12.0), (log(0.04), log(1.4)), (4.0, 12.0), (log(0.018), log(1.7)), (4.5, 5.0)])
+"""Of lift and logarithm of the speed under `UNIT_N` in the upper gas, the same in the lower one, and the boundary."""
+LABELS = {f"{upper:g} over {lower:g}": (upper, lower) for upper in POWERS for lower in POWERS}
 
 
-def _beyond(depth, edge):
-    """How much of a boundary is passed at a depth, from 0 to 1."""
-    return 0.5 + 0.5 * np.tanh((depth - edge) / EDGE)
-
-
-def _gas(depth, first, second, edge, last):
-    """Resistance over that at the top."""
-    return 1 + first * _beyond(depth, edge) + second * _beyond(depth, last)
-
-
-def _speed(power, lift, factor, *profile):
+def _speed(powers, constants):
     """Speed under the far load at the asked depth: the equation of motion by the Runge-Kutta method."""
-    force, mass, step = FAR_KG * GRAVITY - lift, FLOAT_KG + FAR_KG, 0.002
-    grid = 0.01
-    gases = (factor * _gas(np.arange(0, ASKED + 1, grid), *profile)).tolist()
+    (upper, lower), (lift, pace, low_lift, low_pace, edge) = powers, constants
+    drag, low_drag = UNIT_N / exp(pace) ** upper, UNIT_N / exp(low_pace) ** lower
+    weight, mass, step = FAR_KG * GRAVITY, FLOAT_KG + FAR_KG, FAR_STEP_S
 
-    def pull(depth, speed):
-        cell, share = divmod(depth / grid, 1)
-        gas = gases[int(cell)] * (1 - share) + gases[int(cell) + 1] * share
-        return (force - gas * abs(speed) ** power) / mass
+    def rate(depth, speed):
+        share, speed = (1 + tanh((depth - edge) / WIDTH)) / 2, max(speed, 0.0)
+        return (
+            weight - (1 - share) * (lift + drag * speed**upper) - share * (low_lift + low_drag * speed**lower)
+        ) / mass
 
     depth = speed = 0.0
-    while True:
-        a = pull(depth, speed)
-        b = pull(depth + step / 2 * speed, speed + step / 2 * a)
-        way = step * (speed + step / 2 * a)
+    for _ in range(MOST_STEPS):
+        a = rate(depth, speed)
+        b = rate(depth + step / 2 * speed, speed + step / 2 * a)
+        c = rate(depth + step / 2 * (speed + step / 2 * a), speed + step / 2 * b)
+        d = rate(depth + step * (speed + step / 2 * b), speed + step * c)
+        way, gain = step * (speed + step / 6 * (a + b + c)), step / 6 * (a + 2 * b + 2 * c + d)
         if depth + way >= ASKED:
-            return speed + b * step * (ASKED - depth) / way
-        depth, speed = depth + way, speed + step * b
+            return speed + gain * (ASKED - depth) / way
+        depth, speed = depth + way, speed + gain
+    return speed  # of a gas in which it hardly sinks
 
 
-def _start(rows, kind, power):
-    """Profile to start from: the edges between which the resistance is most nearly constant, at a lift of 8 N."""
-    load, depth, speed, rate = rows.T
-    force = load * GRAVITY - 8 - (FLOAT_KG + load) * rate
-    own = (load > 3) & (speed > 0.01) & (force > 5)
-    known, depth = np.log(force[own] / speed[own] ** power), depth[own]
-    edges = np.arange(4.0, 30.0, 0.5)
-    pairs = [(edges[0] - 9, edge) for edge in edges]
-    if kind == "three layers":
-        pairs = [(edge, last) for edge in edges for last in edges if last - edge >= 3.5]
-    best = None
-    for edge, last in pairs:
-        columns = np.column_stack([np.ones(len(depth)), _beyond(depth, edge), _beyond(depth, last)])
-        levels, *_ = np.linalg.lstsq(columns, known, rcond=1e-6)
-        left = float(np.sum((known - columns @ levels) ** 2))
-        if best is None or left < best[0]:
-            best = (left, levels, edge, last)
-    _, levels, edge, last = best
-    if kind == "two layers":
-        return levels[0] + levels[1], 0.0, np.exp(levels[2]) - 1, edge, last
-    middle = np.exp(levels[1])
-    return levels[0], middle - 1, middle * (np.exp(levels[2]) - 1), edge, last
+def predict(structure, constants):
+    """The speed in two gases with these powers and constants."""
+    return _speed(LABELS[structure], constants)
 
 
-def _fitted(rows, kind, power):
-    """Misfit, and power, lift, factor and profile, for one kind of gas.
+def _misfits(legs, structure):
+    """Misfits of ways and speeds after each leg, as a function of constants, a column for each trial."""
+    load, duration, depth, speed, last_depth, last_speed = (column[:, None] for column in legs.T)
+    weight, mass, step = load * GRAVITY, FLOAT_KG + load, duration / PARTS
+    upper, lower = LABELS[structure]
+    mean, read = (last_depth - depth) / duration, ~np.isnan(last_speed)
+    speed, last_speed = np.where(np.isnan(speed), mean, speed), np.where(read, last_speed, 0.0)
+    depth_error = np.hypot(READ_M, 0.004 * (last_depth - depth))
+    speed_error = np.hypot(READ_M_S, 0.006 * last_speed)
 
-    Rows: load [kg], depth [m], sinking speed [m/s], its rate of change [m/s²].
+    def misfits(constants):
+        lift, pace, low_lift, low_pace, edge = constants[:, None, :]
+        drag, low_drag = UNIT_N * np.exp(-upper * pace), UNIT_N * np.exp(-lower * low_pace)
+
+        def later(x, v, time):
+            """The speed after a time in the gas of one depth, the resistance taken as even in the speed."""
+            share, fast = (1 + np.tanh((x - edge) / WIDTH)) / 2, np.maximum(np.abs(v), 1e-9)
+            above, below = (1 - share) * drag * fast ** (upper - 1), share * low_drag * fast ** (lower - 1)
+            fall = np.maximum((upper * above + lower * below) / mass, 1e-6)
+            force = weight - (1 - share) * lift - share * low_lift - (above + below) * v
+            return v - np.expm1(-fall * time) / fall * force / mass
+
+        x, v = depth + 0 * lift, speed + 0 * lift
+        for _ in range(PARTS):
+            v = later(x, v, step / 2)
+            x = x + v * step
+            v = later(x, v, step / 2)
+        return np.concatenate([(x - last_depth) / depth_error, read * (v - last_speed) / speed_error])
+
+    return misfits
+
+
+def _fitted(legs, structure):
+    """The constants that fit best, and chi-square, from several places of the boundary."""
+    low, high = RANGES.T[:, :, None]
+    misfits = _misfits(legs, structure)
+
+    def units(points):
+        return np.clip(np.nan_to_num(misfits(low + (high - low) * points), nan=1e4), -1e4, 1e4)
+
+    paces = [_pace(legs, power, deep) for power, deep in zip(LABELS[structure], (False, True), strict=True)]
+    starts = [
+        (np.array([8.0, paces[0], 8.0, paces[1], edge]) - low[:, 0]) / (high - low)[:, 0] for edge in (4.6, 4.75, 4.9)
+    ]
+    start = min((np.clip(start, 0.0, 1.0) for start in starts), key=lambda start: chi_square(units, start))
+    found = polished(units, start)
+    return low[:, 0] + (high - low)[:, 0] * found, chi_square(units, found)
+
+
+def _pace(legs, power, deep):
+    """Logarithm of the speed under `UNIT_N` in a gas, from the last speed under the largest load there."""
+    inside = legs[legs[:, 2] > BELOW - 0.05] if deep else legs[legs[:, 4] < NEAR]
+    if not len(inside):
+        return log(0.1)
+    load, duration, depth, _, last, _ = inside[np.argmax(inside[:, 0] + 1e-3 * np.arange(len(inside)))]
+    speed = (last - depth) / duration
+    force = load * GRAVITY - 8.0
+    return log(max(abs(speed), 1e-4)) - log(max(abs(force), 1.0) / UNIT_N) / power
+
+
+def _best(legs):
+    """The speed by the powers that fit best: the upper one is chosen first, since most legs are in the upper gas."""
+    tried = {label: _fitted(legs, label) for label, powers in LABELS.items() if powers[1] == 1.5}
+    upper = LABELS[min(tried, key=lambda name: tried[name][1])][0]
+    tried = {label: _fitted(legs, label) for label, powers in LABELS.items() if powers[0] == upper}
+    label = min(tried, key=lambda name: tried[name][1])
+    return predict(label, tried[label][0])
+
+
+def _legs(exchanges):
+    """Rows of load [kg], duration [s], depth [m] and sinking speed [m/s] at the start and at the end of each leg.
+
+    A speed that was not read is NaN. Legs that begin with a ball joined to the moving float are left out, because its
+    speed after that is not read.
     """
-    rows = np.array(rows)
-    load, depth, speed, rate = rows.T
-    inertia = (FLOAT_KG + load) * rate
-    level, first, second, edge, last = _start(rows, kind, power)
-
-    def parts(values):
-        lift, log_factor, change, other_change, edge, last = values
-        return lift, np.exp(log_factor), change if kind == "three layers" else 0.0, other_change, edge, last
-
-    def misfit(values):
-        lift, factor, *profile = parts(values)
-        force = load * GRAVITY - lift - inertia
-        # The speed at which the resistance would be this force.
-        drawn = np.abs(force / (factor * np.maximum(_gas(depth, *profile), 0.05))) ** (1 / power)
-        error = np.hypot(0.003 * drawn, 0.0007) + 0.15 * np.abs(inertia) / (np.abs(force) + 1.0) * drawn
-        return (np.sign(force) * drawn - speed) / error
-
-    begin = [8.0, level, first, second, max(edge, 1.0), last]
-    tried = least_squares(
-        misfit, np.clip(begin, LOW, HIGH), bounds=(LOW, HIGH), x_scale=[2, 0.3, 0.3, 0.3, 1, 1], max_nfev=200
-    )
-    return 2 * tried.cost, (power, *parts(tried.x))
-
-
-LOW, HIGH = [2, -8, -0.95, -9, 0, 2], [14, 9, 9, 9, 33, 34]
-"""Bounds of lift, logarithm of the factor, changes of the resistance, and depths of the boundaries."""
-
-
-def _best(rows):
-    """The simplest gas that fits: its power, lift, factor and profile."""
-    found = {(kind, power): _fitted(rows, kind, power) for kind in KINDS for power in POWERS}
-    return found[min(found, key=lambda gas: found[gas][0] + 4 * PARTS[gas[0]])][1]
-
-
-def _rows_of(exchanges):
-    """Load, depth, sinking speed, its rate of change at each reading but the first under a load."""
-    rows, masses, joined, time, before = [], {}, 0.0, 0.0, None
-    depth = 0.0
-    for asked, reading in exchanges:
-        if asked.tool == "create_objects":
-            masses[asked.arguments["name"]] = asked.arguments["density"] * 4 / 3 * pi * asked.arguments["radius"] ** 3
-        elif asked.tool == "attach_objects":
-            joined, before = joined + masses[asked.arguments["object1_id"]], None
-        elif asked.tool == "delete_objects":
-            joined, before = joined - masses[asked.arguments["object_id"]], None
+    states, legs = [(0.0, 0.0, 0.0, 0.0)], []
+    for asked, reading, load in hung(exchanges):
+        if asked.tool == "step":
+            states.append((reading["sim_time"], np.nan, np.nan, load[FLOAT]))
         elif asked.tool == "get_position":
-            depth = TOP - reading["position"][2]
+            states[-1] = (states[-1][0], TOP - reading["position"][2], *states[-1][2:])
         elif asked.tool == "get_velocity":
-            speed, time = -reading["velocity"][2], reading["sim_time"]
-            if before is not None and depth > 0.02:
-                rows.append([joined, depth, speed, (speed - before[1]) / (time - before[0])])
-            before = (time, speed)
-    return _centred(rows)
-
-
-def _centred(rows):
-    """Replace each rate of change by the mean of those before and after it, under the same load."""
-    rates = [row[3] for row in rows]
-    for row, rate, after, following in zip(rows[:-1], rates[:-1], rates[1:], rows[1:], strict=True):
-        if following[0] == row[0]:
-            row[3] = (rate + after) / 2
-    return rows
+            states[-1] = (*states[-1][:2], -reading["velocity"][2], states[-1][3])
+    for before, now in pairwise(states):
+        joins = now[3] > before[3] and before[0] > 0
+        if 3e-3 < now[1] < TRAP and before[1] < TRAP and not joins:
+            legs.append([now[3], now[0] - before[0], *before[1:3], *now[1:3]])
+    return np.array(legs)
 
 
 def fit(readings, structure):
-    """The asked speed by the law of one kind of gas."""
-    kind, power = structure.split(", ")
-    return _speed(*_fitted(_rows_of(readings), kind, float(power))[1])
+    """The asked speed by the laws with these powers."""
+    return predict(structure, _fitted(_legs(readings), structure)[0])
+
+
+def rivals(readings):
+    """Each pair of powers, fitted."""
+    legs = _legs(readings)
+
+    def of(label):
+        misfits = _misfits(legs, label)
+        best = _fitted(legs, label)[0]
+        return member(lambda constants: misfits(constants[:, None])[:, 0], lambda at: predict(label, at), best, RANGES)
+
+    return {label: of(label) for label in LABELS}
 
 
 def _load(name, kg):
-    density = kg / (4 / 3 * pi * RADIUS**3)
-    return [
-        call(
-            "create_objects", name=name, pos=[PLACES[name], 0, TOP], density=density, rgba=[1, 0, 0, 1], radius=RADIUS
-        ),
-        call("attach_objects", object1_id=name, object2_id="object_1"),
-    ]
+    return joined(ball(name, kg, [PLACES[name], 0, TOP], RADIUS), FLOAT)
 
 
-def _look(duration):
-    return [
-        call("step", duration=duration),
-        call("get_position", object_id="object_1"),
-        call("get_velocity", object_id="object_1"),
-    ]
+def _wait(way, speed):
+    return round(min(max(way / max(abs(speed), 1e-3), 0.01), LONGEST_S) / 0.005) * 0.005
 
 
 def solve(task):
-    """Descend under a heavy load, then compare loads at the depth reached; take the simplest gas that fits."""
-    exchanges = []
+    """Three loads at the top; down under a load that fits the gas; above the trap, take the load off in parts."""
+    seen, spent = [], 0.0
 
-    def state():
-        return TOP - exchanges[-2][1]["position"][2], max(abs(exchanges[-1][1]["velocity"][2]), 0.01)
+    def done(calls):
+        nonlocal spent
+        seen.extend(zip(calls, (yield calls), strict=True))
+        spent = seen[-1][1]["sim_time"]
+        return TOP - seen[-2][1]["position"][2], abs(seen[-1][1]["velocity"][2])
 
-    calls = [*_load("heavy", HEAVY_KG), *_look(0.3), *_look(0.1)]
-    exchanges += zip(calls, (yield calls), strict=True)
-    spent = 0.4
-    for _ in range(9):
-        depth, speed = state()
-        wait = min(SPACING / speed, (DESCENT_S - spent) / 3, LONGEST_S)
-        looks = min(3, int((BOTTOM - depth) / SPACING + 0.3))
-        if looks < 1 or wait < 0.2:
-            break
-        calls = _look(wait) * looks
-        exchanges += zip(calls, (yield calls), strict=True)
-        spent += wait * looks
-    for change, wait in (
-        ([call("delete_objects", object_id="heavy")], 4.0),
-        (_load("middle", MIDDLE_KG), 1.2),
-        (_load("small", SMALL_KG), 0.8),
-        ([call("delete_objects", object_id="middle")], 2.0),
-    ):
-        calls = [*change, *_look(wait), *_look(0.4), *_look(0.4)]
-        exchanges += zip(calls, (yield calls), strict=True)
-    calls = [call("delete_objects", object_id="small"), *_look(2.0), *_look(0.5)]
+    depth, speed = yield from done([*_load("small", SMALL_KG), *motion(0.3)])
+    depth, speed = yield from done(motion(_wait(0.08, speed)) * 2)
+    depth, middle = yield from done([*_load("middle", MIDDLE_KG), *motion(_wait(0.1, 3 * speed)) * 2])
+    depth, speed = yield from done([*_load("heavy", HEAVY_KG), *motion(_wait(0.12, 2 * middle)) * 2])
+    parts = ["heavy", "middle", "small"]
+    leave = []
+    if BELOW / middle < QUICK_S:
+        leave, speed = [call("delete_objects", object_id=parts.pop(0))], middle
+    while depth < BELOW:
+        ways = [0.07] * 2 if depth > NEAR - 0.2 else [(NEAR - depth) / 3] * 3
+        depth, speed = yield from done([*leave, *(made for way in ways for made in motion(_wait(way, speed)))])
+        leave = []
+    for part in (None, *parts):
+        calls = [call("delete_objects", object_id=part)] if part else []
+        depth, speed = yield from done(calls + motion(_wait(min(0.05, (TRAP - 0.02 - depth) / 8), speed)) * 2)
     for _ in range(2):
-        calls += _look(min(0.5 + max(0.0, (DESCENT_S - spent) / 3), LONGEST_S))
-    exchanges += zip(calls, (yield calls), strict=True)
-    yield [answer(_speed(*_best(_rows_of(exchanges))))]
+        if depth > 0.1 and spent < USED_S:
+            depth, speed = yield from done(motion(min(_wait(0.3, speed), _wait(USED_S - spent, 5))) * 5)
+    yield [answer(_best(_legs(seen)))]
 
 
 def stage(task):
     """Join the whole load to it."""
-    readings = yield [*_load("load", FAR_KG), call("step", duration=3), call("get_velocity", object_id="object_1")]
+    readings = yield [*_load("load", FAR_KG), call("step", duration=1), call("get_velocity", object_id=FLOAT)]
     yield [answer(-readings[-1]["velocity"][2])]
 
 
 def stage_heaviest(task):
     """Sink under all that can be made to about the asked depth, and multiply the speed."""
-    readings = yield [*_load("load", 6.0), *_look(1.0)]
-    for _ in range(8):
-        depth, speed = TOP - readings[-2]["position"][2], max(-readings[-1]["velocity"][2], 0.02)
-        if ASKED - depth < 0.5:
+    readings = yield [*_load("load", 6.5), *motion(0.3)]
+    for _ in range(12):
+        depth, speed = TOP - readings[-2]["position"][2], max(-readings[-1]["velocity"][2], 0.01)
+        if ASKED - depth < 0.1:
             break
-        readings = yield _look(min((ASKED - depth) / speed / 2, 25.0))
-    yield [answer(-readings[-1]["velocity"][2] * FAR_KG / 6.0)]
+        readings = yield motion(min((ASKED - depth) / speed / 2, 20.0))
+    yield [answer(-readings[-1]["velocity"][2] * FAR_KG / 6.5)]
+
+
+RATIO = 1.15
+"""Of two moments at which the fixed batch looks."""
 
 
 def batch(task):
-    """Readings at times that grow in proportion, under two loads, and the best fit."""
-    calls = _load("middle", MIDDLE_KG)
-    for wait in (0.5, 0.3, 0.3):
-        calls += _look(wait)
-    calls += _load("heavy", HEAVY_KG)
-    for wait in (0.3, 0.3, 0.5, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 7.0, 10.0, 14.0, 20.0):
-        calls += _look(wait)
-    calls += [call("delete_objects", object_id="heavy"), *_look(2.0), *_look(0.5)]
-    readings = yield calls
-    exchanges = [pair for pair in zip(calls, readings, strict=True) if "error" not in pair[1]]
-    rows = [row for row in _rows_of(exchanges) if row[1] < 36.5]
-    yield [answer(_speed(*_best(rows)))]
+    """Three loads at the top; then places at times in even ratios while it sinks under all of them; the best fit."""
+    calls = [*_load("small", SMALL_KG), *motion(0.6), *motion(0.3), *_load("middle", MIDDLE_KG), *motion(0.3)]
+    calls += [*_load("heavy", HEAVY_KG), *motion(0.3)]
+    time = 4.0
+    for _ in range(20):
+        calls += motion(round(time * (RATIO - 1) / 0.005) * 0.005)[:2]
+        time *= RATIO
+    yield [answer(_best(_legs(list(zip(calls, (yield calls), strict=True)))))]
 
 
 def structure(knobs):
-    """Profile of the gas, and power of the speed."""
-    return f"{knobs['kind']}, {knobs['power']}"
-
-
-def _drawn(knobs):
-    return knobs["s1"], knobs["s2"], knobs["edge"], knobs["last"]
+    """Powers of the speed in the upper and in the lower gas."""
+    return f"{knobs['upper']:g} over {knobs['lower']:g}"
 
 
 def naive(knobs):
     """The speed in proportion to the load; the steady speed in the gas of the top; free fall less the lift."""
-    power, factor = knobs["power"], knobs["c"]
-    deep = factor * float(_gas(ASKED, *_drawn(knobs)))
-    force = FAR_KG * GRAVITY - knobs["lift"]
+    force, near = FAR_KG * GRAVITY, 6.0 * GRAVITY - knobs["low_lift"]
     return {
-        "in proportion": FAR_KG / HEAVY_KG * ((HEAVY_KG * GRAVITY - knobs["lift"]) / deep) ** (1 / power),
-        "gas of the top": (force / factor) ** (1 / power),
+        "in proportion": FAR_KG / 6.0 * (near / knobs["c2"]) ** (1 / knobs["lower"]),
+        "gas of the top": ((force - knobs["lift"]) / knobs["c1"]) ** (1 / knobs["upper"]),
         "free fall": (2 * force / (FAR_KG + FLOAT_KG) * ASKED) ** 0.5,
     }
 
 
 def theory(knobs):
-    """The equation of motion in the drawn gas."""
-    return _speed(knobs["power"], knobs["lift"], knobs["c"], *_drawn(knobs))
+    """The equation of motion in the drawn gases."""
+    constants = [knobs["lift"], log(knobs["v1"]), knobs["low_lift"], log(knobs["v2"]), knobs["edge"]]
+    return _speed((knobs["upper"], knobs["lower"]), constants)
 
 
 def measure(engine, knobs):
     """The engine's float with the mass and the weight of the load."""
     engine = engine.changed({"body[object_1]/inertial.mass": FLOAT_KG + FAR_KG})
-    engine.push("object_1", force=np.array([0.0, 0.0, -FAR_KG * GRAVITY]))
+    engine.push(FLOAT, force=np.array([0.0, 0.0, -FAR_KG * GRAVITY]))
     before = (0.0, 0.0)
     while True:
         engine.step(1)
-        depth, speed = TOP - engine.pose("object_1").position[2], -engine.twist("object_1").linear[2]
+        depth, speed = TOP - engine.pose(FLOAT).position[2], -engine.twist(FLOAT).linear[2]
         if depth >= ASKED:
             return float(before[1] + (speed - before[1]) * (ASKED - before[0]) / (depth - before[0]))
         before = (depth, speed)
