@@ -1,12 +1,8 @@
 """Scene 97: drag and line from towing in still water, the stream from slow passages, a balance for the prediction."""
 
-from dataclasses import dataclass
-from itertools import pairwise
-
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from scenes.family import member
 from scenes.protocol import answer, call
 
 CART, START = "object_1", 0.4
@@ -18,19 +14,8 @@ TOWS = ((-0.5, 11.0, 1.5), (-1.5, 5.0, 1.0), (-3.5, 3.5, 0.5), (-6.0, 2.5, 0.4))
 """Force, time to settle and pause between two looks in still water."""
 CREEP, STRETCH, LOOKS = 0.35, 1.1, 2
 CALLS, TIME_S = 150, 90.0
-READ_M, READ_V, SETTLED = 0.001, 0.0008, 0.02
-"""Standard deviations of lengths and speeds, with what is left of a change of speed [m/s²]."""
-POWERS = (0, 1)
-LABELS = tuple(
-    f"{profile} {power} {line}"
-    for profile in ("even", "rising", "step")
-    for power in POWERS
-    for line in ("softer", "stiffer")
-)
-EDGES, PLACES, MIDDLE = (0.9, 1.6), (2.8, 7.0), 1.25
-"""Where the stream begins, where it may become faster in a step, and the middle of the former [m]."""
-PRICE = 4.0
-"""What a constant more must gain in chi-square."""
+READ_M, READ_V = 0.003, 0.002
+PROFILES = ("even", "rising", "step")
 
 
 def _look(duration, tug):
@@ -65,131 +50,81 @@ def _rows(exchanges):
 
 
 def _steady(rows):
-    """Rows in which cart and tug have gone on evenly since the look before: pull of the line, its length, place, speed.
-
-    The mass of a cart is less than 1 kg, so a change of speed of `SETTLED` needs less than 0.02 N.
-    """
-    time, _, speed, apart, tug, force = rows.T
+    """Rows in which cart and tug go equally fast with the line taut: pull of the line, its length, place and speed."""
+    _, x, speed, apart, tug, force = rows.T
+    kept = np.abs(speed - tug) < 0.004 + 0.04 * np.abs(speed)
     pull = force - RAIL * tug
-    before = np.maximum(np.arange(len(rows)) - 1, 0)
-    change = np.hypot(speed - speed[before], tug - tug[before]) / np.maximum(time - time[before], 1e-3)
-    kept = (change < SETTLED) & (force == force[before]) & (np.abs(speed - tug) < 0.004 + 0.005 * np.abs(speed))
-    kept &= (np.abs(pull) > 0.1) & (apart * pull > 0) & (np.arange(len(rows)) > 0)
-    return np.column_stack([pull, np.abs(apart), rows[:, 1], speed])[kept]
+    kept &= (np.abs(pull) > 0.1) & (apart * pull > 0)
+    return pull[kept], apart[kept], x[kept], speed[kept]
 
 
-def _sizes(steady):
-    """For either power: variance of the logarithm of the size of the drag in still water, and its mean."""
-    pull, _, x, speed = steady.T
-    still = (x < EDGES[0] - 0.15) & (np.abs(speed) > 0.02)
+def _water(rows):
+    """Power and size of the drag from steady towing in still water; chi² of either power decides."""
+    pull, _, x, speed = _steady(rows)
+    still = (x < 0.5) & (np.abs(speed) > 0.02)
     logs, force = np.log(np.abs(speed[still])), np.log(np.abs(pull[still]))
-    return {
-        power: (float(np.var(force - (1 + power) * logs)), float(np.mean(force - (1 + power) * logs)))
-        for power in POWERS
-    }
+    offs = {power: force - (1 + power) * logs for power in (0, 1)}
+    return {power: (float(np.var(off)), float(np.exp(np.mean(off)))) for power, off in offs.items()}
 
 
-@dataclass(frozen=True)
-class _Model:
-    """Laws of one structure, with the place of the step between two looks."""
+def _stream(rows, power, size):
+    """Places and speeds of the stream there: drag of the speed through the water is the pull of the line."""
+    pull, _, x, speed = _steady(rows)
+    inside = (x > 1.8) & (pull > 0)
+    return x[inside], (pull[inside] / size) ** (1 / (1 + power)) - speed[inside]
 
-    profile: str
-    power: int
-    line: str
-    step: tuple[float, float] = PLACES
 
-    @property
-    def ranges(self):
-        """Of logarithm of the drag; length at 2 N, compliance beyond the bend, bend, ratio; stream and more."""
-        more = {"even": [], "rising": [(0.045, 0.14)], "step": [(0.25, 0.55), self.step]}[self.profile]
-        return [(-1.0, 4.0), (0.6, 4.0), (0.02, 1.5), (0.6, 1.5), (2.2, 3.2), (0.1, 5.0), *more]
+def _profile(kind, x, u):
+    """Squares of deviations, and the stream as a function of the place."""
+    if kind == "rising":
+        steps = [None]
+    elif kind == "step":
+        order = np.sort(x)
+        steps = [place for place in (order[1:] + order[:-1]) / 2 if order[1] < place < order[-2]]
+    else:
+        steps = [None]
+    best = None
+    for place in steps:
+        columns = [np.ones(len(x))]
+        if kind == "rising":
+            columns.append(x)
+        elif place is not None:
+            columns.append((x > place).astype(float))
+        basis = np.column_stack(columns)
+        parts = np.linalg.lstsq(basis, u, rcond=None)[0]
+        rest = float(np.sum(np.square(basis @ parts - u)))
+        if best is None or rest < best[0]:
+            best = (rest, parts, place)
+    if best is None:
+        return _profile("even", x, u)
+    rest, parts, place = best
+    if kind == "even":
+        return rest, lambda _at: parts[0]
+    if kind == "rising":
+        return rest, lambda at: parts[0] + parts[1] * at
+    return rest, lambda at: parts[0] + parts[1] * (at > place)
 
-    def length(self, constants, pull):
-        """Length of the line under a pull."""
-        _, middle, beyond, bend, ratio, *_ = constants
-        first = beyond / ratio if self.line == "softer" else beyond * ratio
-        return middle + beyond * (np.maximum(pull, bend) - 2.0) - first * np.maximum(bend - pull, 0.0)
 
-    def stream(self, constants, x):
-        """Speed of the stream within its region."""
-        u, more = constants[5], constants[6:]
-        if self.profile == "rising":
-            return u * (1 + more[0] * (x - MIDDLE))
-        return u * (1 + more[0] * (x > more[1])) if self.profile == "step" else u + 0 * x
+def _line(rows):
+    """Length of the line as a function of its pull: two straight pieces, by least squares."""
+    pull, apart, _, _ = _steady(rows)
+    pull, apart = np.abs(pull), np.abs(apart)
 
-    def misfits(self, steady):
-        """Misfits of lengths and of speeds through the water, in standard deviations, as a function of constants."""
-        pull, apart, x, speed = steady.T
-        inside = x > EDGES[1] + 0.15
-        known = inside | (x < EDGES[0] - 0.15)
+    def length(values, at):
+        free, soft, softer, bend = values
+        return free + soft * np.minimum(at, bend) + softer * np.maximum(at - bend, 0.0)
 
-        def off(constants):
-            through = np.sign(pull) * (np.abs(pull) * np.exp(-constants[0])) ** (1 / (1 + self.power))
-            stream = np.where(inside, self.stream(constants, x), 0.0)
-            water = (through - speed - stream) / (READ_V + 0.001 * np.abs(through))
-            return np.concatenate(
-                [(self.length(constants, np.abs(pull)) - apart) / READ_M, np.where(known, water, 0.0)]
-            )
-
-        return off
-
-    def predict(self, constants):
-        """The asked length."""
-        return _predict(
-            lambda pull: self.length(constants, pull),
-            lambda x: self.stream(constants, x),
-            self.power,
-            np.exp(constants[0]),
+    fits = [
+        least_squares(
+            lambda values: (length(values, pull) - apart) / READ_M,
+            [apart.min() * 0.8, 0.2, soft, bend],
+            bounds=([0.1, 0.02, 0.01, 0.3], [4.0, 1.0, 3.0, 2.2]),
         )
-
-    def fitted(self, steady, line):
-        """Chi-square and the constants that fit best, from those of the line."""
-        pull, _, x, speed = steady.T
-        low, high = np.array(self.ranges).T
-        size = _sizes(steady)[self.power][1]
-        inside = x > EDGES[1] + 0.15
-        u = (np.abs(pull) * np.exp(-size)) ** (1 / (1 + self.power)) - speed
-        first = float(np.mean(u[inside][:2])) if inside.any() else 0.5
-        more = {"even": [], "rising": [0.09], "step": [0.4, sum(self.step) / 2]}[self.profile]
-        begin = np.clip([size, *line, first, *more], low + 1e-6, high - 1e-6)
-        best = least_squares(self.misfits(steady), begin, bounds=(low, high), x_scale=high - low, max_nfev=100)
-        return 2 * float(best.cost), best.x
-
-    def line_alone(self, steady):
-        """Constants of the line that fit best, from several bends."""
-        pull, apart = np.abs(steady[:, 0]), steady[:, 1]
-        low, high = np.array(self.ranges[1:5]).T
-        beyond, at = np.polyfit(pull[pull > 1.5], apart[pull > 1.5], 1)
-
-        def off(line):
-            return (self.length([0.0, *line], pull) - apart) / READ_M
-
-        starts = [np.clip([at + 2 * beyond, beyond, bend, 2.7], low + 1e-6, high - 1e-6) for bend in (0.7, 1.05, 1.4)]
-        found = [least_squares(off, start, bounds=(low, high), x_scale=high - low) for start in starts]
-        return min(found, key=lambda tried: tried.cost).x
-
-
-def _models(steady, label):
-    """The models of a structure: a step may be between any two looks."""
-    profile, power, line = label.split()
-    x = np.sort(steady[:, 2])
-    x = np.unique(np.clip(np.concatenate([PLACES, x]), *PLACES))
-    steps = list(pairwise(x)) if profile == "step" else [PLACES]
-    return [_Model(profile, int(power), line, step) for step in steps if step[1] - step[0] > 1e-3]
-
-
-def _fitted(steady, label):
-    """Chi-square, constants, and the model of a structure that fits best."""
-    models = _models(steady, label)
-    line = models[0].line_alone(steady)
-    return min(((*model.fitted(steady, line), model) for model in models), key=lambda found: found[0])
-
-
-def _best(steady):
-    """The answer by the structure that fits best."""
-    found = [_fitted(steady, label) for label in LABELS]
-    _, constants, model = min(found, key=lambda each: each[0] + PRICE * len(each[1]))
-    return model.predict(constants)
+        for bend in (0.7, 1.0, 1.3)
+        for soft in (0.07, 0.5)
+    ]
+    best = min(fits, key=lambda got: got.cost).x
+    return lambda at: float(length(best, at))
 
 
 def _predict(length, stream, power, size):
@@ -198,9 +133,22 @@ def _predict(length, stream, power, size):
     def surplus(reach):
         return reach - length(size * (FASTER * stream(NAIL - reach)) ** (1 + power))
 
-    if surplus(NAIL - 1.0) < 0:
-        return NAIL - 1.0  # a stream that carries the cart away
     return float(brentq(surplus, 0.1, NAIL - 1.0))
+
+
+def _answer(rows, label=None):
+    powers = _water(rows)
+    power = min(powers, key=lambda each: powers[each][0]) if label is None else int(label.split()[1])
+    size = powers[power][1]
+    x, u = _stream(rows, power, size)
+    if label is None:
+        rests = [_profile(kind, x, u)[0] for kind in PROFILES]
+        noise = max(min(rests) / len(x), 1e-5)
+        costs = [rest / noise + 8 * number for rest, number in zip(rests, (0, 1, 1.5), strict=True)]
+        kind = PROFILES[int(np.argmin(costs))]
+    else:
+        kind = label.split()[0]
+    return _predict(_line(rows), _profile(kind, x, u)[1], power, size)
 
 
 def solve(task):
@@ -217,9 +165,9 @@ def solve(task):
         asked for force, settle, pause in TOWS for asked in (_pull(force, tug), *_look(settle, tug), *_look(pause, tug))
     ]
     rows = made(calls, (yield calls))
-    sizes = _sizes(_steady(rows))
-    power = min(sizes, key=lambda each: sizes[each][0])
-    size = np.exp(sizes[power][1])
+    powers = _water(rows)
+    power = min(powers, key=lambda each: powers[each][0])
+    size = powers[power][1]
 
     def tow(speed, stream):
         return min(size * (speed + stream) ** (1 + power) + RAIL * speed, LIMIT_N)
@@ -252,29 +200,17 @@ def solve(task):
             stream = max(((force - RAIL * tug_speed) / size) ** (1 / (1 + power)) - speed, 0.0)
             stream += 0.15 * (speed < 0.05)
         stuck = stuck + 1 if force >= LIMIT_N - 0.01 and speed < 0.03 else 0
-    yield [answer(_best(_steady(rows)))]
+    yield [answer(_answer(rows))]
 
 
 def structure(knobs):
-    """How the stream depends on the place, the power of the drag, and how the line goes on."""
-    return f"{knobs['profile']} {knobs['power']} {knobs['line']}"
+    """How the stream depends on the place, and the power of the drag."""
+    return f"{knobs['profile']} {knobs['power']}"
 
 
 def fit(readings, structure):
-    """The answer by the laws of a structure, fitted to the readings."""
-    _, constants, model = _fitted(_steady(_rows(readings)), structure)
-    return model.predict(constants)
-
-
-def rivals(readings):
-    """Every structure, fitted."""
-    steady = _steady(_rows(readings))
-
-    def of(label):
-        _, constants, model = _fitted(steady, label)
-        return member(model.misfits(steady), model.predict, constants, model.ranges)
-
-    return {label: of(label) for label in LABELS}
+    """The answer by this profile and power, fitted to the readings."""
+    return _answer(_rows(readings), structure)
 
 
 def batch(task):
@@ -286,8 +222,8 @@ def batch(task):
         calls += [_pull(force, tug), *(asked for _ in range(looks) for asked in _look(duration, tug))]
     rows = _rows(zip(calls, (yield calls), strict=True))
     try:
-        value = _best(_steady(rows))
-    except (ValueError, ArithmeticError, IndexError, TypeError, np.linalg.LinAlgError):
+        value = _answer(rows)
+    except (ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError):
         value = float(np.max(np.abs(rows[:, 3])))
     yield [answer(value)]
 
@@ -334,26 +270,16 @@ def naive(knobs):
     }
 
 
-def _rest(engine, place, seconds):
-    """Length of the line some time after the cart was let go at a place, with the tug nailed, in the faster stream."""
+def measure(engine, knobs):
+    """The nailed tug and the faster stream in the engine, let go near the balance."""
+    near = NAIL - theory(knobs) - 0.3
     world = engine.changed(
         {
-            "body[object_1].pos": (place, 0.0, 1.0),
+            "body[object_1].pos": (near, 0.0, 1.0),
             "body[object_2].pos": (NAIL, 0.5, 1.0),
             "body[object_2]/inertial.mass": 1e9,
             "body[weir].pos": (0.0, 1.0, 1.0),
         }
     )
-    world.step(world.whole_steps(seconds))
+    world.step(world.whole_steps(60.0))
     return float(world.pose("object_2").position[0] - world.pose(CART).position[0])
-
-
-def measure(engine, knobs):
-    """The nailed tug and the faster stream in the engine, let go near the balance."""
-    return _rest(engine, NAIL - theory(knobs) - 0.3, 60.0)
-
-
-def settles(engine, knobs, off):
-    """Let go with the line longer than in the balance by this share of its length."""
-    balance = theory(knobs)
-    return _rest(engine, NAIL - balance * (1 + off), 60.0) / balance - 1
