@@ -16,7 +16,7 @@ CANARY = "physment-canary-4c0e6d1e-7a55-4d0e-9d0b-5f3c1c2a9b47"
 
 
 class Rung(StrEnum):
-    """Difficulty of a scene, from the easiest rung."""
+    """Difficulty of a scene; the rungs are listed from the easiest to the hardest."""
 
     EASY = "easy"
     HARD = "hard"

@@ -24,7 +24,8 @@ def expand(record: WorldRecord, folder: Path, certificate: Certificate | None = 
     Args:
         record: The world.
         folder: Cache folder of packs of worlds.
-        certificate: Contains the key; None for a laboratory on another machine, which must not have it.
+        certificate: Certificate of the world, which contains the answer key. None for a laboratory on another machine,
+            which must not receive the key.
 
     Raises:
         WorldError: The folder cannot be written, or the certificate belongs to another record.

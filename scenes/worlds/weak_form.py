@@ -243,7 +243,7 @@ class Legs:
 
 @functools.lru_cache(64)
 def _is_linear(structure: Structure) -> bool:
-    """Whether the hidden body of the only term has equations linear in its state and in that of the visible body."""
+    """Whether there is one term, whose hidden body obeys equations linear in the states of both bodies."""
     rng = np.random.default_rng(0)
     one = rng.standard_normal(len(structure.states))
     states = np.column_stack([one, 2 * one, -one])

@@ -1,4 +1,4 @@
-"""Work and energy: the work of a known torque on the flywheel, divided by its rotational energy per kilogram."""
+"""Mass of the flywheel by the work-energy theorem: work of a known torque over rotational energy per kilogram."""
 
 from scenes.protocol import Protocol, answer, call
 
