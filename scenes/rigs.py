@@ -19,6 +19,11 @@ def motion(duration: float, body: str = "object_1") -> list[Call]:
     return [call("step", duration=duration), *reads]
 
 
+def lasting(calls: Sequence[Call]) -> float:
+    """Simulated time that the calls take [s]."""
+    return sum(float(asked.arguments["duration"]) for asked in calls if asked.tool == "step")
+
+
 @dataclass(frozen=True, slots=True)
 class Rig:
     """The controls and readings in each leg of a course."""

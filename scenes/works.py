@@ -5,15 +5,42 @@ work F (x - x0) at x. The error of x0 enters the work of all later points, so th
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from scenes.courses import Array, accepted
-from scenes.family import member
+from scenes.family import member, scattered
 from scenes.protocol import AnswerValue, Exchanges, Member
 from scenes.rigs import Rig
+
+
+@dataclass(frozen=True, slots=True)
+class Refit:
+    """The constants that fit the points best."""
+
+    chi_square: float
+    """Sum of the squared misfits, plus the logarithm of the determinant of the covariance of the points."""
+    constants: Array
+    """All constants, those that are not free included."""
+    free: Sequence[int]
+    """Indices of the free ones."""
+    slopes: Array
+    """Derivatives of the misfits by the free constants, each in its usual size."""
+    scale: Array
+    """Usual sizes of the free constants."""
+    highest: Array
+    """Upper bounds of the free constants."""
+
+    def plausible(self, number: int) -> Array:
+        """The constants, and draws of those that the points leave plausible; shape (constants, 1 + number)."""
+        drawn = self.constants[:, None] + np.zeros(1 + number)
+        which = list(self.free)
+        drawn[which, 1:] += self.scale[:, None] * scattered(self.slopes, number).T
+        drawn[which] = np.clip(drawn[which], 0.0, self.highest[:, None])
+        return drawn
 
 
 def work_points(exchanges: Exchanges, rig: Rig, error: float, within: float) -> Array:
@@ -67,7 +94,7 @@ def refitted(
     scale: Array,
     highest: Array,
     clip: tuple[float, Array],
-) -> tuple[float, Array, float]:
+) -> Refit:
     """Fit the free constants twice; the second fit uses the errors computed from the first.
 
     Args:
@@ -81,9 +108,9 @@ def refitted(
         clip: Bounds to which the constants are clipped after a fit.
 
     Returns:
-        Half the sum of the squares, the constants, and the logarithm of the determinant of the last whitening matrix.
+        The last fit.
     """
-    which, cost, white = list(free), np.inf, np.eye(len(doubt))
+    which, white, slopes, cost = list(free), np.eye(len(doubt)), np.zeros((len(doubt), len(free))), np.inf
     for _ in range(2):
         white = whitening(doubt, alone(constants))
 
@@ -94,28 +121,24 @@ def refitted(
             return np.concatenate((white @ points, others))
 
         got = least_squares(off, constants[which], bounds=(0, highest), x_scale=scale, max_nfev=40)
-        constants, cost = constants.copy(), float(got.cost)
+        constants, cost, slopes = constants.copy(), float(got.cost), np.asarray(got.jac, dtype=float) * scale
         constants[which] = np.clip(got.x, *clip)
-    return cost, constants, float(np.sum(np.log(np.diag(white))))
+    chi_square = 2 * cost - 2 * float(np.sum(np.log(np.diag(white))))
+    return Refit(chi_square, constants, which, slopes, scale, highest)
 
 
-def cheapest(
-    fits: Mapping[str, tuple[float, Array]], free: Mapping[str, Sequence[int]], count: int
-) -> tuple[str, Array]:
-    """The best-fit structure and its constants, by chi-square plus the logarithm of the number of points per constant.
+def cheapest(fits: Mapping[str, Refit], count: int) -> Refit:
+    """The best-fit structure, by chi-square plus the logarithm of the number of points per constant.
 
     Args:
-        fits: Chi-square and constants of each structure.
-        free: Which constants each structure has.
+        fits: The fit of each structure.
         count: Number of points.
     """
-    name = min(fits, key=lambda name: fits[name][0] + len(free[name]) * np.log(count))
-    return name, fits[name][1]
+    return min(fits.values(), key=lambda fit: fit.chi_square + len(fit.free) * np.log(count))
 
 
 def weighed(
-    fits: Mapping[str, Array],
-    free: Mapping[str, Sequence[int]],
+    fits: Mapping[str, Refit],
     white: Array,
     misfits: Callable[[Array], Array],
     predict: Callable[[Array], AnswerValue],
@@ -124,8 +147,7 @@ def weighed(
     """The members of a family of potentials, fitted to the points with the same errors.
 
     Args:
-        fits: Initial values of all constants of each structure.
-        free: Which constants each structure has.
+        fits: The last fit of each structure, which is the initial value.
         white: Whitening matrix of the points.
         misfits: Misfits of the points from all constants.
         predict: The answer from all constants.
@@ -133,17 +155,17 @@ def weighed(
     """
 
     def of(name: str) -> Member:
-        which = list(free[name])
+        which, found = list(fits[name].free), fits[name].constants
 
         def full(constants: Array) -> Array:
-            every = fits[name].copy()
+            every = found.copy()
             every[which] = constants
             return every
 
         def off(constants: Array) -> Array:
             return white @ misfits(full(constants))
 
-        start = np.clip(fits[name][which], 1e-6, highest[which] - 1e-6)
+        start = np.clip(found[which], 1e-6, highest[which] - 1e-6)
         best = least_squares(off, start, bounds=(0, highest[which]), x_scale=np.maximum(start, 1e-2)).x
         return member(off, lambda constants: predict(full(constants)), best, [(0.0, high) for high in highest[which]])
 

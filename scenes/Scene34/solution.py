@@ -3,26 +3,24 @@
 from math import pi, sqrt
 
 import numpy as np
-from scipy.optimize import brentq
 
 from scenes.courses import Channel
 from scenes.loads import GRAVITY
 from scenes.protocol import answer
+from scenes.pumping import Pump
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
+from scenes.works import cheapest, refitted, weighed, whitening, work_points
 
 PAWL, TORQUE = 2.2, 0.13
 ANGLE_ERROR, SPIN_ERROR = 0.0012, 0.003
-REACH = 2.0
-"""How far the pumping goes; a cord that is not known yet can only stop the wheel earlier."""
+REACH, MEMBERS = 2.08, 30
+"""How far the pumping may go, by so many plausible potentials; an unknown cord can only stop the wheel earlier."""
 LUMP_KG, LUMP_M = 0.5, 0.4
-CALLS, ITERATIONS, SINGLY = 148, 18, 4
-"""At first half swings are planned one by one, then two at a time."""
 LOOKS, FEW_LOOKS = (0.4, 0.7, 1.0), (1.0,)
 """When to look, in shares of a half swing: of a wide one, and of one that does not come so far."""
 WIDE = 1.1
 SLOW = 0.05
-"""Below this spin the wheel counts as just turning back, in rad/s."""
+"""Below this torque nothing holds the wheel off the top, in N·m."""
 NAMES = ("inertia", "weight", "kp", "from_plus", "km", "from_minus", "kt")
 FREE = {"plus": (0, 1, 2, 3), "minus": (0, 1, 4, 5), "both": (0, 1, 2, 3, 4, 5), "torsion": (0, 1, 6)}
 """Which of the parameters a structure has; the others are 0."""
@@ -47,6 +45,13 @@ def _potential(p, angle):
     )
 
 
+def _looks(end):
+    return LOOKS if abs(end) > WIDE else FEW_LOOKS
+
+
+PUMP = Pump(RIG, _potential, lambda p: p[0], TORQUE, REACH, _looks, calls=148, time_s=25.9, singly=6)
+
+
 def _slope(p, angle):
     return (_potential(p, angle + 1e-5) - _potential(p, angle - 1e-5)) / 2e-5
 
@@ -62,9 +67,9 @@ def _variances(p, angle, spin, torque):
 
 
 def _fitted(kind, readings):
-    """Misfit and the parameters that fit the points best; errors of the work are carried on from turn to turn."""
+    """The fit of a structure to the points; errors of the work are carried on from turn to turn."""
     angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
-    free, best = list(FREE[kind]), None
+    free, fits = list(FREE[kind]), []
 
     def alone(p):
         return _variances(p, angle, spin, torque)
@@ -74,41 +79,16 @@ def _fitted(kind, readings):
 
     for start in (0.8, 1.2):
         p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
-        p[[3, 5]] = start
+        p[[3, 5]] = np.where(p[[3, 5]] > 0, start, 0.0)
         high = HIGHEST[free]
-        cost, p, log = refitted(p, free, doubt, alone, misfits, GUESS[free], high, (1e-6, high - 1e-6))
-        if best is None or 2 * cost - 2 * log < best[0]:
-            best = (2 * cost - 2 * log, p)
-    return best
+        fits.append(refitted(p, free, doubt, alone, misfits, GUESS[free], high, (1e-6, high - 1e-6)))
+    return min(fits, key=lambda fit: fit.chi_square)
 
 
 def _best(readings, kinds=tuple(FREE)):
-    """The parameters of the structure that fits best, with a price for each parameter."""
-    fits = {kind: _fitted(kind, readings) for kind in kinds}
-    return cheapest(fits, FREE, len(work_points(readings, RIG, ANGLE_ERROR, PAWL)[0]))[1]
-
-
-def _turn(p, energy, torque, start, side):
-    """Where a wheel of this energy turns back on a side under a torque; the top if it gets there."""
-
-    def left(angle):
-        return energy + torque * angle - _potential(p, angle)
-
-    grid = np.linspace(start, side * pi, 1001)
-    free = left(grid)
-    turns = np.nonzero((free[:-1] >= 0) & (free[1:] < 0))[0]
-    if len(turns):
-        return float(brentq(left, grid[turns[0]], grid[turns[0] + 1]))
-    return start if free[-1] < 0 else side * pi
-
-
-def _duration(p, energy, torque, start, end):
-    """Time of the way between two angles."""
-
-    def spin_at(angle):
-        return np.sqrt(np.maximum(2 * (energy + torque * angle - _potential(p, angle)) / p[0], 1e-9))
-
-    return float(np.sum(parts_of_way(spin_at, start, end)[0]))
+    """The fit of the best structure, with a price for each parameter."""
+    count = len(work_points(readings, RIG, ANGLE_ERROR, PAWL)[0])
+    return cheapest({kind: _fitted(kind, readings) for kind in kinds}, count)
 
 
 def _predict(p):
@@ -118,51 +98,26 @@ def _predict(p):
     return [sqrt(2 * (float(_potential(p, side * pi)) + lump) / inertia) for side in (1, -1)]
 
 
-def _half_swing(p, angle, spin):
-    """Turn along the motion up to the next turning place, or as much as the reach allows; looks on the way."""
-    side = 1 if spin > 0 else -1
-    for share in (1.0, 0.7, 0.4, 0.2, 0.0, -0.3, -0.6, -1.0):
-        torque = side * TORQUE * share
-        energy = p[0] * spin**2 / 2 + float(_potential(p, angle)) - torque * angle
-        end = _turn(p, energy, torque, angle, side)
-        if abs(end) <= REACH:
-            break
-    total = _duration(p, energy, torque, angle, end)
-    return RIG.along(torque, (total * share for share in (LOOKS if abs(end) > WIDE else FEW_LOOKS))), end
-
-
 def solve(task):
-    """A torque to begin with, then half swings whose lengths the model so far predicts."""
-    calls = RIG.along(TORQUE, (0.15, 0.3, 0.45, 0.65))
-    seen = list(zip(calls, (yield calls), strict=True))
-    for iteration in range(ITERATIONS):
-        p = _best(seen, ("both", "torsion"))
-        angle, spin = seen[-2][1]["angle"], seen[-1][1]["angular_velocity"]
-        if abs(spin) < SLOW:
-            spin = -SLOW if angle > 0 else SLOW
-        calls = []
-        for _ in range(1 if iteration < SINGLY else 2):
-            more, angle = _half_swing(p, angle, spin)
-            calls, spin = calls + more, -1e-3 if angle > 0 else 1e-3
-        if len(seen) + len(calls) > CALLS:
-            break
-        seen += zip(calls, (yield calls), strict=True)
-    yield [answer(_predict(_best(seen)))]
+    """A torque to begin with, then half swings that no plausible potential leads too far."""
+    seen = yield from PUMP.pumped(
+        RIG.along(TORQUE, (0.15, 0.3, 0.45, 0.65)), lambda seen: _best(seen, ("both", "torsion")).plausible(MEMBERS)
+    )
+    yield [answer(_predict(_best(seen).constants))]
 
 
 def fit(readings, structure):
     """Both spins by the cords or the spring of a structure."""
-    return _predict(_fitted(structure, readings)[1])
+    return _predict(_fitted(structure, readings).constants)
 
 
 def rivals(readings):
     """The cords or the spring of each structure, fitted with the errors that follow from the best of them."""
     angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
     fits = {kind: _fitted(kind, readings) for kind in FREE}
-    _, best = cheapest(fits, FREE, len(angle))
+    best = cheapest(fits, len(angle)).constants
     return weighed(
-        {kind: p for kind, (_, p) in fits.items()},
-        FREE,
+        fits,
         whitening(doubt, _variances(best, angle, spin, torque)),
         lambda p: _excess(p, angle, spin) - work,
         _predict,
@@ -193,7 +148,7 @@ def batch(task):
     """Torques to and fro with a usual period, looked at evenly."""
     calls = [asked for number in range(6) for asked in RIG.leg(TORQUE * (-1) ** number, 0.9, looks=3)]
     readings = yield calls
-    yield [answer(_predict(_best(list(zip(calls, readings, strict=True)))))]
+    yield [answer(_predict(_best(list(zip(calls, readings, strict=True))).constants))]
 
 
 def theory(knobs):

@@ -10,10 +10,16 @@ from scenes.courses import Array, force, position, velocity
 from scenes.family import surviving
 from scenes.protocol import Call
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
+from scenes.works import Refit, cheapest, parts_of_way, refitted, weighed, whitening, work_points
 
 STIFFNESS = 5.0
 RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], decimals=6)
+
+
+def _fit(chi_square: float, constants: list[float], free: list[int]) -> Refit:
+    """A fit whose two points tell nothing of its constants."""
+    size = len(free)
+    return Refit(chi_square, np.array(constants), free, np.zeros((2, size)), np.ones(size), np.full(size, 10.0))
 
 
 def _swung(pushes: list[float]) -> list[tuple[Call, dict[str, Any]]]:
@@ -62,7 +68,7 @@ def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
     def misfits(p: Array) -> tuple[Array, Array]:
         return p[0] * place**2 / 2 + p[1] - (work - speed**2 / 2), np.zeros(0)
 
-    _, constants, log = refitted(
+    fit = refitted(
         np.array([1.0, 0.0]),
         [0],
         doubt,
@@ -72,15 +78,26 @@ def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
         np.array([50.0]),
         (1e-9, np.array([50.0])),
     )
-    assert constants == pytest.approx([STIFFNESS, 0.0], rel=1e-6)
-    assert log == pytest.approx(np.log(np.diag(whitening(doubt, np.full(len(place), 1e-6)))).sum())
+    white = whitening(doubt, np.full(len(place), 1e-6))
+    assert fit.constants == pytest.approx([STIFFNESS, 0.0], rel=1e-6)
+    assert fit.chi_square == pytest.approx(-2 * np.log(np.diag(white)).sum())
+    drawn = fit.plausible(4000)
+    assert drawn[:, 0].tolist() == fit.constants.tolist()
+    assert not drawn[1].any()
+    assert np.std(drawn[0, 1:]) == pytest.approx(1 / np.linalg.norm(white @ place**2 / 2), rel=0.05)
+
+
+def test_constants_of_which_nothing_is_known_are_drawn_over_their_usual_size_within_their_bounds() -> None:
+    drawn = _fit(0.0, [0.5, 3.0, 8.0], [0, 2]).plausible(4000)
+    assert drawn[0].min() == 0.0
+    assert drawn[1].tolist() == [3.0] * 4001
+    assert np.std(drawn[2]) == pytest.approx(1.0, rel=0.05)
 
 
 def test_each_constant_costs_the_logarithm_of_the_number_of_points() -> None:
-    fits = {"one": (10.0, np.array([1.0, 0.0])), "two": (6.0, np.array([1.0, 2.0]))}
-    free = {"one": (0,), "two": (0, 1)}
-    assert cheapest(fits, free, 20)[0] == "two"
-    assert cheapest(fits, free, 100)[0] == "one"
+    fits = {"one": _fit(10.0, [1.0, 0.0], [0]), "two": _fit(6.0, [1.0, 2.0], [0, 1])}
+    assert cheapest(fits, 20) is fits["two"]
+    assert cheapest(fits, 100) is fits["one"]
 
 
 def test_the_time_of_a_half_swing_between_its_turning_points() -> None:
@@ -98,8 +115,7 @@ def test_structures_are_weighed_on_the_same_points_with_the_same_errors() -> Non
     places, error = np.linspace(-1.0, 1.0, 21), 0.01
     energies = 2.0 * places**2 + error * np.random.default_rng(1).standard_normal(len(places))
     found = weighed(
-        {"spring": np.array([1.0, 0.0]), "both": np.array([1.0, 1.0]), "stiff": np.array([0.0, 1.0])},
-        {"spring": [0], "both": [0, 1], "stiff": [1]},
+        {"spring": _fit(0, [1.0, 0.0], [0]), "both": _fit(0, [1.0, 1.0], [0, 1]), "stiff": _fit(0, [0.0, 1.0], [1])},
         np.eye(len(places)) / error,
         lambda constants: constants[0] * places**2 + constants[1] * places**4 - energies,
         lambda constants: float(4 * constants[0] + 16 * constants[1]),

@@ -1,0 +1,82 @@
+"""Pumping a body on a spring: half swings end at rest, grow up to the reach, and stay short of it for every member."""
+
+import numpy as np
+import pytest
+
+from scenes.courses import Array, force, position, velocity
+from scenes.protocol import Call
+from scenes.pumping import Pump, turning_ways
+from scenes.rigs import Rig
+
+MASS, STIFFNESS, REACH_M, PUSH_N = 2.0, 9.0, 0.8, 1.5
+PUMP = Pump(
+    Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], decimals=6),
+    lambda constants, x: constants[1] * x**2 / 2,
+    lambda constants: constants[0],
+    PUSH_N,
+    REACH_M,
+    lambda _: (0.25, 0.5, 0.75, 1.0),
+)
+KNOWN = np.array([[MASS], [STIFFNESS]])
+
+
+def _followed(calls: list[Call], state: tuple[float, float], stiffness: float = STIFFNESS) -> Array:
+    """Places and speeds of a body on a spring after each look, in closed form; shape (looks, 2)."""
+    (x, v), rest, turn, path = state, 0.0, (stiffness / MASS) ** 0.5, list[tuple[float, float]]()
+    for asked in calls:
+        if asked.tool == "apply_force":
+            rest = asked.arguments["force_vector"][0] / stiffness
+        elif asked.tool == "step":
+            angle = turn * asked.arguments["duration"]
+            x, v = (
+                rest + (x - rest) * np.cos(angle) + v / turn * np.sin(angle),
+                v * np.cos(angle) - turn * (x - rest) * np.sin(angle),
+            )
+            path.append((x, v))
+    return np.array(path)
+
+
+def _pushes(calls: list[Call]) -> list[float]:
+    return [asked.arguments["force_vector"][0] for asked in calls if asked.tool == "apply_force"]
+
+
+def test_half_swings_end_at_rest_and_grow_up_to_the_reach() -> None:
+    calls = PUMP.half_swings(KNOWN, 0.1, -0.2, 6)
+    path = _followed(calls, (0.1, -0.2))
+    ends = path[3::4]
+    assert abs(ends[:, 1]).max() < 0.03
+    assert np.sign(ends[:, 0]).tolist() == [-1, 1, -1, 1, -1, 1]
+    assert (np.diff(abs(ends[:, 0])) > -1e-3).all()
+    assert _pushes(calls)[:2] == [-PUSH_N, PUSH_N]
+    assert abs(path[:, 0]).max() <= REACH_M + 1e-3
+    assert abs(ends[-1, 0]) > 0.95 * REACH_M
+
+
+def test_no_plausible_member_passes_the_reach() -> None:
+    """The softest spring goes as far as the reach, so the stiffer one that is thought best is pushed less."""
+    soft = 0.7 * STIFFNESS
+    both = np.array([[MASS, MASS], [STIFFNESS, soft]])
+    start = (0.6, -0.1)
+    planned = PUMP.half_swings(both, *start, 1)
+    assert abs(_followed(planned, start, soft)[:, 0]).max() <= REACH_M
+    bold = PUMP.half_swings(KNOWN, *start, 1)
+    assert abs(_pushes(planned)[0]) < abs(_pushes(bold)[0])
+
+
+def test_a_body_that_is_about_to_turn_back_is_led_to_the_other_side() -> None:
+    start = (0.6, 0.05)
+    calls = PUMP.half_swings(KNOWN, *start, 1)
+    end = _followed(calls, start)[-1]
+    assert end[0] < -0.6
+    assert abs(end[1]) < 0.03
+
+
+def test_a_body_beyond_the_force_is_braked_with_all_of_it() -> None:
+    calls = PUMP.half_swings(KNOWN, 0.0, 9.0, 1)
+    assert _pushes(calls) == [-PUSH_N]
+
+
+def test_ways_end_where_no_energy_is_left() -> None:
+    ways = np.linspace(0.0, 2.0, 5) + np.zeros((3, 1))
+    left = np.array([[1.0, 0.25, -0.25, -1.0, 5.0], [1.0, 1.0, 1.0, 1.0, 0.5], [0.0, -1.0, -1.0, -1.0, -1.0]])
+    assert turning_ways(left, ways) == pytest.approx([0.75, 2.0, 0.0])
