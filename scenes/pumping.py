@@ -98,6 +98,7 @@ class Pump:
         ways = (far - places)[:, None] * np.linspace(0.0, 1.0, _PLACES)
         rises = self.potential(plausible[:, :, None], places[:, None] + ways)
         energies = self.inertia(plausible)[:, None] * speed**2 / 2 - (rises - rises[:, :1])
+        push, ends = 0.0, places
         for share in _SHARES:
             push = float(side * share * self.strongest)
             ends = places + turning_ways(energies + push * ways, ways)

@@ -1,12 +1,15 @@
 """Pumping a body on a spring: half swings end at rest, grow up to the reach, and stay short of it for every member."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from scenes.courses import Array, force, position, velocity
 from scenes.protocol import Call
 from scenes.pumping import Pump, turning_ways
-from scenes.rigs import Rig
+from scenes.rigs import Rig, lasting
 
 MASS, STIFFNESS, REACH_M, PUSH_N = 2.0, 9.0, 0.8, 1.5
 PUMP = Pump(
@@ -16,6 +19,9 @@ PUMP = Pump(
     PUSH_N,
     REACH_M,
     lambda _: (0.25, 0.5, 0.75, 1.0),
+    calls=100,
+    time_s=30.0,
+    singly=2,
 )
 KNOWN = np.array([[MASS], [STIFFNESS]])
 
@@ -34,6 +40,10 @@ def _followed(calls: list[Call], state: tuple[float, float], stiffness: float = 
             )
             path.append((x, v))
     return np.array(path)
+
+
+def _held(push: float) -> Call:
+    return Call("apply_force", {"object_id": "object_1", "force_vector": [push, 0.0, 0.0]})
 
 
 def _pushes(calls: list[Call]) -> list[float]:
@@ -74,6 +84,38 @@ def test_a_body_that_is_about_to_turn_back_is_led_to_the_other_side() -> None:
 def test_a_body_beyond_the_force_is_braked_with_all_of_it() -> None:
     calls = PUMP.half_swings(KNOWN, 0.0, 9.0, 1)
     assert _pushes(calls) == [-PUSH_N]
+
+
+def _pumped(pump: Pump) -> list[list[Call]]:
+    """The calls of each turn when a body on the spring is pumped up from rest."""
+    turns, state, push = list[list[Call]](), (0.0, 0.0), 0.0
+    led = pump.pumped(pump.rig.along(PUSH_N, (0.2, 0.4)), lambda _: KNOWN)
+    calls = next(led)
+    while True:
+        turns.append(calls)
+        found = list[dict[str, Any]]()
+        for asked in calls:
+            if asked.tool == "apply_force":
+                push = asked.arguments["force_vector"][0]
+            if asked.tool == "step":
+                state = _followed([_held(push), asked], state)[-1].tolist()
+            place, speed = [state[0], 0, 0], [state[1], 0, 0]
+            found.append({"get_position": {"position": place}, "get_velocity": {"velocity": speed}}.get(asked.tool, {}))
+        try:
+            calls = led.send(found)
+        except StopIteration:
+            return turns
+
+
+def test_half_swings_are_planned_singly_then_in_pairs_until_calls_are_used_up() -> None:
+    assert [len(_pushes(turn)) for turn in _pumped(PUMP)] == [1, 1, 1, 2, 2, 1]
+    assert sum(len(turn) for turn in _pumped(PUMP)) <= PUMP.calls < sum(len(turn) for turn in _pumped(PUMP)) + 13
+
+
+def test_half_swings_end_when_the_next_would_take_too_long() -> None:
+    brief = _pumped(replace(PUMP, time_s=3.0))
+    assert 1 < len(brief) < len(_pumped(PUMP))
+    assert sum(lasting(turn) for turn in brief) <= 3.0
 
 
 def test_ways_end_where_no_energy_is_left() -> None:
