@@ -35,11 +35,14 @@ class Refit:
     """Upper bounds of the free constants."""
 
     def plausible(self, number: int) -> Array:
-        """The constants, and draws of those that the points leave plausible; shape (constants, 1 + number)."""
+        """The constants, and draws of those that the points leave plausible; shape (constants, 1 + number).
+
+        Draws below 0 count with their size: a force that must be there is then hardly ever drawn as absent.
+        """
         drawn = self.constants[:, None] + np.zeros(1 + number)
         which = list(self.free)
         drawn[which, 1:] += self.scale[:, None] * scattered(self.slopes, number).T
-        drawn[which] = np.clip(drawn[which], 0.0, self.highest[:, None])
+        drawn[which] = np.minimum(abs(drawn[which]), self.highest[:, None])
         return drawn
 
 

@@ -89,7 +89,7 @@ def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
 
 def test_constants_of_which_nothing_is_known_are_drawn_over_their_usual_size_within_their_bounds() -> None:
     drawn = _fit(0.0, [0.5, 3.0, 8.0], [0, 2]).plausible(4000)
-    assert drawn[0].min() == 0.0
+    assert 0.0 < drawn[0].min() < 0.01
     assert drawn[1].tolist() == [3.0] * 4001
     assert np.std(drawn[2]) == pytest.approx(1.0, rel=0.05)
 
