@@ -36,11 +36,6 @@ def member(
 ) -> Member:
     """The member of a family with these best constants.
 
-    Plausible constants are drawn from a normal distribution around the best ones. Its covariance is that of linear
-    least squares, (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard
-    deviations. Draws outside the ranges are rejected. Where misfits are not linear in the constants, a draw is rejected
-    with the probability by which the readings make it less likely than the normal distribution does.
-
     Args:
         misfits: Constants → misfit of every reading, in standard deviations.
         predict: Constants → answer.
@@ -53,25 +48,55 @@ def member(
     chi_square, size, count = float(found @ found), len(middle), len(found)
 
     def plausible(number: int) -> list[AnswerValue]:
-        steps = _STEP * (high - low)
-        slopes = [
-            (misfits(middle + step) - misfits(middle - step)) / (2 * _STEP) for step in np.diag(steps)
-        ]  # of constants counted in their ranges
-        scale = max(1.0, chi_square / max(count - size, 1))
-        slope = np.column_stack(slopes) / np.sqrt(scale)
-
-        def excess(unit: Array) -> float:
-            off = misfits(middle + unit * (high - low))
-            return (float(off @ off) - chi_square) / scale - float((slope @ unit) @ (slope @ unit) + unit @ unit)
-
-        units = scattered(slope, _TRIALS * number)
-        drawn = middle + units * (high - low)
-        # Outside of the ranges draws are rejected: moving them to the edge would undo the correlations of constants.
-        within = units[np.all((drawn >= low) & (drawn <= high), axis=1)]
-        chosen = [middle + unit * (high - low) for unit in _likely(within, excess, number)]
-        return [predict(constants) for constants in [*chosen, *np.clip(drawn, low, high)][:number]]
+        chosen, moved = plausible_constants(misfits, middle, (low, high), high - low, number)
+        return [predict(constants) for constants in [*chosen, *moved][:number]]
 
     return Member(chi_square, count, size, predict(middle), plausible)
+
+
+def plausible_constants(
+    misfits: Callable[[Array], Array],
+    best: Array,
+    ranges: tuple[Array, Array],
+    sizes: Array,
+    number: int,
+    trials: int = _TRIALS,
+) -> tuple[list[Array], Array]:
+    """Draw constants that the readings leave plausible.
+
+    They are drawn from a normal distribution around the best ones. Its covariance is that of linear least squares,
+    (JᵀJ)⁻¹ with the Jacobian J of the misfits, scaled up if the misfits exceed their stated standard deviations. Draws
+    outside the ranges are rejected. Where misfits are not linear in the constants, a draw is rejected with the
+    probability by which the readings make it less likely than the normal distribution does.
+
+    Args:
+        misfits: Constants → misfit of every reading, in standard deviations.
+        best: The best-fit constants.
+        ranges: Smallest and largest value of each constant.
+        sizes: Standard deviation of each constant if no reading depends on it.
+        number: Number of plausible constants.
+        trials: Number of draws for each of them.
+
+    Returns:
+        The plausible constants, fewer than `number` if too few draws lie within the ranges; and all draws, where those
+        outside the ranges are moved to their edges.
+    """
+    low, high = ranges
+    found, steps = misfits(best), _STEP * sizes
+    chi_square = float(found @ found)
+    slopes = [(misfits(best + step) - misfits(best - step)) / (2 * _STEP) for step in np.diag(steps)]
+    scale = max(1.0, chi_square / max(len(found) - len(best), 1))
+    slope = np.column_stack(slopes) / np.sqrt(scale)
+
+    def excess(unit: Array) -> float:
+        off = misfits(best + unit * sizes)
+        return (float(off @ off) - chi_square) / scale - float((slope @ unit) @ (slope @ unit) + unit @ unit)
+
+    units = scattered(slope, trials * number)
+    drawn = best + units * sizes
+    # Outside of the ranges draws are rejected: moving them to the edge would undo the correlations of constants.
+    within = units[np.all((drawn >= low) & (drawn <= high), axis=1)]
+    return [best + unit * sizes for unit in _likely(within, excess, number)], np.clip(drawn, low, high)
 
 
 def _likely(units: Array, excess: Callable[[Array], float], number: int) -> list[Array]:

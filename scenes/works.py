@@ -12,9 +12,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from scenes.courses import Array, accepted
-from scenes.family import member, scattered
+from scenes.family import member, plausible_constants
 from scenes.protocol import AnswerValue, Exchanges, Member
 from scenes.rigs import Rig
+
+_TRIALS = 100
+"""Draws for each plausible potential while a body is pumped; many plans are made, and each needs some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,22 +30,20 @@ class Refit:
     """All constants, those that are not free included."""
     free: Sequence[int]
     """Indices of the free ones."""
-    slopes: Array
-    """Derivatives of the misfits by the free constants, each in its usual size."""
+    misfits: Callable[[Array], Array]
+    """Free constants → misfits of the points in standard deviations."""
     scale: Array
-    """Usual sizes of the free constants."""
+    """Typical sizes of the free constants."""
     highest: Array
-    """Upper bounds of the free constants."""
+    """Upper bounds of the free constants; the lower ones are 0."""
 
     def plausible(self, number: int) -> Array:
-        """The constants, and draws of those that the points leave plausible; shape (constants, 1 + number).
-
-        Draws below 0 count with their size: a force that must be there is then hardly ever drawn as absent.
-        """
-        drawn = self.constants[:, None] + np.zeros(1 + number)
-        which = list(self.free)
-        drawn[which, 1:] += self.scale[:, None] * scattered(self.slopes, number).T
-        drawn[which] = np.minimum(abs(drawn[which]), self.highest[:, None])
+        """The constants, and draws of those that the points leave plausible; shape (constants, at most 1 + number)."""
+        which, ranges = list(self.free), (np.zeros(len(self.free)), self.highest)
+        best = self.constants[which]
+        chosen, _ = plausible_constants(self.misfits, best, ranges, self.scale, number, _TRIALS)
+        drawn = self.constants[:, None] + np.zeros(1 + len(chosen))
+        drawn[which] = np.column_stack([best, *chosen])
         return drawn
 
 
@@ -88,46 +89,71 @@ def whitening(doubt: Array, alone: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(together)), dtype=float)
 
 
+def guesses(guess: Array, free: Sequence[int], begins: Sequence[int], places: Sequence[float]) -> list[Array]:
+    """Initial values of all constants, one array for each place at which the free springs may begin to pull.
+
+    Args:
+        guess: Typical values of all constants; those that are not free become 0.
+        free: Indices of the free ones.
+        begins: Indices of the constants where a spring begins.
+        places: The places.
+    """
+    found = list[Array]()
+    for place in places:
+        start = np.where(np.isin(np.arange(len(guess)), free), guess, 0.0)
+        start[list(begins)] = np.where(start[list(begins)] > 0, place, 0.0)
+        found.append(start)
+    return found
+
+
 def refitted(
-    constants: Array,
+    starts: Sequence[Array],
     free: Sequence[int],
     doubt: Array,
     alone: Callable[[Array], Array],
     misfits: Callable[[Array], tuple[Array, Array]],
     scale: Array,
     highest: Array,
-    clip: tuple[float, Array],
+    margin: float,
 ) -> Refit:
     """Fit the free constants twice; the second fit uses the errors computed from the first.
 
     Args:
-        constants: Initial values of all constants.
+        starts: Several initial values of all constants.
         free: Indices of the free ones.
         doubt: Variance of the work at each point.
         alone: Independent variance of each point, from the constants.
         misfits: From the constants, misfits of the points, and others that are already in standard deviations.
-        scale: Typical sizes of the free constants.
-        highest: Upper bounds of the free constants; the lower ones are 0.
-        clip: Bounds to which the constants are clipped after a fit.
+        scale: Typical sizes of all constants.
+        highest: Upper bounds of all constants; the lower ones are 0.
+        margin: Distance of the fitted constants from their bounds, at least.
 
     Returns:
-        The last fit.
+        The fit of the lowest chi-square.
     """
-    which, white, slopes, cost = list(free), np.eye(len(doubt)), np.zeros((len(doubt), len(free))), np.inf
-    for _ in range(2):
-        white = whitening(doubt, alone(constants))
+    which = list(free)
+    scale, highest = scale[which], highest[which]
 
-        def off(q: Array, white: Array = white, constants: Array = constants) -> Array:
-            full = constants.copy()
-            full[which] = q
-            points, others = misfits(full)
-            return np.concatenate((white @ points, others))
+    def fitted(constants: Array) -> Refit:
+        def whitened(white: Array) -> Callable[[Array], Array]:
+            def off(q: Array) -> Array:
+                full = constants.copy()
+                full[which] = q
+                points, others = misfits(full)
+                return np.concatenate((white @ points, others))
 
-        got = least_squares(off, constants[which], bounds=(0, highest), x_scale=scale, max_nfev=40)
-        constants, cost, slopes = constants.copy(), float(got.cost), np.asarray(got.jac, dtype=float) * scale
-        constants[which] = np.clip(got.x, *clip)
-    chi_square = 2 * cost - 2 * float(np.sum(np.log(np.diag(white))))
-    return Refit(chi_square, constants, which, slopes, scale, highest)
+            return off
+
+        found, white, cost, off = constants.copy(), np.eye(len(doubt)), np.inf, whitened(np.eye(len(doubt)))
+        for _ in range(2):
+            white = whitening(doubt, alone(found))
+            off = whitened(white)
+            got = least_squares(off, found[which], bounds=(0, highest), x_scale=scale, max_nfev=40)
+            cost = float(got.cost)
+            found[which] = np.clip(got.x, margin, highest - margin)
+        return Refit(2 * cost - 2 * float(np.sum(np.log(np.diag(white)))), found, which, off, scale, highest)
+
+    return min(map(fitted, starts), key=lambda fit: fit.chi_square)
 
 
 def cheapest(fits: Mapping[str, Refit], count: int) -> Refit:

@@ -7,7 +7,7 @@ from scenes.courses import force, position, velocity
 from scenes.protocol import answer
 from scenes.pumping import Pump
 from scenes.rigs import Rig
-from scenes.works import cheapest, parts_of_way, refitted, weighed, whitening, work_points
+from scenes.works import cheapest, guesses, parts_of_way, refitted, weighed, whitening, work_points
 
 LATCH, FORCE, START = 1.1, 1.5, 2.0
 PLACE_ERROR, SPEED_ERROR = 0.0007, 0.0018
@@ -72,13 +72,8 @@ def _fitted(kind, readings):
     def misfits(p):
         return _potential(p, x) - energy, []
 
-    fits = []
-    for far in (0.38, 0.5, 0.62):
-        p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
-        p[[4, 8]] = np.where(p[[4, 8]] > 0, far, 0.0)
-        high = HIGHEST[free]
-        fits.append(refitted(p, free, doubt, alone, misfits, GUESS[free], high + 1e-9, (1e-9, high)))
-    return min(fits, key=lambda fit: fit.chi_square)
+    starts = guesses(GUESS, free, (4, 8), (0.38, 0.5, 0.62))
+    return refitted(starts, free, doubt, alone, misfits, GUESS, HIGHEST, 1e-9)
 
 
 def _best(readings, kinds=tuple(FREE)):

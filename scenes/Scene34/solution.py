@@ -9,7 +9,7 @@ from scenes.loads import GRAVITY
 from scenes.protocol import answer
 from scenes.pumping import Pump
 from scenes.rigs import Rig
-from scenes.works import cheapest, refitted, weighed, whitening, work_points
+from scenes.works import cheapest, guesses, refitted, weighed, whitening, work_points
 
 PAWL, TORQUE = 2.2, 0.13
 ANGLE_ERROR, SPIN_ERROR = 0.0012, 0.003
@@ -69,7 +69,7 @@ def _variances(p, angle, spin, torque):
 def _fitted(kind, readings):
     """The fit of a structure to the points; errors of the work are carried on from turn to turn."""
     angle, spin, work, torque, doubt = work_points(readings, RIG, ANGLE_ERROR, PAWL)
-    free, fits = list(FREE[kind]), []
+    free = list(FREE[kind])
 
     def alone(p):
         return _variances(p, angle, spin, torque)
@@ -77,12 +77,8 @@ def _fitted(kind, readings):
     def misfits(p):
         return _excess(p, angle, spin) - work, (p[free] - GUESS[free]) / (8 * GUESS[free])
 
-    for start in (0.8, 1.2):
-        p = np.where(np.isin(np.arange(len(NAMES)), free), GUESS, 0.0)
-        p[[3, 5]] = np.where(p[[3, 5]] > 0, start, 0.0)
-        high = HIGHEST[free]
-        fits.append(refitted(p, free, doubt, alone, misfits, GUESS[free], high, (1e-6, high - 1e-6)))
-    return min(fits, key=lambda fit: fit.chi_square)
+    starts = guesses(GUESS, free, (3, 5), (0.8, 1.2))
+    return refitted(starts, free, doubt, alone, misfits, GUESS, HIGHEST, 1e-6)
 
 
 def _best(readings, kinds=tuple(FREE)):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from scenes.courses import Array, force, position, velocity
-from scenes.family import surviving
+from scenes.family import scattered, surviving
 from scenes.protocol import Call
 from scenes.rigs import Rig
-from scenes.works import Refit, cheapest, parts_of_way, refitted, weighed, whitening, work_points
+from scenes.works import Refit, cheapest, guesses, parts_of_way, refitted, weighed, whitening, work_points
 
 STIFFNESS = 5.0
 RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1", 0)], decimals=6)
@@ -19,7 +19,7 @@ RIG = Rig([force("object_1", 0)], [position("object_1", 0), velocity("object_1",
 def _fit(chi_square: float, constants: list[float], free: list[int]) -> Refit:
     """A fit whose two points tell nothing of its constants."""
     size = len(free)
-    return Refit(chi_square, np.array(constants), free, np.zeros((2, size)), np.ones(size), np.full(size, 10.0))
+    return Refit(chi_square, np.array(constants), free, lambda _: np.zeros(2), np.ones(size), np.full(size, 10.0))
 
 
 def _swung(pushes: list[float]) -> list[tuple[Call, dict[str, Any]]]:
@@ -69,14 +69,14 @@ def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
         return p[0] * place**2 / 2 + p[1] - (work - speed**2 / 2), np.zeros(0)
 
     fit = refitted(
-        np.array([1.0, 0.0]),
+        [np.array([1.0, 0.0]), np.array([9.0, 0.0])],
         [0],
         doubt,
         lambda _: np.full(len(place), 1e-6),
         misfits,
-        np.array([1.0]),
-        np.array([50.0]),
-        (1e-9, np.array([50.0])),
+        np.array([1.0, 1.0]),
+        np.array([50.0, 50.0]),
+        1e-9,
     )
     white = whitening(doubt, np.full(len(place), 1e-6))
     assert fit.constants == pytest.approx([STIFFNESS, 0.0], rel=1e-6)
@@ -87,11 +87,40 @@ def test_a_stiffness_is_fitted_and_constants_that_are_not_free_stay() -> None:
     assert np.std(drawn[0, 1:]) == pytest.approx(1 / np.linalg.norm(white @ place**2 / 2), rel=0.05)
 
 
+def test_springs_begin_at_each_place_and_absent_ones_stay_absent() -> None:
+    starts = guesses(np.array([6.0, 0.5, 15.0, 0.5]), [0, 1], [1, 3], [0.3, 0.7])
+    assert [start.tolist() for start in starts] == [[6.0, 0.3, 0.0, 0.0], [6.0, 0.7, 0.0, 0.0]]
+
+
 def test_constants_of_which_nothing_is_known_are_drawn_over_their_usual_size_within_their_bounds() -> None:
-    drawn = _fit(0.0, [0.5, 3.0, 8.0], [0, 2]).plausible(4000)
-    assert 0.0 < drawn[0].min() < 0.01
-    assert drawn[1].tolist() == [3.0] * 4001
-    assert np.std(drawn[2]) == pytest.approx(1.0, rel=0.05)
+    drawn = _fit(0.0, [0.5, 3.0, 8.0], [0, 2]).plausible(400)
+    assert 0.0 < drawn[0].min() < 0.05
+    assert drawn[1].tolist() == [3.0] * 401
+    assert drawn[2].max() <= 10.0
+    assert 0.8 < np.std(drawn[2]) <= 1.0
+
+
+def test_no_draw_contradicts_the_points_where_only_the_linearisation_allows_it() -> None:
+    """A cord that begins at b pulls k (1 - b) at 1 m: of k and b alone, linear least squares see a straight line."""
+    error = 0.05
+
+    def misfits(p: Array) -> Array:
+        return np.array([p[0] * max(1 - p[1], 0.0) - 2.0]) / error
+
+    fit = Refit(0.0, np.array([4.0, 0.5]), [0, 1], misfits, np.array([4.0, 0.5]), np.array([20.0, 0.9]))
+    drawn = fit.plausible(200)
+    linear = fit.constants + scattered(np.array([[2.0, -2.0]]) / error, 200) * fit.scale
+    assert max(abs(misfits(p)[0]) for p in linear) > 8
+    assert drawn.shape == (2, 201)
+    assert np.ptp(drawn[1]) > 0.2
+    assert max(abs(misfits(p)[0]) for p in drawn.T) < 4
+
+
+def test_fewer_plausible_constants_are_returned_rather_than_some_outside_their_bounds() -> None:
+    fit = Refit(0.0, np.array([0.0]), [0], lambda p: (p + 8.0) / 0.5, np.array([1.0]), np.array([1e-4]))
+    drawn = fit.plausible(200)
+    assert 1 <= drawn.shape[1] < 201
+    assert ((drawn >= 0) & (drawn <= 1e-4)).all()
 
 
 def test_each_constant_costs_the_logarithm_of_the_number_of_points() -> None:
