@@ -1,1 +1,1 @@
-"""Agents: who plays an episode. Each knows its briefing and what its calls returned, and nothing else."""
+"""Agents that play episodes. An agent receives its briefing and the results of its calls, and nothing else."""

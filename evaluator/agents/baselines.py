@@ -1,4 +1,4 @@
-"""Baselines: guess at once; act at random, then guess; or play as another agent with only one batch of calls."""
+"""Baseline agents: random guess, random calls followed by a guess, and another agent with a single batch of calls."""
 
 import random
 from dataclasses import dataclass, field, replace
@@ -8,18 +8,18 @@ from evaluator.episode.player import ANSWER, Agent, Briefing, Feedback, Player, 
 from evaluator.records.episode import EpisodeKey, ToolCall
 
 GUESS_RANGE = (0.01, 100.0)
-"""Range in which numbers are guessed, log-uniformly."""
+"""Range of numeric guesses, which are drawn log-uniformly."""
 _CALLS_PER_TURN = 4
 
 
 @dataclass(frozen=True, slots=True)
 class BlindAgent:
-    """Answers at once without any call: an option at random, or a number of random magnitude."""
+    """Answers at once without any call: a random option, or a log-uniform random number."""
 
     name: str = "blind"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_BlindPlayer":
-        """A player whose guess depends only on the episode."""
+        """Return a player whose guess is a deterministic function of the episode key."""
         return _BlindPlayer(briefing, _source(self.name, key))
 
 
@@ -42,7 +42,7 @@ class RandomAgent:
     name: str = "random"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_RandomPlayer":
-        """A player whose actions depend only on the episode."""
+        """Return a player whose calls are a deterministic function of the episode key."""
         return _RandomPlayer(briefing, _source(self.name, key), min(self.turns, briefing.budget))
 
 
@@ -70,7 +70,7 @@ class _RandomPlayer:
 
 @dataclass(frozen=True, slots=True)
 class OracleOnceAgent:
-    """The single-invocation baseline: the inner agent makes one batch of calls, sees the returns, and must answer."""
+    """Single-invocation baseline: the inner agent makes one batch of calls, reads the results, and must then answer."""
 
     inner: Agent
 
@@ -80,7 +80,7 @@ class OracleOnceAgent:
         return f"oracle-once:{self.inner.name}"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_OracleOncePlayer":
-        """The inner agent's player, whose second turn is its last."""
+        """Return the inner agent's player, limited to two turns."""
         return _OracleOncePlayer(self.inner.player(key, briefing))
 
 
@@ -102,7 +102,7 @@ class _OracleOncePlayer:
 
 
 def random_arguments(schema: Any, ids: list[str], source: random.Random) -> dict[str, Any]:
-    """Random arguments that fit the input schema of a tool. Half of the time, an optional argument is left out."""
+    """Return random arguments that fit a tool's input schema. Each optional argument is omitted half of the time."""
     required = set(schema.get("required", []))
     return {
         name: _random_value(name, field, ids, source)

@@ -1,7 +1,7 @@
-"""Agents that users write in Python: `--agent MODULE:CLASS` loads the class and guards its players.
+"""Agents that users write in Python: `--agent MODULE:CLASS` imports the class and contains its exceptions.
 
-A class needs a `name` and a method `player`, as `Agent` describes. It may also have `facts`, which say what decides
-its results, and be an async context manager, which is open while the run is played.
+The class has the attribute `name` and the method `player` of the `Agent` protocol. It may also have a method `facts`,
+which returns the settings that determine its results, and be an async context manager, which is open during the run.
 """
 
 import hashlib
@@ -23,13 +23,13 @@ from evaluator.records.episode import EpisodeKey
 
 
 def load_agent(text: str) -> AgentParticipant:
-    """The agent that `MODULE:CLASS` names, with the working folder on the import path.
+    """Load the agent that `MODULE:CLASS` names. The working directory is put on the import path.
 
     Args:
         text: Module and class, such as `my_agents.falling:FallingAgent`. The class is called without arguments.
 
     Raises:
-        UsageError: The module or class cannot be loaded, or is no agent.
+        UsageError: The module or class cannot be loaded, or the object is not an agent.
     """
     module_name, _, class_name = text.partition(":")
     here = str(Path.cwd())
@@ -59,7 +59,7 @@ def load_agent(text: str) -> AgentParticipant:
 
 
 def _source_of(agent: Agent) -> dict[str, str]:
-    """Short hash of the file that defines the agent, so that a resumed run notices an edit."""
+    """Return a short hash of the agent's source file, so that a resumed run detects an edit."""
     try:
         source = Path(inspect.getfile(type(agent))).read_bytes()
     except (OSError, TypeError):
@@ -69,7 +69,7 @@ def _source_of(agent: Agent) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class GuardedAgent:
-    """An agent whose exceptions end the episode, and not the run."""
+    """Wraps an agent so that its exceptions end the episode instead of the run."""
 
     inner: Agent
 
@@ -79,7 +79,7 @@ class GuardedAgent:
         return self.inner.name
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_GuardedPlayer":
-        """A guarded player.
+        """Return the inner player, with its exceptions converted to `AgentError`.
 
         Raises:
             AgentError: The agent raised an exception.

@@ -1,1 +1,1 @@
-"""Generic attackers: attempts to answer without understanding, which must fail in scenes that ask for a prediction."""
+"""Generic attackers: strategies that answer without modelling the scene. Prediction tasks must defeat them."""

@@ -1,4 +1,4 @@
-"""What an attacker can do: push or turn an object along an axis, wait, and see which objects respond."""
+"""The controls of an attacker (force or torque along an axis) and the survey of which objects respond to them."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -10,11 +10,11 @@ from scenes.protocol import Call, Reading, call
 
 Surveying = Generator[list[Call], list[Reading], "Survey"]
 _PROBE_S = 0.1
-"""How long a control acts while the attacker looks what responds [s]."""
+"""Duration for which the survey applies each control [s]."""
 _PROBE_SHARE = 1 / 3
-"""Share of the calls that looking may take."""
+"""Share of the allowed calls that the survey may use."""
 _RESPONDS = 1e-6
-"""Smallest change that counts as a response."""
+"""Smallest change of a reading that counts as a response."""
 _LONGEST_STEP_S = 60.0
 _MOST_CONTROLS = 2
 
@@ -31,7 +31,7 @@ class Control:
     unit: Unit
 
     def set(self, value: float) -> Call:
-        """The call that gives it a value."""
+        """Return the call that sets this component to a value."""
         vector = [0.0, 0.0, 0.0]
         vector[self.axis] = value
         name = "force_vector" if self.tool == "apply_force" else "torque_vector"
@@ -40,24 +40,24 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What an attacker knows after it has looked around."""
+    """Result of an attacker's survey of the scene."""
 
     objects: tuple[str, ...]
-    """Ids of the objects, found ones too."""
+    """Ids of all objects, including those that `find_objects` revealed."""
     controls: tuple[Control, ...]
-    """The controls to which something responds, the strongest first; never empty if anything can be pushed."""
+    """The controls to which an object responded, strongest response first; empty only if no control exists."""
     watched: tuple[str, ...]
-    """The objects to read: those that the question names and can be chosen, and those that are pushed."""
+    """Objects to read: those that the question names or offers as options, and those that the controls act on."""
 
 
 def wait(duration: float) -> list[Call]:
-    """Calls that let time [s] pass."""
+    """Return `step` calls that advance the simulation by a duration [s]."""
     pieces = max(1, math.ceil(duration / _LONGEST_STEP_S))
     return [call("step", duration=duration / pieces)] * pieces
 
 
 def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
-    """Every control of the kind that the question asks about, on the objects it names, or else on all."""
+    """Return every control in a unit that the question mentions, on the objects it names; otherwise on all objects."""
     newton, newton_metre = unit("N"), unit("N*m")
     kinds = [("apply_force", opening.force, newton), ("apply_torque", opening.torque, newton_metre)]
     asked = [kind for kind in kinds if opening.asked(kind[2])]
@@ -73,7 +73,7 @@ def all_controls(opening: Opening, objects: Sequence[str]) -> list[Control]:
 
 
 def look_around(opening: Opening) -> Surveying:
-    """Reveal what is hidden, push along every axis for a moment, and note what responds."""
+    """Survey the scene: reveal hidden objects, apply each control briefly, and rank the controls by response."""
     objects = list(opening.objects)
     if "find_objects" not in opening.disabled:
         (revealed,) = yield [call("find_objects")]

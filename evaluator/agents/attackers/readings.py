@@ -1,4 +1,4 @@
-"""What an attacker reads: the opening prompt, and the reading tools with what each returns in which unit."""
+"""Parses the opening prompt for attackers, and lists the reading tools with the unit of each result field."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from scenes.protocol import Call, Reading, call
 _DEFAULT_FORCE_N, _DEFAULT_TORQUE_NM, _DEFAULT_CALLS, _DEFAULT_LAB_TIME_S = 10.0, 1.0, 150, 100.0
 """Used where a scene states no limit."""
 _LAST_SENTENCES = 4
-"""Sentences of the task, from its end, in which the asked case is looked for."""
+"""Number of sentences at the end of the task that are searched for the asked case."""
 _PURE_NUMBER = Unit(Fraction(1), (0, 0, 0))
 _OBJECT_ROW = re.compile(r"^\| (object_\d+) \|", re.MULTILINE)
 _UNIT = re.compile(r"\((?:in (?P<unit>.+?)|no unit)\)(?=[.;]|$)")
@@ -21,16 +21,16 @@ _UNIT = re.compile(r"\((?:in (?P<unit>.+?)|no unit)\)(?=[.;]|$)")
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The opening prompt, read."""
+    """The parsed opening prompt."""
 
     sentences: tuple[str, ...]
     """The sentences of the task."""
     objects: tuple[str, ...]
     """Ids of the objects known at the start."""
     sealed: frozenset[str]
-    """Objects that nothing can be done to."""
+    """Read-only objects, which reject every action."""
     disabled: frozenset[str]
-    """Tools that are not available."""
+    """Tools that the scene disables."""
     force: float
     """Largest force on an object [N]."""
     torque: float
@@ -38,16 +38,23 @@ class Opening:
     calls: int
     """Calls that may be made before the answer."""
     lab_time: float
-    """Time that may be simulated [s]."""
+    """Simulated time that the scene allows [s]."""
     units: tuple[Unit, ...]
     """Unit of each number of the answer; empty if it is a choice."""
     is_list: bool
     """Whether the answer is a list of numbers."""
     options: tuple[str, ...]
-    """What can be chosen."""
+    """The options of a choice question; empty otherwise."""
 
     def asked(self, unit: Unit) -> list[float]:
-        """The values in a unit [coherent SI] of the last sentence of the task that states one; empty if none does."""
+        """Return the values [coherent SI] that the last matching sentence of the task states in a unit.
+
+        Args:
+            unit: The unit that the values must be convertible to.
+
+        Returns:
+            The values, or an empty list if no searched sentence states one.
+        """
         for sentence in reversed(self.sentences[-_LAST_SENTENCES:]):
             spoken = [number for number in spoken_numbers(sentence) if number.unit is not None]
             found = [
@@ -60,13 +67,13 @@ class Opening:
         return []
 
     def named(self) -> list[str]:
-        """The objects that the last sentences of the task name."""
+        """Return the objects that the last sentences of the task name."""
         text = " ".join(self.sentences[-_LAST_SENTENCES:])
         return [object_id for object_id in self.objects if re.search(rf"\b{object_id}\b", text)]
 
 
 def read_opening(prompt: str) -> Opening:
-    """Read an opening prompt. What is not found has the value of a scene without limits."""
+    """Parse an opening prompt. A limit that the prompt does not state gets the module's default value."""
     task, objects = _section(prompt, r"Scene: [^\n]*"), _section(prompt, "Objects")
     form = _section(prompt, "Answer")
     labelled = form.partition("in this order: ")[2]
@@ -99,7 +106,7 @@ def _listed(text: str, pattern: str) -> list[str]:
 
 
 def _limit(prompt: str, name: str, default: float) -> float:
-    """The number in the line of a limit; 0 if the line states none, as where no force can be applied."""
+    """Return the number on the line of a limit; 0 if that line holds none; the default if there is no such line."""
     line = re.search(rf"^- {name}: (.*)$", prompt, re.MULTILINE)
     if line is None:
         return default
@@ -133,29 +140,29 @@ _WITH_MASS = frozenset(
     {"compute_force", "get_kinetic_energy", "get_potential_energy", "get_rotational_energy", "get_momentum"}
     | {"get_angular_momentum"}
 )
-"""Tools that compute with a mass that the caller gives; attackers give 1 kg."""
+"""Tools that compute with a mass given by the caller. Attackers pass 1 kg."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number that was read."""
+    """One numeric reading."""
 
     name: str
-    """Object, field and component: the same for each reading of the same quantity."""
+    """Object, tool, field and component; the same for every reading of the same quantity."""
     value: float
     """[`unit`]"""
     unit: Unit
 
 
 def unit(text: str) -> Unit:
-    """A unit that is known to be one."""
+    """Parse a unit that is known to be valid."""
     parsed = parse_unit(text)
     assert parsed is not None, text
     return parsed
 
 
 def all_calls(opening: Opening, objects: Sequence[str]) -> list[Call]:
-    """A call of every reading tool for every object, and for every pair of them."""
+    """Return a call of every reading tool for every object, and of `detect_collision` for every pair of objects."""
     calls = [_read(tool, object_id) for tool in _FIELDS if tool not in opening.disabled for object_id in objects]
     if "detect_collision" not in opening.disabled:
         calls += [
@@ -167,7 +174,7 @@ def all_calls(opening: Opening, objects: Sequence[str]) -> list[Call]:
 
 
 def motion_calls(opening: Opening, objects: Sequence[str], wanted: Sequence[Unit]) -> list[Call]:
-    """Calls that read the motion of objects, and what else may have a wanted unit."""
+    """Return calls that read the motion of objects, and any other field with one of the wanted units."""
     tools = [
         tool
         for tool, fields in _FIELDS.items()
@@ -181,7 +188,7 @@ def _read(tool: str, object_id: str) -> Call:
 
 
 def quantities(calls: Sequence[Call], readings: Sequence[Reading]) -> list[Quantity]:
-    """The numbers in the results of calls; a refused call and a withheld field give none."""
+    """Return the numbers in the results of calls. Refused calls and withheld fields contribute none."""
     return [
         Quantity(f"{asked.arguments.get('object_id', '')} {asked.tool}.{field}{part}", value, unit(text))
         for asked, reading in zip(calls, readings, strict=False)
@@ -191,7 +198,7 @@ def quantities(calls: Sequence[Call], readings: Sequence[Reading]) -> list[Quant
 
 
 def _numbers(value: Any) -> Iterator[tuple[str, float]]:
-    """The numbers of a field, each with its place in it."""
+    """Yield each number in a field, with its component name or index."""
     if isinstance(value, dict):
         parts = list(cast("dict[str, Any]", value).items())
     elif isinstance(value, list | tuple):

@@ -1,7 +1,7 @@
-"""Three ways to an answer that need no understanding of the scene, and the agent that plays them.
+"""Three attack strategies that do not model the scene, and the agent that plays them.
 
-Each is a protocol that knows only the opening prompt. Certificate 7 demands that they are seldom right. They are honest
-attempts: each respects the limits that the prompt states.
+Each strategy is a protocol that sees only the opening prompt and stays within the limits it states. Certificate 7 of
+a scene requires that these strategies are seldom right.
 """
 
 import math
@@ -29,27 +29,27 @@ from scenes.protocol import AnswerValue, Call, Protocol, Reading, answer
 
 Attempt = Generator[list[Call], list[Reading], AnswerValue]
 _SETTINGS, _DEGREE = 9, 2
-"""Number of settings of a swept control, and degree of the parabola through them."""
+"""Number of settings in a sweep of a control, and degree of the polynomial fitted to the readings."""
 _FIRST_STEPS = (0.005, 0.045)
-"""Times after a push at which glance reads; together ten time steps [s]."""
+"""Durations of the two steps after which `_glance` reads; together ten time steps [s]."""
 _TIME_SHARE = 0.8
-"""Share of the laboratory time that settings take together, if the question states no duration."""
+"""Share of the laboratory time that all settings may use, if the question states no duration."""
 _CALL_SHARE = 0.6
-"""Share of the calls that settings take together."""
+"""Share of the allowed calls that all settings may use."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """What was read at a setting of a control."""
+    """The readings at one setting of a control."""
 
     setting: float
     read: Mapping[str, Quantity]
 
 
 def _glance(opening: Opening) -> Attempt:
-    """Read every instrument at rest, then push with each control and read the first ten time steps.
+    """Read every instrument at rest, then apply each control and read during the first ten time steps.
 
-    Answers with the last reading that has the asked unit and is not 0.
+    The answer is the last nonzero reading in the asked unit.
     """
     at_rest = all_calls(opening, opening.objects)[: opening.calls // 2]
     seen = quantities(at_rest, (yield at_rest))
@@ -71,12 +71,17 @@ def _glance(opening: Opening) -> Attempt:
 
 
 def _row(setting: float, seen: Sequence[Quantity]) -> _Row:
-    """The last value of each quantity that is not 0."""
+    """Return a row with the last nonzero value of each quantity."""
     return _Row(setting, {quantity.name: quantity for quantity in seen if quantity.value})
 
 
 def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
-    """The last number in a unit that rows hold, each with the unit of its setting; 1 if there is none."""
+    """Return the last number in the wanted unit, or 1 if there is none.
+
+    Args:
+        rows: Each row of readings, with the unit of its setting.
+        wanted: Unit of the number.
+    """
     found = [
         values[0] for row, measure in rows for values in _fitting([row], measure, sum(_FIRST_STEPS), wanted).values()
     ]
@@ -84,7 +89,7 @@ def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
 
 
 def _proportional(opening: Opening) -> Attempt:
-    """Push with the largest force or torque, and carry the largest response proportionally to the asked case."""
+    """Apply the largest force or torque, and scale the largest response linearly to the asked case."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(0.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
@@ -101,7 +106,7 @@ def _proportional(opening: Opening) -> Attempt:
 
 
 def _sweep(opening: Opening) -> Attempt:
-    """Set each control to nine values up to its limit, and continue a smooth curve through the readings."""
+    """Read at nine settings of each control up to its limit, and extrapolate a fitted curve to the asked case."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(-1.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
@@ -120,9 +125,10 @@ def _sweep(opening: Opening) -> Attempt:
 def _sweep_control(
     opening: Opening, control: Control, survey: Survey, settings: int, duration: float
 ) -> Generator[list[Call], list[Reading], list[_Row]]:
-    """Rows for settings of equal distance up to the limit, in the direction of the asked case.
+    """Return the readings at equally spaced settings up to the control's limit, with the sign of the asked case.
 
-    Positions and angles count from the first setting on; if the question states a duration, from each setting on.
+    Positions and angles are relative to the reading before the first setting; if the question states a duration, to
+    the reading before each setting.
     """
     asked = opening.asked(control.unit)
     sign = -1.0 if asked and asked[-1] < 0 else 1.0
@@ -147,12 +153,12 @@ def _sweep_control(
 
 
 def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit) -> dict[str, list[float]]:
-    """Series of readings in the wanted unit; if there are none, series of quotients of two readings.
+    """Return the series of readings in the wanted unit; if there are none, the series of quotients with that unit.
 
     Args:
         rows: Readings at each setting.
         measure: Unit of the settings.
-        duration: How long each setting acted [s].
+        duration: Time for which each setting acted [s].
         wanted: Unit of the series.
     """
     if not rows:
@@ -181,10 +187,10 @@ def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit)
 def _continued(
     opening: Opening, rows: Sequence[_Row], control: Control, duration: float, part: int, wanted: Unit
 ) -> tuple[float, float]:
-    """The spread of the series that changes most, and the value of a smooth curve through it at the asked case."""
+    """Return the range of the series that changes most, and the value of its fitted curve at the asked case."""
     settings = [row.setting for row in rows]
     if conversion(control.unit, wanted) is not None:
-        # A setting is asked: the curve leads from a reading, which the question states, to the setting.
+        # The question asks for a setting: fit the setting as a function of the reading that the question states.
         read = {quantity.unit for row in rows for quantity in row.read.values()}
         stated = [(reading, opening.asked(reading)[-1]) for reading in read if opening.asked(reading)]
         curves = [
@@ -203,13 +209,13 @@ def _continued(
 
 
 def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
-    """The value of a smooth curve through points: of a parabola, or of a power law if that comes closer to them."""
+    """Return the fitted value at a point: of a parabola, or of a power law if its largest residual is smaller."""
     degree = min(_DEGREE, len(set(xs)) - 1)
     if degree < 1:
         return ys[-1]
     parabola = np.polyfit(xs, ys, degree)
     value, misfit = float(np.polyval(parabola, at)), float(np.abs(np.polyval(parabola, xs) - ys).max())
-    # A power law has one sign; its two factors come from a line through the logarithms.
+    # A power law has one sign; its two parameters come from a linear fit to the logarithms.
     if at and all(xs) and all(ys) and len({y > 0 for y in ys}) == len({*(x > 0 for x in xs), at > 0}) == 1:
         line = np.polyfit(np.log(np.abs(xs)), np.log(np.abs(ys)), 1)
         sign = math.copysign(1.0, ys[-1])
@@ -219,7 +225,7 @@ def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
 
 
 def _asked_setting(opening: Opening, control: Control, part: int) -> float:
-    """The value of a control that the question states for a part of the answer, or else its limit."""
+    """Return the setting that the question states for a part of the answer; the control's limit if it states none."""
     asked = opening.asked(control.unit)
     if not asked:
         return control.limit
@@ -227,13 +233,13 @@ def _asked_setting(opening: Opening, control: Control, part: int) -> float:
 
 
 def _duration(opening: Opening, settings: int) -> float:
-    """How long each of several settings acts [s]: as the question says, as far as the time allows."""
+    """Return the time for which each setting acts [s]: what the question states, limited by the available time."""
     affordable = max(0.005, _TIME_SHARE * opening.lab_time / max(1, settings))
     return min([affordable, *filter(lambda asked: asked > 0, opening.asked(unit("s"))[-1:])])
 
 
 def _extreme(opening: Opening, seen: Sequence[Quantity]) -> str:
-    """The option whose object showed the greatest speed; the first one if options are no objects."""
+    """Return the option whose object had the greatest speed; the first option if no option is an object."""
 
     def speed(option: str) -> float:
         speeds = (abs(read.value) for read in seen if read.name.startswith(f"{option} get_velocity."))
@@ -248,7 +254,7 @@ def _stated(opening: Opening, values: Sequence[float]) -> AnswerValue:
 
 
 def _within_limits(attempt: Callable[[Opening], Attempt]) -> Callable[[str], Protocol]:
-    """The protocol of an attempt, without the calls that its limits of calls and of time leave no room for."""
+    """Wrap an attempt as a protocol that drops the calls beyond the scene's limits on calls and time."""
 
     def protocol(task: str) -> Protocol:
         opening = read_opening(task)
@@ -264,7 +270,7 @@ def _within_limits(attempt: Callable[[Opening], Attempt]) -> Callable[[str], Pro
                     time_left -= duration
                     made.append(asked)
                 calls_left -= len(made)
-                # An iteration without calls would stand for a broken reply.
+                # The loop reads a turn without calls as a malformed reply, so it is not yielded.
                 readings = (yield made) if made else []
                 batch = playing.send([*readings, *({} for _ in batch[len(made) :])])
         except StopIteration as end:
@@ -279,7 +285,7 @@ ATTACKERS: Mapping[str, Callable[[str], Protocol]] = {
     "glance": _within_limits(_glance),
     "proportional": _within_limits(_proportional),
 }
-"""Name → protocol: takes the opening prompt, yields calls, receives readings."""
+"""Strategy name → function that takes the opening prompt and returns the protocol."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,6 +307,6 @@ class AttackerAgent:
         return f"attacker:{self.strategy}"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
-        """A player who knows only the opening prompt."""
+        """Return a player that sees only the opening prompt."""
         del key
         return ProtocolPlayer(ATTACKERS[self.strategy], briefing.prompt)

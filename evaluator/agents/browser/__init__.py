@@ -1,1 +1,1 @@
-"""A person in a browser as an agent: what the page shows, and how its turns reach the loop."""
+"""A person who plays in a browser: the agent, the state of the page, and the HTTP application that serves it."""

@@ -1,7 +1,8 @@
-"""The page of a person who plays, over HTTP, on this machine only and for one person at a time.
+"""The HTTP application of a person who plays in a browser. It accepts connections from this machine only.
 
-Every address begins with a token, so that neither another user of the machine nor a web page can play. A page names
-itself by a number of its own; as long as one is open, another one is refused. Every refusal is one sentence.
+Every path begins with a secret token, which keeps out other users of the machine and other web pages. Each browser page
+identifies itself with a number, and only one page may be open at a time. Every refusal is a JSON object with one
+sentence.
 """
 
 import time
@@ -25,11 +26,11 @@ from evaluator.loopback import OnlyHere
 from evaluator.records.episode import ToolCall
 
 MOST_BODY = 100_000
-"""Largest accepted body [bytes]."""
+"""Largest accepted request body [bytes]."""
 _POLL_S = 20.0
-"""Longest wall time that a request for news waits [s]."""
+"""Longest wall time that a request for the state waits for a change [s]."""
 _ABSENT_S = 2 * _POLL_S
-"""A page that has not asked for so long is closed; another one may go on [s]."""
+"""A page that has sent no request for this long counts as closed, and another page may take over [s]."""
 _PAGE_HEADER = "x-physment-page"
 
 
@@ -43,11 +44,11 @@ class _Turn(BaseModel):
 
 
 def app(page: PageState, token: str) -> Starlette:
-    """The ASGI application.
+    """Build the ASGI application.
 
     Args:
-        page: What the page shows, and where turns are put.
-        token: First part of every path.
+        page: The state that the page shows; it also receives the person's turns.
+        token: First segment of every path.
     """
     pages = _Pages(page)
     return Starlette(
@@ -64,13 +65,13 @@ def app(page: PageState, token: str) -> Starlette:
 
 @dataclass(slots=True)
 class _Pages:
-    """Serves the page of the one person who plays."""
+    """Request handlers for the one page that is open."""
 
     page: PageState
     name: str = ""
-    """Number of the page that plays; empty before the first one."""
+    """Number of the open page; empty before the first request."""
     asked_at: float = field(default=-_ABSENT_S)
-    """When it last asked, by the monotonic clock [s]."""
+    """Time of its last request on the monotonic clock [s]."""
 
     async def state(self, request: Request) -> Response:
         self._admit(request)
@@ -103,7 +104,11 @@ class _Pages:
         return Response(status_code=204)
 
     def _admit(self, request: Request) -> None:
-        """Let the page in that plays, or the first one, or another one after it has been closed."""
+        """Accept requests of the open page; a new page is accepted only if none is open.
+
+        Raises:
+            RefusedRequest: Another page is open, or the request does not say which page sent it.
+        """
         name, now = request.headers.get(_PAGE_HEADER, ""), time.monotonic()
         if not name or (name != self.name and now - self.asked_at < _ABSENT_S):
             raise RefusedRequest(409, "somebody plays this episode in another window; close it and wait a minute")

@@ -1,6 +1,7 @@
-"""A person in a browser as an agent, with the briefing, tools and budget of every other agent.
+"""A person in a browser as an agent, with the same briefing, tools and budget as every other agent.
 
-The page reads what it shows from `PageState` and puts the person's turns there. Knows no HTTP.
+`PageState` connects the agent to the page: the page reads the state and submits the person's turns. This module knows
+no HTTP.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,38 +19,38 @@ from evaluator.errors import RefusedRequest
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 
 MOST_CALLS = 50
-"""Most calls in an iteration of a person."""
+"""Largest number of calls in one turn."""
 MOST_NOTE = 10_000
-"""Most characters of a note."""
+"""Largest number of characters in a note."""
 
 
 @dataclass(slots=True)
 class PageState:
-    """What lies between the loop and the page: the episode as the person sees it, and the turn that is awaited."""
+    """State shared by the episode loop and the page: what the person sees, and the turn that the loop waits for."""
 
     briefing: Briefing | None = None
     turns: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
-    """What came back so far, turn by turn."""
+    """Results of the turns so far, in order."""
     left: int = 0
-    """Iterations left."""
+    """Remaining iterations."""
     view: Mapping[str, Any] | None = None
-    """What may be seen now, with the motion of the last step; None if the server does not tell."""
+    """What may be seen now, with the motion during the last step; None if the server sends no views."""
     waiting: bool = False
-    """Whether the next turn is awaited from the person."""
+    """Whether the loop waits for the person's next turn."""
     ended: str | None = None
-    """How the episode ended, in a sentence; None while it goes on."""
+    """How the episode ended, as a sentence; None while it runs."""
     version: int = 0
-    """Grows with every change."""
+    """Incremented with every change."""
     _changed: anyio.Event = field(default_factory=anyio.Event)
     _reply: Reply | None = None
     _gone: bool = False
     _turn_begins: bool = True
-    """Whether no result of this turn has shown anything yet: its motions are played as one."""
+    """True until a result of the current turn contains a view. The motions of one turn are joined for playback."""
     _replied: anyio.Event = field(default_factory=anyio.Event)
     _told: anyio.Event = field(default_factory=anyio.Event)
 
     def state(self) -> dict[str, Any]:
-        """All that the page shows, as JSON."""
+        """Return everything that the page shows, as JSON values."""
         briefing = self.briefing
         known = {} if briefing is None else {"prompt": briefing.prompt, "budget": briefing.budget}
         tools = [] if briefing is None else [asdict(tool) for tool in briefing.tools]
@@ -58,22 +59,31 @@ class PageState:
         return {"version": self.version, "waiting": self.waiting, **known, "tools": tools, "scene": scene, **shown}
 
     def change(self) -> None:
-        """Tell the page that something is new."""
+        """Increment the version and wake requests that wait for a change."""
         self.version += 1
         self._changed.set()
         self._changed = anyio.Event()
 
     async def newer_than(self, version: int, most_s: float) -> None:
-        """Wait until there is something newer than a version, at most some wall time [s]."""
+        """Wait until the state is newer than a version.
+
+        Args:
+            version: Version that the page already has.
+            most_s: Longest wall time to wait [s].
+        """
         with anyio.move_on_after(most_s):
             while self.version <= version:
                 await self._changed.wait()
 
     def take(self, calls: Sequence[ToolCall], note: str) -> None:
-        """Take a turn of the person.
+        """Accept a turn of the person. A refused turn uses no iteration.
+
+        Args:
+            calls: Calls of the turn.
+            note: Recorded as the reasoning of the turn.
 
         Raises:
-            RefusedRequest: No turn is awaited, a call fits no tool, or an answer is ambiguous; it costs nothing.
+            RefusedRequest: No turn is awaited, a call does not fit its tool's schema, or an answer is ambiguous.
         """
         if self.ended is not None:
             raise RefusedRequest(409, f"the episode is over: {self.ended}")
@@ -97,48 +107,48 @@ class PageState:
         self.change()
 
     def leave(self) -> None:
-        """The person leaves without an answer."""
+        """End the episode without an answer."""
         self._gone = True
         self._replied.set()
 
     def look(self, result: types.CallToolResult) -> None:
-        """Show what may be seen after a call, if its result says so."""
+        """Show the view that the result of a call contains, if any."""
         view = view_in(result)
         if view is not None:
             self.view = view if self.view is None or self._turn_begins else joined(self.view, view)
             self._turn_begins = False
 
     def show_briefing(self, briefing: Briefing) -> None:
-        """Show the task."""
+        """Show the task before the first turn."""
         self.briefing, self.left = briefing, briefing.budget
         self.change()
 
     def show_return(self, feedback: Feedback) -> None:
-        """Show what came back of the last turn."""
+        """Show the results of the last turn."""
         self.turns.append({"note": feedback.note, "exchanges": [_shown(one) for one in feedback.exchanges]})
         self.left = feedback.remaining
         self.change()
 
     def end(self, sentence: str) -> None:
-        """Say how the episode ended."""
+        """Show how the episode ended, as a sentence."""
         self.ended, self.waiting = sentence, False
         self.change()
 
     def told_end(self) -> None:
-        """Note that the page has got the end."""
+        """Record that the page has received the end of the episode."""
         if self.ended is not None:
             self._told.set()
 
     async def told(self, most_s: float) -> None:
-        """Wait until the page has got the end, at most some wall time [s]."""
+        """Wait until the page has received the end of the episode, at most `most_s` of wall time [s]."""
         with anyio.move_on_after(most_s):
             await self._told.wait()
 
     async def turn(self) -> Reply:
-        """The next turn of the person.
+        """Wait for the person's next turn.
 
         Raises:
-            Left: The person left.
+            Left: The person left without an answer.
         """
         self.waiting = True
         self.change()
@@ -151,13 +161,13 @@ class PageState:
 
 @dataclass(frozen=True, slots=True)
 class BrowserAgent:
-    """Awaits each turn from the page. Recorded as the person at a terminal is."""
+    """An agent whose turns come from the browser page. Its records look like those of a person at a terminal."""
 
     page: PageState
     name: str = "human"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_BrowserPlayer":
-        """Show the task."""
+        """Show the task and return the player."""
         del key
         self.page.show_briefing(briefing)
         return _BrowserPlayer(self.page)

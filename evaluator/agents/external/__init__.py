@@ -1,1 +1,1 @@
-"""External agents: programs that play over MCP by themselves and are watched from outside."""
+"""External agents: programs that connect to an episode over MCP themselves; the evaluator only observes them."""

@@ -1,7 +1,7 @@
-"""External agents: any program that speaks MCP. It gets the address of an episode, and the host's log is the record.
+"""External agents: any program that speaks MCP. It receives the address of an episode; the server logs its calls.
 
-The program drives itself and its turns cannot be seen, so its budget is a number of calls, which the laboratory
-enforces. Its answer is the one that the laboratory accepted. Its output is recorded as reasoning and nothing else.
+The turns of such a program cannot be observed, so its budget is a number of calls, which the server enforces. Its
+answer is the one that the server accepted. Its output is recorded as reasoning and has no other effect.
 """
 
 import json
@@ -27,41 +27,44 @@ from evaluator.store.redaction import Redaction
 from scenes import PackError, find_pack, read_public
 
 CALLS_PER_ITERATION = 10
-"""Calls allowed for each iteration of the budget, unless the operator or the scene gives another limit."""
+"""Allowed calls per iteration of the budget, if neither the operator nor the scene sets a limit."""
 NEEDS_ADDRESS = "--agent external needs a laboratory with an address: --server host, or the URL of a host"
 _FAILURE = 600
-"""Most characters kept of why a program failed."""
+"""Largest number of characters kept of a program's error message."""
 _REASONING = 20_000
-"""Last characters of the program's output that are kept as reasoning."""
+"""Number of characters kept from the end of the program's output, as reasoning."""
 _PLACEHOLDER = re.compile(r"\{(mcp_config|mcp_url|prompt)\}")
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalAgent:
-    """A command that plays an episode by itself; a `Participant`."""
+    """A participant that runs a command, which plays the episode by itself."""
 
     command: tuple[str, ...]
-    """Program and arguments; may hold `{mcp_config}`, `{mcp_url}` and `{prompt}`."""
+    """Program and arguments; `{mcp_config}`, `{mcp_url}` and `{prompt}` are replaced."""
     unsealed: str | None
-    """Why it could read the scene packs, and with them the answers; None if it could not."""
+    """Why the program could read the scene packs, and so the answers; None if it could not."""
     max_calls: int | None = None
-    """Most tool calls; None for as many as the scene allows, or ten for each iteration of the budget."""
+    """Largest number of tool calls; None for the scene's limit, or ten per iteration of the budget."""
     max_wall_s: float = 1800.0
     """Wall time for an episode [s]."""
     grace_s: float = 10.0
-    """Wall time it gets to end by itself once it can call nothing more [s]."""
+    """Wall time for the program to exit after its last possible call [s]."""
     scenes_dir: Path | None = None
-    """The packs played; its environment must not name this folder."""
+    """Folder of the scene packs; the program's environment must not mention it."""
     home: Path | None = None
-    """Folder whose content each home starts with; None for empty homes."""
+    """Template folder copied into each episode's home folder; None for empty homes."""
     guarded: bool = False
-    """Whether an episode can be played only with a token that its address does not contain."""
+    """Whether the episode requires a token in addition to its address."""
     users: SystemUsers = field(default_factory=SystemUsers, repr=False, compare=False)
-    """Whom it runs as."""
+    """System users that the command runs as."""
 
     @property
     def name(self) -> str:
-        """`external:` or `external-unsealed:`, and its program: the two are never the same cell of a matrix."""
+        """`external:` or `external-unsealed:`, and the program's name.
+
+        The prefixes keep isolated and unisolated runs of one program in separate rows of a report.
+        """
         return f"external{'-unsealed' if self.unsealed else ''}:{Path(self.command[0]).name}"
 
     def facts(self) -> Mapping[str, JsonValue]:
