@@ -1,6 +1,6 @@
-"""The reference of worlds that knows the grammar and not the draw. It reads the prompt and opens no file.
+"""Reference agent for grammar worlds. It knows the grammar but not the sampled world, and reads only the prompt.
 
-Apart from `reference`, because the search loads scipy, which no other agent needs.
+A module apart from `reference`, because the search imports SciPy, which no other agent needs.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from scenes.worlds.reference import SEARCH_SECONDS, blind_protocol
 
 @dataclass(frozen=True, slots=True)
 class GrammarAgent:
-    """Plays worlds: pushes, searches the grammar for the terms that explain the readings, and predicts."""
+    """Plays grammar worlds: applies forces, searches for the terms that explain the readings, and predicts."""
 
     seconds: float = SEARCH_SECONDS
     """Processor time of the search [s]."""
@@ -23,7 +23,7 @@ class GrammarAgent:
     """Name in records and tables."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_GrammarPlayer":
-        """Start an episode; of the scene it learns the prompt alone."""
+        """Return a player that sees only the prompt of the scene."""
         del key
         return _GrammarPlayer(self.seconds, briefing.prompt)
 
@@ -43,10 +43,10 @@ class _GrammarPlayer:
         self.player = ProtocolPlayer(solve, self.prompt)
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """The next pushes and readings, or the answer with what it is based on.
+        """Return the next batch of calls, or the answer with an explanation of the model behind it.
 
         Raises:
-            AgentError: The task is none of a world.
+            AgentError: The task is not that of a grammar world.
         """
         reply = await self.player.act(feedback)
         if self.predictions and any(call.tool == ANSWER for call in reply.calls):

@@ -1,4 +1,4 @@
-"""A person at a terminal as an agent, with the briefing, tools and budget of every other agent."""
+"""A person at a terminal as an agent, with the same briefing, tools and budget as every other agent."""
 
 import re
 import textwrap
@@ -14,7 +14,7 @@ from evaluator.errors import AgentError
 from evaluator.records.episode import EpisodeKey, Exchange, ToolCall
 
 COMMANDS = ("help", "task", "log", "note", "quit")
-"""What can be typed besides calls. A command costs no iteration."""
+"""Commands that can be typed instead of calls. A command uses no iteration."""
 _HELP = """\
 A line is an iteration: one call, or several separated by ;
   step 0.5
@@ -29,7 +29,7 @@ Give arguments in their order, or as name=value. A mistyped line is not sent and
 """
 
 _COMMAS = re.compile(r"(?<![\w.,])(?<!\w\()[-+−]?[\d.]+(?:,[\d.]+)+")
-"""Digits on both sides of commas without a space, but not the arguments of a function as in `atan2(1,2)`."""
+"""Numbers joined by commas without a space, except function arguments as in `atan2(1,2)`."""
 
 
 class Left(AgentError):
@@ -37,7 +37,7 @@ class Left(AgentError):
 
 
 class Terminal(Protocol):
-    """Where a person reads and types."""
+    """The terminal at which a person reads and types."""
 
     def show(self, text: str) -> None:
         """Show plain text."""
@@ -62,10 +62,10 @@ class Terminal(Protocol):
 
 
 def refuse_commas(calls: Sequence[ToolCall]) -> None:
-    """Refuse answers with a comma that may be a decimal sign, may group thousands, or may separate two numbers.
+    """Refuse answers with a comma that could be a decimal sign, a thousands separator or a list separator.
 
-    An answer can be given once, and in many countries 7,848 means 7.848. A list whose numbers all have a point,
-    such as 3.26,16.6, can be read in one way only.
+    An episode accepts only one answer, and 7,848 means 7.848 in many countries. A list in which every number has a
+    decimal point, such as 3.26,16.6, is unambiguous.
 
     Raises:
         TypingError: An answer is ambiguous; the message says how to write it.
@@ -84,7 +84,7 @@ def refuse_commas(calls: Sequence[ToolCall]) -> None:
 
 
 def _readings(parts: Sequence[str]) -> str:
-    """How to write each meaning that digits between commas can have."""
+    """List the unambiguous spellings of each meaning that digits between commas can have."""
     ways = [f"{parts[0].replace('.', '')}.{parts[1]}"] if len(parts) == 2 and "." not in parts[1] else []
     ways += ["".join(parts)] if all(len(part.partition(".")[0]) == 3 for part in parts[1:]) else []
     return " or ".join([*ways, f"[{', '.join(parts)}]"])
@@ -98,7 +98,7 @@ class HumanAgent:
     name: str = "human"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_HumanPlayer":
-        """Show the task, and how to get help."""
+        """Show the task and a hint about help, and return the player."""
         del key
         player = _HumanPlayer(self.terminal, briefing)
         self.terminal.show_page(briefing.prompt)
@@ -120,7 +120,7 @@ class _HumanPlayer:
         left = self.briefing.budget if feedback is None else feedback.remaining
         while True:
             try:
-                # This blocks the event loop on purpose: nothing else has to happen while a person thinks.
+                # Blocks the event loop on purpose: nothing else needs to run while the person thinks.
                 line = self.terminal.ask(f"{left} iteration{'s' * (left != 1)} left > ", self._words()).strip()
             except (EOFError, KeyboardInterrupt):
                 raise Left("the person left without an answer") from None
@@ -137,7 +137,7 @@ class _HumanPlayer:
                 return Reply(reasoning, calls)
 
     def _obey(self, line: str) -> bool:
-        """Carry out a command; false if the line is not a command."""
+        """Execute a command; return False if the line is not a command."""
         word, _, rest = line.partition(" ")
         match word:
             case "help":
@@ -180,7 +180,7 @@ class _HumanPlayer:
 
 
 def _returns(feedback: Feedback) -> str:
-    """The returns of an iteration, for a person to read."""
+    """Format the results of an iteration for a person."""
     lines = [_return(exchange) for exchange in feedback.exchanges]
     return "\n".join([*lines, f"  {feedback.note}"] if feedback.note else lines)
 
@@ -199,7 +199,7 @@ def _return(exchange: Exchange) -> str:
 
 
 def _readable(value: JsonValue) -> str:
-    """A value for a person. Eight digits hide arithmetic noise, and nothing that was measured."""
+    """Format a value with eight significant digits, which hides rounding noise but no measured digit."""
     match value:
         case None:
             return "n/a"
@@ -218,7 +218,7 @@ def _readable(value: JsonValue) -> str:
 
 
 def _ids(content: JsonValue) -> list[str]:
-    """Object ids anywhere in a result."""
+    """Collect the object ids anywhere in a result."""
     if isinstance(content, list):
         return [object_id for part in content for object_id in _ids(part)]
     if not isinstance(content, dict):

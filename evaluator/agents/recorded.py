@@ -1,7 +1,7 @@
-"""Repeats stored replies in a new episode: the one driver of replays, forks, films and published logs.
+"""Replays recorded replies in a new episode. Replays, forks, films and published logs all use this driver.
 
-What differs between them is what happens to the returns: `exchange_difference` compares them within a tolerance or to
-the bit, or nobody does and the episode is as logged.
+They differ in how the results of the calls are compared with the record: `exchange_difference` compares within a
+tolerance, `exact_difference` bit by bit, and some callers do not compare at all.
 """
 
 import math
@@ -25,23 +25,23 @@ _NOTHING = "(nothing)"
 
 @dataclass(slots=True)
 class RepeatingPlayer:
-    """Gives replies one after the other, whatever they return."""
+    """A player that replays recorded replies in order and ignores the results of its calls."""
 
     replies: Sequence[Reply]
     ended: str = "the stored transcript ends here"
-    """Why the episode ends if there is no reply left and nobody goes on."""
+    """Error message if the replies are used up and `go_on` is None."""
     compare: Callable[[int, Sequence[Exchange]], None] = lambda _turn, _returned: None
-    """Called with the number of a turn, from 1, and what its calls returned, before the next."""
+    """Callback before each next turn. It receives the number of the last turn, from 1, and the results of its calls."""
     go_on: Callable[[], Player] | None = None
-    """Makes the player that goes on after the last reply."""
+    """Creates the player that takes over after the last recorded reply."""
     _given: int = 0
     _next: Player | None = None
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """The next reply.
+        """Return the next recorded reply, or that of the player that takes over.
 
         Raises:
-            AgentError: There is none left, and nobody goes on.
+            AgentError: The replies are used up, and no player takes over.
         """
         if self._next is not None:
             return await self._next.act(feedback)
@@ -58,20 +58,20 @@ class RepeatingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class RecordedAgent:
-    """Makes, in each episode, the calls of the record with the same key. The record's agent may be another."""
+    """An agent that makes the calls recorded under the same episode key, by whichever agent."""
 
     name: str
     episodes: tuple[Episode, ...]
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
-        """The player of the record with this key.
+        """Return a player that replays the record with this key.
 
         Raises:
-            AgentError: There is no such record, or there are records of several agents.
+            AgentError: There is no such record, or several agents have one.
         """
         del briefing
         found = [episode for episode in self.episodes if episode.key.model_copy(update={"agent": key.agent}) == key]
-        # If the folder is replayed as it is, the key names one of the recorded agents.
+        # When a run folder is replayed unchanged, the key names one of the recorded agents.
         found = [episode for episode in found if episode.key.agent == key.agent] or found
         if not found:
             raise AgentError(f"no transcript is stored for {_described(key)}")
@@ -82,15 +82,15 @@ class RecordedAgent:
 
 
 def replies_of(turns: Iterable[Turn]) -> list[Reply]:
-    """The replies of turns; that of a malformed one has no calls, because its record has none."""
+    """Convert turns to replies. A malformed reply has no calls, because its record holds none."""
     return [Reply(turn.reasoning, tuple(exchange.call for exchange in turn.exchanges)) for turn in turns]
 
 
 def load_recorded(folder: Path) -> RecordedAgent:
-    """The agent that plays the records of a run folder.
+    """Load the agent that replays the records of a run folder.
 
     Raises:
-        UsageError: The folder holds no episode that was played.
+        UsageError: The folder holds no played episode.
         StoreError: A record is damaged.
     """
     stored = RunFolder(folder).episodes().values()
@@ -101,7 +101,7 @@ def load_recorded(folder: Path) -> RecordedAgent:
 
 
 async def play_again(stored: Episode, client: Client, toolboxes: Toolboxes | None) -> Episode:
-    """Play an episode with the calls of a record, and with as many turns as the record was allowed.
+    """Play an episode again with the recorded calls and the recorded number of turns.
 
     Args:
         stored: The record.
@@ -111,7 +111,7 @@ async def play_again(stored: Episode, client: Client, toolboxes: Toolboxes | Non
     Raises:
         InfrastructureError: The server failed.
     """
-    # A program that plays by itself is told its number of calls in words of its own, and each call is a turn.
+    # The prompt of an external agent states a number of calls, and each of its calls is a turn.
     by_itself = stored.max_calls is not None
     budget = max(stored.allowance, len(stored.turns)) if by_itself else stored.key.budget
     key = stored.key.model_copy(update={"budget": budget})
@@ -121,7 +121,7 @@ async def play_again(stored: Episode, client: Client, toolboxes: Toolboxes | Non
 
 
 def exchange_difference(before: Exchange, after: Exchange, rel_tol: float) -> tuple[str, JsonValue, JsonValue] | None:
-    """The first difference between the returns of two runs of a call: path, earlier and later value; None if equal."""
+    """Return path, earlier and later value of the first difference between two results of a call; None if equal."""
     kinds = [_kind(exchange) for exchange in (before, after)]
     if kinds[0] != kinds[1]:
         return "", f"{kinds[0]}: {before.text}", f"{kinds[1]}: {after.text}"
@@ -131,7 +131,7 @@ def exchange_difference(before: Exchange, after: Exchange, rel_tol: float) -> tu
 
 
 def exact_difference(before: Exchange, after: Exchange) -> tuple[str, JsonValue, JsonValue] | None:
-    """As `exchange_difference`, but every bit of the values and of the text must be equal."""
+    """Like `exchange_difference`, but without tolerance and including the text of the result."""
     found = exchange_difference(before, after, 0.0)
     if found is None and before.text != after.text:
         return "text", before.text, after.text
@@ -141,13 +141,13 @@ def exact_difference(before: Exchange, after: Exchange) -> tuple[str, JsonValue,
 def different_values(
     old: JsonValue, new: JsonValue, rel_tol: float, path: str
 ) -> Iterator[tuple[str, JsonValue, JsonValue]]:
-    """Every place where two JSON values differ: its path, and what is there in each.
+    """Yield path and both values of every difference between two JSON values.
 
     Args:
-        old: One value.
-        new: The other.
-        rel_tol: Largest difference between numbers that count as the same, relative to the larger one.
-        path: Of the values, empty for a whole document.
+        old: The earlier value.
+        new: The later value.
+        rel_tol: Relative tolerance for numbers, as in `math.isclose`.
+        path: Path of the two values; empty for a whole document.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in dict.fromkeys((*old, *new)):

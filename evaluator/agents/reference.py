@@ -1,4 +1,4 @@
-"""Plays protocols, generators of calls as packs write them, through the public tools; the reference agent."""
+"""Plays protocols, which scene packs write as generators of calls, through the public tools; the reference agent."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,10 +13,10 @@ from scenes.protocol import ANSWER, Call, Exchanges, Protocol, Reading, load_sol
 
 @dataclass(slots=True)
 class ProtocolPlayer:
-    """Takes each `yield` of a protocol as a turn."""
+    """Plays a protocol: each `yield` is one turn."""
 
     make: Callable[[str], Protocol]
-    """The protocol; its docstring is the reasoning of the first turn."""
+    """Creates the protocol. Its docstring is recorded as the reasoning of the first turn."""
     prompt: str
     """The opening prompt."""
     protocol: Protocol = field(init=False)
@@ -25,7 +25,7 @@ class ProtocolPlayer:
         self.protocol = self.make(self.prompt)
 
     async def act(self, feedback: Feedback | None) -> Reply:
-        """The calls of the next `yield`.
+        """Return the calls of the protocol's next `yield`.
 
         Raises:
             AgentError: The protocol raised an exception.
@@ -46,14 +46,14 @@ class ProtocolPlayer:
 
 
 def reading_of(exchange: Exchange) -> Reading:
-    """What a call gives to a protocol: its result, `{"error": sentence}`, or `{}` if it was not run."""
+    """Convert the result of a call for a protocol: its content, `{"error": sentence}`, or `{}` if it was not run."""
     if exchange.is_error:
         return {"error": exchange.text}
     return dict(exchange.content or {}) if exchange.returned else {}
 
 
 def calls_and_readings(episode: Episode) -> Exchanges:
-    """The calls of an episode with what a protocol was given for each; the answer is left out."""
+    """Return the calls of an episode, each with its reading, without the answer."""
     return [
         (Call(exchange.call.tool, dict(exchange.call.arguments)), reading_of(exchange))
         for turn in episode.turns
@@ -64,7 +64,7 @@ def calls_and_readings(episode: Episode) -> Exchanges:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceAgent:
-    """Plays the protocol in `solution.py` of the scene."""
+    """Plays the reference protocol of a scene: `solve` in its `solution.py`."""
 
     scenes_dir: Path | None = None
     """Folder of scene packs; None for the suite."""
@@ -72,7 +72,7 @@ class ReferenceAgent:
     """Name in records and tables."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
-        """Start the protocol of the scene.
+        """Start the reference protocol of the scene.
 
         Raises:
             AgentError: The pack has no protocol.

@@ -1,4 +1,4 @@
-"""Agents with fixed turns: turns from a file, one constant answer, or one list of calls for a scene."""
+"""Agents with fixed behaviour: turns from a file, a constant answer, or a fixed list of calls for each scene."""
 
 import functools
 import json
@@ -30,7 +30,7 @@ class ScriptedAgent:
     """Scene id → turns; the key None holds the turns for all other scenes."""
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ScriptedPlayer":
-        """The player of the scene's script.
+        """Return a player for the scene's script.
 
         Raises:
             AgentError: There is no script for this scene.
@@ -55,10 +55,10 @@ class _ScriptedPlayer:
 
 
 def load_script(path: Path) -> ScriptedAgent:
-    """Read a script: a list of turns, or an object with such a list for each scene id. A turn is a list of calls.
+    """Read a script: a list of turns, or an object that maps scene ids to lists of turns. A turn is a list of calls.
 
     Raises:
-        UsageError: The file cannot be read, or has another form.
+        UsageError: The file cannot be read or is malformed.
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))
@@ -76,14 +76,14 @@ def load_script(path: Path) -> ScriptedAgent:
 
 
 _DRAWS = range(1, 51)
-"""Seeds on which the constant is chosen."""
+"""Seeds whose keys determine the constant."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantAgent:
-    """Gives the same answer at every seed of a scene: the one that is right most often on 50 draws.
+    """Gives the same answer at every seed of a scene: the constant that is right most often over 50 seeds.
 
-    A scene with a single variant, or whose key needs the engine, has no such constant.
+    A scene with a single variant, or whose key is computed with the physics engine, has no such constant.
     """
 
     scenes_dir: Path | None = None
@@ -91,7 +91,7 @@ class ConstantAgent:
     name: str = "constant"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ConstantPlayer":
-        """A player who answers at once.
+        """Return a player that answers at once.
 
         Raises:
             AgentError: The scene has no constant.
@@ -114,17 +114,17 @@ class _ConstantPlayer:
 
 @dataclass(frozen=True, slots=True)
 class BatchAgent:
-    """Plays `batch` of the scene: the best attempt with one fixed list of calls."""
+    """Plays the scene's `batch` protocol: the best attempt with one fixed list of calls."""
 
     scenes_dir: Path | None = None
     """Folder of scene packs; None for the suite."""
     name: str = "batch"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> ProtocolPlayer:
-        """Start the batch of the scene.
+        """Start the `batch` protocol of the scene.
 
         Raises:
-            AgentError: The pack has none.
+            AgentError: The pack defines no `batch`.
         """
         try:
             batch = load_solution(find_pack(key.scene, self.scenes_dir)).batch
@@ -145,13 +145,13 @@ def _constant(files: PackFiles) -> AnswerValue:
 
 
 def best_constant(keys: Sequence[AnswerValue], spec: AnswerSpec) -> tuple[AnswerValue, float]:
-    """The constant that most keys agree with, and their share.
+    """Return the constant that agrees with the most keys, and the share of keys that it agrees with.
 
-    Numbers that are tried are all keys, their means and their median.
+    The numeric candidates are the keys themselves, their means and their median.
 
     Args:
-        keys: Keys of several draws.
-        spec: How close is close enough.
+        keys: Keys at several seeds.
+        spec: Answer specification with the tolerances.
     """
     try:
         table = np.array([np.atleast_1d(np.asarray(key, dtype=float)) for key in keys])

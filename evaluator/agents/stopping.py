@@ -1,8 +1,8 @@
-"""Stopping policies: when an agent is advised to answer. They change the feedback of an agent, and nothing else.
+"""Stopping policies, which advise an agent when to answer. They change an agent's feedback and nothing else.
 
-A policy adds its advice to the note of the feedback. Grading, budget and tools stay the same, so runs can be compared.
-The advice depends only on the replies and the feedback, and the agent's name holds the policy's name: name and
-transcript together determine exactly what the agent read.
+A policy adds its advice to the note of the feedback. Grading, budget and tools stay the same, so runs with different
+policies can be compared. The advice depends only on the replies and the feedback, and the agent's name includes the
+policy's name. A transcript and the agent's name therefore determine what the agent read.
 """
 
 import re
@@ -14,9 +14,9 @@ from evaluator.errors import UsageError
 from evaluator.records.episode import EpisodeKey
 
 POLICIES = ("always", "budget-aware", "confidence[:0.9]")
-"""What `--stopping` takes."""
+"""Values of `--stopping`."""
 LAST_ITERATIONS = 2
-"""`budget-aware` asks for the answer when so many iterations are left."""
+"""Number of remaining iterations from which `budget-aware` asks for the answer."""
 DEFAULT_THRESHOLD = 0.9
 _STATED = re.compile(
     r"""confidence\b [\s*_`"':=-]* (?:\(0\s*(?:-|–|to)\s*1\))? [\s*_`"':=-]*
@@ -36,18 +36,18 @@ class StoppingPolicy(Protocol):
         ...
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """What to advise the agent; empty for no advice.
+        """Return the advice for the agent; empty for none.
 
         Args:
-            reply: Its last turn.
-            feedback: The returns of that turn, and how many iterations are left.
+            reply: The agent's last turn.
+            feedback: The results of that turn, and the remaining iterations.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetAware:
-    """Asks for the answer when the budget is nearly used up."""
+    """Asks for the answer in the last iterations of the budget."""
 
     name: str = "budget-aware"
 
@@ -62,7 +62,7 @@ class BudgetAware:
 
 @dataclass(frozen=True, slots=True)
 class Confidence:
-    """Asks for a confidence in each reply, and for the answer once it is high enough."""
+    """Asks for a stated confidence in each reply, and for the answer once the confidence reaches the threshold."""
 
     threshold: float = DEFAULT_THRESHOLD
 
@@ -72,7 +72,7 @@ class Confidence:
         return f"confidence:{self.threshold:g}"
 
     def advice(self, reply: Reply, feedback: Feedback) -> str:
-        """Ask for the answer if the stated confidence is high enough, or else for a confidence."""
+        """Ask for the answer if the stated confidence reaches the threshold, otherwise for a confidence."""
         del feedback
         stated = stated_confidence(reply.reasoning)
         if stated is not None and stated >= self.threshold:
@@ -94,18 +94,18 @@ def stated_confidence(reasoning: str) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class StoppingAgent:
-    """An agent under a stopping policy."""
+    """Wraps an agent so that it receives the advice of a stopping policy."""
 
     inner: Agent
     policy: StoppingPolicy
 
     @property
     def name(self) -> str:
-        """The inner agent's name, and the policy's after a plus sign."""
+        """The inner agent's name, a plus sign, and the policy's name."""
         return f"{self.inner.name}+{self.policy.name}"
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_StoppingPlayer":
-        """The inner agent's player, which also reads the advice."""
+        """Return the inner agent's player, with the advice added to its feedback."""
         return _StoppingPlayer(self.inner.player(key, briefing), self.policy)
 
 
@@ -124,7 +124,7 @@ class _StoppingPlayer:
 
 
 def with_stopping(agent: Agent, text: str) -> Agent:
-    """The agent under the policy that `--stopping` names. Under `always`, the default, it is the agent itself.
+    """Wrap an agent in the policy that `--stopping` names. `always`, the default, returns the agent unchanged.
 
     Raises:
         UsageError: There is no such policy.

@@ -47,9 +47,9 @@ class _Row:
 
 
 def _glance(opening: Opening) -> Attempt:
-    """Read every instrument at rest, then apply each control and read during the first ten time steps.
+    """Read every instrument at rest, then push with each control and read the first ten time steps.
 
-    The answer is the last nonzero reading in the asked unit.
+    Answers with the last reading that has the asked unit and is not 0.
     """
     at_rest = all_calls(opening, opening.objects)[: opening.calls // 2]
     seen = quantities(at_rest, (yield at_rest))
@@ -89,7 +89,7 @@ def _last(rows: Sequence[tuple[_Row, Unit]], wanted: Unit) -> float:
 
 
 def _proportional(opening: Opening) -> Attempt:
-    """Apply the largest force or torque, and scale the largest response linearly to the asked case."""
+    """Push with the largest force or torque, and carry the largest response proportionally to the asked case."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(0.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []
@@ -106,7 +106,7 @@ def _proportional(opening: Opening) -> Attempt:
 
 
 def _sweep(opening: Opening) -> Attempt:
-    """Read at nine settings of each control up to its limit, and extrapolate a fitted curve to the asked case."""
+    """Set each control to nine values up to its limit, and continue a smooth curve through the readings."""
     survey = yield from look_around(opening)
     best: list[tuple[float, float]] = [(-1.0, 1.0)] * len(opening.units)
     seen: list[Quantity] = []

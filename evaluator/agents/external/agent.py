@@ -68,7 +68,7 @@ class ExternalAgent:
         return f"external{'-unsealed' if self.unsealed else ''}:{Path(self.command[0]).name}"
 
     def facts(self) -> Mapping[str, JsonValue]:
-        """The command, without secrets, and its bounds."""
+        """The command without secrets, and its limits."""
         return {
             "command": [Redaction.of(os.environ).text(word) for word in self.command],
             "max_calls": self.max_calls,
@@ -77,14 +77,14 @@ class ExternalAgent:
         }
 
     def running(self) -> AbstractAsyncContextManager[object]:
-        """Nothing is shared by its episodes: each runs the command anew."""
+        """Return an empty context: the episodes share no resource."""
         return nullcontext()
 
     def calls_for(self, scene: int, budget: int) -> int:
-        """Most calls in an episode.
+        """Largest number of calls in an episode.
 
-        A scene that limits calls says how many an experiment there may take, and the budget of iterations does not
-        change that. The answer is one more call, which the scene does not count.
+        The operator's limit comes first, then the scene's limit plus one call for the answer, which the scene does not
+        count, then ten calls per iteration of the budget.
         """
         if self.max_calls is not None:
             return self.max_calls
@@ -97,16 +97,16 @@ class ExternalAgent:
         """Let the program play one episode to its end.
 
         Args:
-            laboratory: A host, whose address the program can be given.
-            key: Which episode this is.
+            laboratory: A connector to an episode server with an address.
+            key: Key of the episode.
             versions: Recorded with the episode.
-            used: Stays as it is: what a program uses is not known.
+            used: Not changed, since the evaluator does not know how many tokens a program uses.
 
         Returns:
-            The episode, a turn for each call. The program's last output is the reasoning of the last turn.
+            The episode with one turn per call. The end of the program's output is the reasoning of the last turn.
 
         Raises:
-            InfrastructureError: The host failed; the episode has no outcome and may be played again.
+            InfrastructureError: The server failed; the episode has no outcome and may be played again.
             UsageError: The laboratory has no address.
         """
         del used
@@ -150,7 +150,7 @@ class ExternalAgent:
 
 
 def calls_allowed(scene: int, scenes_dir: Path | None) -> int | None:
-    """The limit of calls that a scene states; None if it states none, or its pack is not here."""
+    """The call limit that a scene states; None if it states none, or its pack is not in the folder."""
     try:
         limits = read_public(find_pack(scene, scenes_dir)).limits
     except PackError:
@@ -165,7 +165,7 @@ async def _run(
     environment: Mapping[str, str],
     user: SystemUser | None,
 ) -> Ended:
-    """Run the command in folders of its own until it ends, runs out of time, or can do nothing more."""
+    """Run the command in folders of its own until it exits, times out, or can make no further call."""
 
     async def nothing_more_to_do() -> None:
         if await episode.until_end():
@@ -192,7 +192,7 @@ async def _run(
 
 
 def client_config(episode: WatchedEpisode) -> dict[str, object]:
-    """A configuration in the form that MCP clients share, with the laboratory as its only server."""
+    """An MCP client configuration in the common `mcpServers` format, with the episode as its only server."""
     server: dict[str, object] = {"type": "http", "url": episode.mcp_url}
     if episode.token:
         server["headers"] = {"Authorization": f"Bearer {episode.token}"}
@@ -208,7 +208,7 @@ def _rules(max_calls: int, max_wall_s: float) -> str:
 
 
 def _how_it_ended(agent: ExternalAgent, ended: Ended, calls: int, max_calls: int) -> str:
-    """Why a program gave no answer although it could have, as a sentence."""
+    """Explain in a sentence why a program ended without an answer before its calls were used up."""
     program = Path(agent.command[0]).name
     if ended.out_of_time:
         return f"{program} gave no answer within {agent.max_wall_s:g} s and was stopped"
@@ -219,7 +219,7 @@ def _how_it_ended(agent: ExternalAgent, ended: Ended, calls: int, max_calls: int
 
 
 def _with_reasoning(turns: tuple[Turn, ...], output: str) -> tuple[Turn, ...]:
-    """The turns, the last with the program's output; a single turn without calls if it made no call."""
+    """Attach the program's output to the last turn; if there were no calls, return one turn with the output."""
     if not output:
         return turns
     last = turns[-1] if turns else Turn(reasoning="")

@@ -1,6 +1,6 @@
-"""Runs a command as a child process, in its own process group, with limits on time and on the output that is kept.
+"""Runs a command in its own process group, with a time limit and bounded capture of its output.
 
-Knows nothing of MCP, agents or episodes.
+This module knows nothing of MCP, agents or episodes.
 """
 
 import contextlib
@@ -18,23 +18,23 @@ from anyio.abc import ByteReceiveStream, ByteSendStream, Process
 from evaluator.agents.external.isolation import EpisodeFolders, SystemUser
 
 _KEPT = 64 * 1024
-"""Last bytes of each output stream that are kept."""
+"""Number of bytes kept from the end of each output stream."""
 _TERM_S = 2.0
-"""Wall time between asking a process to end and killing it [s]."""
+"""Wall time between SIGTERM and SIGKILL [s]."""
 _FLUSH_S = 2.0
-"""Wall time for the last output to arrive [s]."""
+"""Wall time to wait for remaining output after the process has ended [s]."""
 _WATCH = """trap '' HUP INT TERM; read -r line; kill -s KILL -- "-$1"; rm -rf -- "$2\""""
 
 
 @dataclass(slots=True)
 class _Tail:
-    """The last bytes of a stream."""
+    """A buffer that keeps the last bytes of a stream."""
 
     content: bytearray = field(default_factory=bytearray)
     ended: anyio.Event = field(default_factory=anyio.Event)
 
     async def drain(self, stream: ByteReceiveStream) -> None:
-        """Read a stream to its end, so that its writer never has to wait."""
+        """Read a stream to its end, so that its writer never blocks on a full pipe."""
         try:
             async for chunk in stream:
                 self.content += chunk
@@ -50,16 +50,16 @@ class _Tail:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a command ended."""
+    """Exit status and captured output of a command."""
 
     code: int | None
-    """Its exit code, negative for a signal; None if it was stopped."""
+    """Exit code, negative for a signal; None if the command was stopped."""
     out_of_time: bool
-    """True if it was stopped because its wall time was over."""
+    """True if the command was stopped because its wall time was used up."""
     stdout: str
-    """The end of its output."""
+    """The end of its standard output."""
     stderr: str
-    """The end of its error output."""
+    """The end of its standard error."""
 
 
 async def run_child(
@@ -72,16 +72,16 @@ async def run_child(
     until: Callable[[], Awaitable[None]],
     user: SystemUser | None = None,
 ) -> Ended:
-    """Run a command to its end, or stop it. However this returns, no process of its group is left.
+    """Run a command until it exits or must be stopped. No process of its group survives this call.
 
     Args:
         command: Program and arguments.
-        folders: Where it runs. If this process is killed, they are removed.
-        env: Its whole environment.
-        stdin: What it reads; None for nothing.
+        folders: Working, home and temporary folders; removed if this process is killed.
+        env: Complete environment of the command.
+        stdin: Text sent to its standard input; None for an empty input.
         max_wall_s: Most wall time [s].
-        until: Returns when the command can be stopped.
-        user: Whom it runs as; None for the user of this process.
+        until: Waits for the event that makes further running pointless; the command is then stopped.
+        user: System user that runs it; None for the user of this process.
 
     Raises:
         OSError: The command cannot be started.
@@ -133,9 +133,9 @@ async def _open(
 
 
 def _start_watchdog(group: int, folder: Path) -> subprocess.Popen[bytes]:
-    """A process that outlives this one if it is killed, and then ends a process group and removes a folder.
+    """Start a watchdog that kills a process group and removes a folder if this process dies.
 
-    The operating system closes the pipe to it when this process ends in any way.
+    The watchdog reads from a pipe, which the operating system closes when this process ends for any reason.
     """
     return subprocess.Popen(  # noqa: S603 - our own script
         ["/bin/sh", "-c", _WATCH, "sh", str(group), str(folder)],
@@ -154,7 +154,7 @@ def _end_watchdog(watchdog: subprocess.Popen[bytes]) -> None:
 
 
 async def _wait(process: Process, until: Callable[[], Awaitable[None]]) -> None:
-    """Wait for the process, or for `until`."""
+    """Wait until the process exits or `until` returns."""
     async with anyio.create_task_group() as either:
 
         async def stop_early() -> None:
@@ -173,12 +173,12 @@ async def _feed(stream: ByteSendStream, text: str) -> None:
 
 
 async def _stop_group(process: Process) -> None:
-    """End the process and all that it started; ask before killing."""
+    """End the process and its group: SIGTERM first, then SIGKILL."""
     if process.returncode is None:
         _signal_group(process.pid, signal.SIGTERM)
         with anyio.move_on_after(_TERM_S):
             await process.wait()
-    # Even if the process has ended: what it started may still run and hold its streams open.
+    # Also if the process has exited: its children may still run and hold its streams open.
     _signal_group(process.pid, signal.SIGKILL)
     await process.wait()
 

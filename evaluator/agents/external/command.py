@@ -1,4 +1,4 @@
-"""From `--agent external -- COMMAND` to an agent, and whether that agent could read the answers."""
+"""Parses `--agent external -- COMMAND`, and decides whether the program could read the answers."""
 
 import os
 import shlex
@@ -28,21 +28,21 @@ def parse_external(
     home: Path | None = None,
     environ: Mapping[str, str] = os.environ,
 ) -> ExternalAgent:
-    """The agent that `--agent external -- COMMAND` names.
+    """Build the agent that `--agent external -- COMMAND` names.
 
     Args:
-        words: COMMAND, in words.
+        words: The words of COMMAND.
         server: Value of `--server`.
         scenes_dir: Value of `--scenes-dir`.
-        vouched: The operator vouches that no scene pack can be read where COMMAND runs.
-        users: System users that COMMAND runs as.
+        vouched: Whether the operator states that COMMAND cannot read any scene pack.
+        users: System users that may run COMMAND.
         max_calls: Most tool calls in an episode; None for as many as the scene allows, or ten for each iteration.
-        max_wall_s: Most wall time for an episode [s].
-        home: Folder whose content each home of COMMAND starts with.
-        environ: Environment variables, which may hold a token for the host.
+        max_wall_s: Largest wall time of an episode [s].
+        home: Template folder copied into each home folder of COMMAND.
+        environ: Environment variables, which may hold a token for the server.
 
     Raises:
-        UsageError: The command is missing, cannot be found or could not find the laboratory.
+        UsageError: The command is missing, cannot be found, or has no way to learn the address of its episode.
     """
     _check_placeholders(words, sealed=vouched)
     if server != "host" and not server.startswith(("http://", "https://")):
@@ -70,10 +70,10 @@ def parse_external(
 
 
 def _check_placeholders(words: Sequence[str], *, sealed: bool) -> None:
-    """Refuse a command that could not find the laboratory, or that would show others where it is.
+    """Check that a command receives the address of its episode, and does not expose it to other users.
 
     Raises:
-        UsageError: It does.
+        UsageError: It does not receive the address, or would expose it on its command line.
     """
     if not words:
         raise UsageError(
@@ -94,10 +94,10 @@ def _check_placeholders(words: Sequence[str], *, sealed: bool) -> None:
 
 
 def _why_unsealed(server: str, scenes_dir: Path | None, *, guarded: bool, vouched: bool) -> str | None:
-    """Why a program that we start could know more than it measures.
+    """Explain why an external program could have information that its score should not depend on.
 
     Returns:
-        A clause; None if it could not, as far as we can see or the operator vouches.
+        A clause; None if no reason is known, or if the operator vouches for the isolation.
     """
     if server != "host" and not guarded:  # the host that we start ourselves always has a token
         return (

@@ -1,4 +1,4 @@
-"""What an external program gets: its environment variables, the folders of an episode, and a system user of its own."""
+"""Isolation of an external program: its environment variables, the folders of an episode, and its system user."""
 
 import contextlib
 import os
@@ -18,7 +18,7 @@ from evaluator.errors import UsageError
 from scenes import default_folder
 
 _KILL_ALL = ("/bin/sh", "-c", "kill -s KILL -- -1")
-"""Run as a user, this ends every other process of that user."""
+"""Command that kills every other process of the user that runs it."""
 
 
 class SystemUser(NamedTuple):
@@ -29,13 +29,13 @@ class SystemUser(NamedTuple):
 
 
 class SystemUsers:
-    """Users, each of whom runs at most one program at a time."""
+    """A pool of system users, each of whom runs at most one program at a time."""
 
     def __init__(self, users: Sequence[SystemUser] = ()) -> None:
-        """Set up.
+        """Create the pool.
 
         Args:
-            users: None of them if programs run as the user of this process.
+            users: Users of the pool; empty if programs run as the user of this process.
         """
         self._count = len(users)
         self._free = list(users)
@@ -43,7 +43,7 @@ class SystemUsers:
 
     @contextlib.asynccontextmanager
     async def one(self) -> AsyncGenerator[SystemUser | None]:
-        """A user who runs nothing, and who runs nothing afterwards; None for the user of this process."""
+        """Lend a user of the pool and kill its processes afterwards; yields None if the pool is empty."""
         if not self._count:
             yield None
             return
@@ -58,10 +58,10 @@ class SystemUsers:
 
 
 def system_users(names: Sequence[str]) -> list[SystemUser]:
-    """The users with these names or numbers.
+    """Look up system users by name or number.
 
     Raises:
-        UsageError: There is no such user, it is root or the user of this process, or this process is not root.
+        UsageError: A user is unknown, is root or the user of this process, or this process does not run as root.
     """
     if not names:
         return []
@@ -85,24 +85,24 @@ def _user(name: str) -> SystemUser:
 
 
 def end_processes_of(user: SystemUser) -> None:
-    """End every process of a user, also those that left the group of the program that started them."""
+    """Kill every process of a user, including those that left the program's process group."""
     subprocess.run(_KILL_ALL, user=user.uid, group=user.gid, extra_groups=[], check=False)  # noqa: S603 - our own script
 
 
 _OWN_VARIABLES = {"PWD", "OLDPWD", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "_"}
 _OWN_PREFIXES = ("PHYSMENT", "PYTEST", "XDG_")
 URL = "PHYSMENT_MCP_URL"
-"""Environment variable in which a program finds the address of its episode."""
+"""Environment variable with the address of the program's episode."""
 TOKEN = "PHYSMENT_MCP_TOKEN"  # noqa: S105 - a name, not a token
-"""Environment variable in which it finds the bearer token for this address, if one is needed."""
+"""Environment variable with the bearer token for this address, if it requires one."""
 
 
 def child_environment(ours: Mapping[str, str], scenes_dir: Path | None) -> dict[str, str]:
-    """An environment that does not reveal where the packs and this program are.
+    """Return an environment that does not reveal the location of the packs or of this program.
 
     Args:
-        ours: The environment to start from.
-        scenes_dir: The packs played; None for the suite.
+        ours: The environment to filter.
+        scenes_dir: Folder of the packs; None for the packs of the suite.
     """
     folders = [str(folder) for folder in (scenes_dir and scenes_dir.absolute(), default_folder().parent) if folder]
 
@@ -120,44 +120,44 @@ def child_environment(ours: Mapping[str, str], scenes_dir: Path | None) -> dict[
 
 @dataclass(frozen=True, slots=True)
 class EpisodeFolders:
-    """Where a program runs."""
+    """The folders in which an external program runs."""
 
     base: Path
-    """Holds all the others; only the program's user can enter it."""
+    """Parent of all other folders; only the program's user can enter it."""
 
     @property
     def config(self) -> Path:
-        """The configuration of the client."""
+        """The MCP client configuration file."""
         return self.base / "mcp.json"
 
     @property
     def work(self) -> Path:
-        """The working folder."""
+        """The working directory."""
         return self.base / "work"
 
     @property
     def home(self) -> Path:
-        """The home."""
+        """The home directory."""
         return self.base / "home"
 
     @property
     def temporary(self) -> Path:
-        """The folder for temporary files."""
+        """The directory for temporary files."""
         return self.base / "tmp"
 
     def variables(self) -> dict[str, str]:
-        """The environment variables that name them."""
+        """Return the environment variables that point to the home and temporary directories."""
         temporary = dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(self.temporary))
         return {"HOME": str(self.home), "USERPROFILE": str(self.home), **temporary}
 
 
 @contextlib.contextmanager
 def episode_folders(home: Path | None, user: SystemUser | None) -> Generator[EpisodeFolders]:
-    """New folders, which are removed afterwards.
+    """Create the folders of an episode, and remove them afterwards.
 
     Args:
-        home: Folder whose content the home starts with; None for an empty home.
-        user: Whose they are; None for the user of this process.
+        home: Template folder copied into the home folder; None for an empty home.
+        user: Owner of the folders; None for the user of this process.
     """
     with tempfile.TemporaryDirectory(prefix="episode-", ignore_cleanup_errors=True) as base:
         folders = EpisodeFolders(Path(base))
@@ -174,7 +174,7 @@ def episode_folders(home: Path | None, user: SystemUser | None) -> Generator[Epi
 
 
 def _give(base: Path, user: SystemUser) -> None:
-    """Make everything in a folder the user's own."""
+    """Make a user the owner of everything in a folder."""
     for place, folders, files in os.walk(base):
         for name in (".", *folders, *files):
             os.chown(Path(place) / name, user.uid, user.gid, follow_symlinks=False)

@@ -1,4 +1,4 @@
-"""An episode that another program plays: opened on a host, watched, and read back from the host's log of calls."""
+"""An episode that another program plays: opens it on a server, polls its state, and reads the server's call log."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Sequence
@@ -18,13 +18,13 @@ from evaluator.errors import InfrastructureError
 from evaluator.records.episode import EpisodeKey, Exchange, Outcome, ToolCall, Turn
 
 _LOOK_S = 0.5
-"""Wall time between two checks whether the episode has ended [s]."""
+"""Wall time between two checks of whether the episode has ended [s]."""
 _NO_CALLS = 999_999_999
-"""A position beyond the end of every log. A request from here on returns only the state."""
+"""A log position beyond the end of every log: a request from here returns only the state of the episode."""
 
 
 class _SeenCall(BaseModel):
-    """A call in the log of a host."""
+    """A call in the log of an episode server."""
 
     tool: str
     arguments: dict[str, Any]
@@ -37,7 +37,7 @@ class _SeenCall(BaseModel):
 
 
 class _Log(BaseModel):
-    """The log of an episode that a host publishes."""
+    """The call log of an episode, as the server publishes it."""
 
     ended: bool
     calls: list[_SeenCall]
@@ -45,34 +45,34 @@ class _Log(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class WatchedEpisode:
-    """An open episode on a host that logs its calls."""
+    """An open episode on a server that logs its calls."""
 
     mcp_url: str
-    """Address of the episode: the only thing that its player gets, besides the token."""
+    """Address of the episode, which its player receives."""
     token: str | None
-    """What its player must send with every request; None if the address is enough."""
+    """Bearer token that the player must send with every request; None if no token is required."""
     _http: httpx2.AsyncClient
     _path: str
     _owner_token: str
 
     async def prompt(self, key: EpisodeKey) -> str:
-        """The opening prompt, without the iteration budget, since here the calls are limited.
+        """Return the opening prompt without an iteration budget, because this episode is limited by calls.
 
         Raises:
-            InfrastructureError: The host failed.
+            InfrastructureError: The server failed.
         """
         async with self._connected() as client:
             return await opening_prompt(client, key, None)
 
     async def briefing(self, key: EpisodeKey, toolboxes: Toolboxes) -> Briefing:
-        """What an agent in the loop knows before its first turn: the prompt with its iteration budget, and the tools.
+        """Return the briefing of an agent that plays in the loop: the prompt with its iteration budget, and the tools.
 
         Args:
-            key: Gives prompting, protocol and budget.
-            toolboxes: The tools of the host.
+            key: Key of the episode, with its prompting, protocol and budget.
+            toolboxes: The tools of the server.
 
         Raises:
-            InfrastructureError: The host failed.
+            InfrastructureError: The server failed.
         """
         async with self._connected() as client:
             toolbox = await toolboxes.of(client)
@@ -90,7 +90,7 @@ class WatchedEpisode:
         """Wait until the episode accepts no more calls.
 
         Returns:
-            True once it is answered or its calls are used up; False if the host is gone.
+            True once it is answered or its calls are used up; False if the server cannot be reached.
         """
         while True:
             try:
@@ -101,15 +101,15 @@ class WatchedEpisode:
             await anyio.sleep(_LOOK_S)
 
     async def turns(self) -> tuple[Turn, ...]:
-        """The calls so far, each as a turn.
+        """Return the calls so far, each as a turn.
 
         Raises:
-            InfrastructureError: The host failed.
+            InfrastructureError: The server failed.
         """
         return _turns_of(await self._calls())
 
     async def _calls(self) -> list[_SeenCall]:
-        """All calls so far. A host sends them in pages."""
+        """Return all calls so far, which the server sends in pages."""
         calls: list[_SeenCall] = []
         while page := (await self._log(len(calls))).calls:
             calls += page
@@ -135,14 +135,14 @@ async def watch_episode(
     """Open an episode for another program, and close it afterwards.
 
     Args:
-        host: Where.
-        scene: Which scene.
-        seed: Which variant of it.
-        max_calls: Most tool calls; the laboratory refuses more.
-        guarded: Whether its player needs a token besides its address.
+        host: Connector to the episode server.
+        scene: Scene number.
+        seed: Seed of the variant.
+        max_calls: Largest number of tool calls; the server refuses more.
+        guarded: Whether the player needs a token in addition to the address.
 
     Raises:
-        InfrastructureError: The host cannot be reached, or keeps no log of calls.
+        InfrastructureError: The server cannot be reached, or keeps no call log.
     """
     async with http_client(host.base_url) as http:
         wanted = {"scene": scene, "seed": seed, "max_calls": max_calls} | ({"guarded": True} if guarded else {})
@@ -161,13 +161,13 @@ async def watch_episode(
 
 
 def turns_of_log(content: bytes) -> tuple[Turn, ...]:
-    """The calls in a stored log of a host, each as a turn.
+    """Convert a stored call log of a server to turns, one per call.
 
     Args:
-        content: What `GET /episodes/ID/calls` returns, or several such pages as one.
+        content: Response body of `GET /episodes/ID/calls`, or several such pages merged into one.
 
     Raises:
-        ValidationError: It is no such log.
+        ValidationError: The content is not a call log.
     """
     return _turns_of(_Log.model_validate_json(content).calls)
 
@@ -184,11 +184,14 @@ def _turns_of(calls: Sequence[_SeenCall]) -> tuple[Turn, ...]:
 
 
 def outcome_of(turns: Sequence[Turn], max_calls: int) -> tuple[Outcome | None, JsonValue]:
-    """How an episode ended according to its log, and its answer; no outcome if it could go on.
+    """Return the outcome and the answer of a logged episode.
 
     Args:
-        turns: Its calls, each as a turn.
-        max_calls: How many it may have.
+        turns: The logged calls, each as a turn.
+        max_calls: Largest number of calls in the episode.
+
+    Returns:
+        The outcome, None if the episode may still continue; and the answer, None if there is none.
     """
     for turn in turns:
         for exchange in turn.exchanges:
@@ -201,7 +204,7 @@ def _exchange(seen: _SeenCall) -> Exchange:
     call = ToolCall(tool=seen.tool, arguments=seen.arguments)
     text, problem = seen.text, unrecordable(call)
     if problem:
-        # This happens to refused calls only: a record can hold every answer that the laboratory accepts.
+        # Only refused calls are affected: a record can hold every answer that the server accepted.
         call, text = ToolCall(tool=seen.tool, arguments={}), f"{text} ({problem}, and is left out here)"
     return Exchange(
         call=call,

@@ -1,1 +1,1 @@
-"""Language models as agents: which exist, how they are asked, and what their errors mean."""
+"""Language models as agents: providers and models, their clients, and the handling of their errors."""

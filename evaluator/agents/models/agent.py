@@ -1,4 +1,4 @@
-"""A language model as an agent: what it is shown, what it replies, and the whole history of both."""
+"""A language model as an agent: converts feedback to messages and replies to calls, and keeps the message history."""
 
 import contextlib
 import json
@@ -43,12 +43,12 @@ from evaluator.records.episode import EpisodeKey, Exchange, ToolCall, Usage
 _NOT_RUN = "Not run."
 _NATIVE_IN_TEXT = "it called tools natively, where calls are written as a JSON list"
 _CONTEXT_FULL = "model_context_window_exceeded"
-"""Anthropic's finish reason for a reply that was cut by the context window, not by the limit of output."""
+"""Anthropic's finish reason for a reply that the context window cut off, as opposed to the output limit."""
 
 
 @dataclass(slots=True)
 class ModelAgent:
-    """Plays with a language model. An async context that closes the connections; the first player opens them."""
+    """An agent that plays with a language model. As an async context manager, it closes the model's connections."""
 
     choice: ModelChoice
     lane: Lane = field(default_factory=Lane)
@@ -58,11 +58,11 @@ class ModelAgent:
 
     @property
     def name(self) -> str:
-        """The name, as the operator wrote it."""
+        """The agent's name, as the operator wrote it."""
         return self.choice.name
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> "_ModelPlayer":
-        """A new conversation, with native calls or text as the episode's key says."""
+        """Start a new conversation, with native tool calls or the text protocol as the episode key says."""
         if self._requests is None:
             self._requests = self._open()
         provider, text = self.choice.provider, key.protocol == "text"
@@ -70,7 +70,7 @@ class ModelAgent:
         return _ModelPlayer(self._requests, provider, briefing.prompt, tools, text)
 
     def facts(self) -> dict[str, JsonValue]:
-        """What decides the model's replies, for `run.json`; holds no key.
+        """The settings that determine the model's replies, for `run.json`. The API key is not included.
 
         Raises:
             UsageError: An option is set that would not be sent.
@@ -91,7 +91,7 @@ class ModelAgent:
         }
 
     async def __aenter__(self) -> Self:
-        """Open nothing yet: the first player opens the connections."""
+        """Return self. The first player opens the connections."""
         return self
 
     async def __aexit__(
@@ -136,7 +136,7 @@ class _ModelPlayer:
             return Reply(_paragraphs(thought, text), malformed=problem, usage=usage, thought_chars=len(thought))
         if self.text:
             reply = parse_reply(text)
-            if response.tool_calls:  # beside a list they would be a second set of calls
+            if response.tool_calls:  # beside a JSON list, native calls would be a second set of calls
                 said = _paragraphs(thought, text)
                 return Reply(said, malformed=_NATIVE_IN_TEXT, usage=usage, thought_chars=len(thought))
             said = _paragraphs(thought, reply.reasoning)
@@ -145,7 +145,7 @@ class _ModelPlayer:
         return Reply(_paragraphs(thought, text), calls, problem, usage, thought_chars=len(thought))
 
     def _shown(self, feedback: Feedback | None) -> list[ModelRequestPart]:
-        """What the model is shown next: the prompt, or the returns of its calls."""
+        """Build the next message: the prompt, or the results of the last calls."""
         if feedback is None:
             return [UserPromptPart(self.prompt)]
         if self.text:
@@ -153,24 +153,24 @@ class _ModelPlayer:
         asked = self.history[-1]
         calls = asked.tool_calls if isinstance(asked, ModelResponse) else []
         returns = [self._return(call, index, feedback) for index, call in enumerate(calls)]
-        # Each return has a message of its own. The rest has the words of the text protocol.
+        # Each tool result is a message part of its own. The note uses the wording of the text protocol.
         rest = feedback_text(Feedback((), feedback.note, feedback.remaining))
         return [*returns, _with_frames(rest, feedback.exchanges)]
 
     def _return(self, call: ToolCallPart, index: int, feedback: Feedback) -> ToolReturnPart:
-        """The return of one call. Every call gets a return, even if it was not run."""
+        """Build the result part of one call. Providers require a result for every call, even if it was not run."""
         exchange = feedback.exchanges[index] if index < len(feedback.exchanges) else None
         content, failed = _content(exchange)
-        # Chat completions cannot mark errors: the client would change the text, and the record would not hold what the
-        # model read.
+        # The chat-completions client would change the text of an error, so that the record would differ from what the
+        # model read. Only the other two dialects mark errors.
         marked = failed and self.provider.dialect in {Dialect.ANTHROPIC, Dialect.GOOGLE}
         return ToolReturnPart(call.tool_name, content, call.tool_call_id, outcome="failed" if marked else "success")
 
 
 def _with_frames(text: str, exchanges: Sequence[Exchange]) -> UserPromptPart:
-    """A message with the frames of results after its text, each with the number of its call.
+    """Append the camera frames of results to a text message, each labelled with the number of its call.
 
-    Not every provider takes a picture in the return of a tool.
+    Not every provider accepts images inside a tool result.
     """
     parts: list[str | BinaryContent] = [text]
     for number, exchange in enumerate(exchanges, start=1):
@@ -183,7 +183,7 @@ def _with_frames(text: str, exchanges: Sequence[Exchange]) -> UserPromptPart:
 
 
 def _content(exchange: Exchange | None) -> tuple[str, bool]:
-    """The text of a return, and whether it is a refusal."""
+    """Return the text of a tool result, and whether it is an error."""
     if exchange is None:
         return _NOT_RUN, True
     if exchange.returned:
@@ -192,7 +192,7 @@ def _content(exchange: Exchange | None) -> tuple[str, bool]:
 
 
 def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
-    """The calls of a reply in order; or none, and why one of them cannot be read."""
+    """Return the calls of a reply in order, or no calls and the reason why one of them cannot be read."""
     calls: list[ToolCall] = []
     for part in response.tool_calls:
         try:
@@ -203,7 +203,7 @@ def _calls(response: ModelResponse) -> tuple[tuple[ToolCall, ...], str]:
 
 
 def _arguments(part: ToolCallPart) -> dict[str, Any]:
-    """The arguments as the model wrote them."""
+    """Decode the arguments as the model wrote them."""
     if isinstance(part.args, dict):
         return part.args
     arguments: Any = json.loads(part.args) if part.args else {}
@@ -226,10 +226,10 @@ def _refuse(response: ModelResponse, usage: Usage) -> None:
 
 
 def _encodable(response: ModelResponse, *, calls: bool) -> ModelResponse:
-    """The reply in a form that can be sent back to the provider.
+    """Return the reply in a form that can be sent back to the provider.
 
-    UTF-8 cannot encode half surrogate pairs, which models do write. Anthropic refuses text that is only white space. A
-    native call in the text protocol would have no result.
+    Models write lone surrogates, which UTF-8 cannot encode. Anthropic rejects text that is only whitespace. In the text
+    protocol, native calls are dropped because they would have no result.
     """
     parts = [
         _sendable(part)
@@ -278,11 +278,12 @@ def _usage(response: ModelResponse, *, priced: bool) -> Usage:
 
 
 def _cost(response: ModelResponse, *, priced: bool) -> float | None:
-    """The cost of a reply [USD]: what the provider billed, or else the price table; None if neither knows.
+    """Cost of a reply [USD]: as billed by the provider, otherwise from the price table; None if neither is known.
 
     Args:
         response: The reply.
-        priced: Whether the table holds for this provider. It finds models by their names, wherever they run.
+        priced: Whether the price table applies to this provider. The table identifies models by name alone, so it
+            would also match models on local servers.
     """
     billed = (response.provider_details or {}).get("cost")
     if isinstance(billed, int | float):

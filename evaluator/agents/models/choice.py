@@ -1,6 +1,6 @@
-"""What `model:…` means: which model, at which address, with which options; providers and models by name.
+"""Parses `model:…` into a model, its address and its options. Lists the known providers and models.
 
-Loads no provider's client, so that the command line can read it quickly.
+This module imports no provider client, which keeps the command line fast.
 """
 
 import os
@@ -36,7 +36,7 @@ class Provider:
     base_url: str
     """Its address; empty if only the operator knows it."""
     key_variables: tuple[str, ...]
-    """Environment variables that may hold the key. The first that is set counts."""
+    """Environment variables that may hold the API key, in order of precedence."""
     needs_key: bool = True
     base_url_variable: str = ""
     """Environment variable that overrides `base_url`; by default NAME_BASE_URL."""
@@ -47,7 +47,7 @@ class Provider:
         return self.base_url_variable or f"{self.name.upper()}_BASE_URL"
 
     def key(self, environ: Mapping[str, str]) -> str | None:
-        """The key that the environment holds, if any."""
+        """Return the API key from the environment, if it is set."""
         return next((environ[name] for name in self.key_variables if environ.get(name)), None)
 
     def url(self, environ: Mapping[str, str]) -> str:
@@ -139,9 +139,9 @@ def find_preset(name: str) -> Preset | None:
 
 
 EFFORTS = ("none", "minimal", "low", "medium", "high", "xhigh", "max")
-"""How hard a model is asked to think. A provider supports some of these."""
+"""Levels of reasoning effort. A provider supports some of these."""
 EXTRA = "physment-mcp[models]"
-"""The package to install for asking models."""
+"""The optional dependency that language models require."""
 _CLIENTS = {
     Dialect.OPENAI: "openai",
     Dialect.OPENROUTER: "openai",
@@ -159,12 +159,12 @@ class Options:
     """One of `EFFORTS`."""
     temperature: float | None = None
     max_tokens: int | None = None
-    """Most tokens of one reply, including thoughts."""
+    """Largest number of tokens in one reply, including reasoning."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """A model, its address and its options. Does not hold the key, which stays in the environment."""
+    """A model, its address and its options. The API key stays in the environment."""
 
     name: str
     """The agent's name in records, as the operator wrote it."""
@@ -184,23 +184,23 @@ class ModelChoice:
         return self.provider.key(self.environ)
 
     def missing(self) -> list[str]:
-        """What is missing to ask the model, as clauses; empty if nothing is."""
+        """Return what prevents requests to the model, as clauses; empty if nothing does."""
         return missing(self.provider, self.environ, self.base_url)
 
 
 def parse_model(
     text: str, options: Options = Options(), base_url: str | None = None, environ: Mapping[str, str] | None = None
 ) -> ModelChoice:
-    """Read `model:PRESET` or `model:PROVIDER:NAME`, which `,effort=…,temperature=…,max_tokens=…` may follow.
+    """Parse `model:PRESET` or `model:PROVIDER:NAME`, optionally with `,effort=…,temperature=…,max_tokens=…`.
 
     Args:
-        text: What the operator wrote.
-        options: Options of all models; options in `text` win.
-        base_url: Address to ask, instead of the provider's own.
+        text: The value of `--agent`.
+        options: Default options; options in `text` take precedence.
+        base_url: Base URL that replaces the provider's own.
         environ: Environment variables; by default those of the process.
 
     Raises:
-        UsageError: There is no such model, or an option is malformed.
+        UsageError: The model is unknown, or an option is malformed.
     """
     environ = os.environ if environ is None else environ
     named, *pairs = text.split(",")
@@ -218,7 +218,7 @@ def parse_model(
 
 
 def checked(options: Options) -> Options:
-    """The options, checked.
+    """Validate options and return them.
 
     Raises:
         UsageError: An option is out of range.
@@ -233,7 +233,7 @@ def checked(options: Options) -> Options:
 
 
 def missing(provider: Provider, environ: Mapping[str, str], base_url: str | None = None) -> list[str]:
-    """What is missing to ask a provider, as clauses; empty if nothing is."""
+    """Return what prevents requests to a provider, as clauses; empty if nothing does."""
     found: list[str] = []
     if not client_installed(provider.dialect):
         found.append(f"its client is not installed (pip install '{EXTRA}')")
@@ -253,7 +253,7 @@ def client_installed(dialect: Dialect) -> bool:
 
 
 def _resolve(text: str, name: str) -> tuple[Provider, str]:
-    """Provider and model id that a preset or PROVIDER:NAME stands for."""
+    """Resolve a preset or PROVIDER:NAME to a provider and a model id."""
     preset = find_preset(name)
     if preset is not None:
         name = f"{preset.provider}:{preset.model}"

@@ -1,6 +1,6 @@
-"""From a model choice to the client that asks it, the tools written for it, and the settings that a request contains.
+"""Builds the client of a model choice, its tool definitions, and the settings of its requests.
 
-Only this module knows how to build and set each client.
+This is the only module that knows how each provider's client is built and configured.
 """
 
 import json
@@ -24,20 +24,20 @@ from evaluator.episode.player import ToolDescription
 from evaluator.errors import UsageError
 
 _NO_KEY = "no-key"
-"""Sent to providers that need no key, since clients require one."""
+"""API key sent to providers that need none, because their clients require a value."""
 _CONNECT_S = 15.0
 
 
 def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = None) -> httpx2.AsyncClient:
-    """An HTTP client for one model, to be closed by the caller.
+    """Create the HTTP client for one model; the caller closes it.
 
     Args:
-        timeout_s: Longest silence of a server [s].
-        transport: Receives the requests instead of the network.
+        timeout_s: Longest time without data from the server [s].
+        transport: Replaces the network transport, for tests.
     """
     return httpx2.AsyncClient(
         timeout=httpx2.Timeout(timeout_s, connect=_CONNECT_S),
-        # The pool must not limit concurrency: the lane does that.
+        # `Lane` limits concurrency, so the pool must not.
         limits=httpx2.Limits(max_connections=None, max_keepalive_connections=100),
         transport=transport,
         follow_redirects=True,
@@ -45,7 +45,7 @@ def open_http(timeout_s: float, transport: httpx2.AsyncBaseTransport | None = No
 
 
 def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
-    """The client of a model, which uses our HTTP client and does not retry."""
+    """Build the client of a model. It uses the given HTTP client and does not retry."""
     build = {
         Dialect.OPENAI: _chat_completions,
         Dialect.OPENROUTER: _openrouter,
@@ -55,7 +55,7 @@ def build_model(choice: ModelChoice, http: httpx2.AsyncClient) -> Model:
     return build(choice, choice.key() or _NO_KEY, http)
 
 
-# Each function loads only its own package: together they take a second, and not all may be installed.
+# Each function imports only its own package: all of them together take a second, and some may not be installed.
 
 
 def _chat_completions(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
@@ -80,7 +80,7 @@ def _openrouter(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Mode
     from pydantic_ai.models.openrouter import OpenRouterModel  # noqa: PLC0415 - see above
     from pydantic_ai.providers.openrouter import OpenRouterProvider  # noqa: PLC0415 - see above
 
-    # The provider class knows only its own address; the client underneath accepts any.
+    # The provider class only uses its own address; the client underneath accepts any.
     client = AsyncOpenAI(api_key=key, base_url=choice.base_url, http_client=http)
     return OpenRouterModel(choice.model, provider=OpenRouterProvider(openai_client=client))
 
@@ -102,11 +102,11 @@ def _google(choice: ModelChoice, key: str, http: httpx2.AsyncClient) -> Model:
 
 
 def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> ModelSettings:
-    """The settings of each request.
+    """Return the settings of each request.
 
     Args:
-        model: The client that sends them, which knows what the model supports.
-        choice: The model and its options; its wire format decides how options are written.
+        model: The client that sends the request, which knows what the model supports.
+        choice: The model and its options. Its wire format determines how the options are written.
         timeout_s: Longest duration of a request, to the last byte of its reply [s].
     """
     options, dialect = choice.options, choice.provider.dialect
@@ -118,7 +118,7 @@ def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> Mod
     if options.effort is not None:
         settings |= _effort(dialect, options.effort)
     if dialect is Dialect.ANTHROPIC:
-        # Other providers cache a growing conversation by themselves. This changes the price, not the replies.
+        # Other providers cache a growing conversation automatically. Caching changes the price but not the replies.
         settings["cache"] = True
     return cast(ModelSettings, settings | _thoughts_shown(model, dialect, options.effort))
 
@@ -126,7 +126,7 @@ def request_settings(model: Model, choice: ModelChoice, timeout_s: float) -> Mod
 def _effort(dialect: Dialect, effort: str) -> dict[str, Any]:
     match dialect:
         case Dialect.OPENAI:
-            # Not the unified setting, which the client drops for models that it does not list as thinking.
+            # Not the unified setting, which the client drops for models that it does not list as reasoning models.
             return {"openai_reasoning_effort": effort}
         case Dialect.OPENROUTER:
             return {"openrouter_reasoning": {"effort": effort}}
@@ -135,7 +135,7 @@ def _effort(dialect: Dialect, effort: str) -> dict[str, Any]:
 
 
 def _thoughts_shown(model: Model, dialect: Dialect, effort: str | None) -> dict[str, Any]:
-    """The settings that make the thoughts of a thinking model visible, since reasoning is part of the record."""
+    """Return the settings that make a model's reasoning visible, because reasoning is part of the record."""
     profile = cast(dict[str, Any], model.profile)
     if dialect is Dialect.GOOGLE and effort is None:
         return {"thinking": True}
@@ -147,19 +147,19 @@ def _thoughts_shown(model: Model, dialect: Dialect, effort: str | None) -> dict[
 
 
 _CONTENT = frozenset({"model", "messages", "system", "contents", "systemInstruction", "tools", "stream"})
-"""Fields of a request that are not settings."""
+"""Request fields that are not settings."""
 _TIMEOUT_S = 60.0
 
 
 def settings_sent(choice: ModelChoice) -> dict[str, Any]:
-    """The settings in the body of a request to the model.
+    """Return the settings in the body of a request to the model.
 
     Raises:
-        UsageError: An option does not change the request, so it would be recorded without effect. Clients leave out
-            options that a model does not accept.
+        UsageError: An option does not change the request, because the client omits options that the model does not
+            accept. The record would then claim an option without effect.
     """
     with ThreadPoolExecutor(1) as thread:
-        # In a thread, so that this works with and without a running event loop.
+        # A separate thread, so that this works with and without a running event loop.
         sent = thread.submit(_body, choice).result()
         for name in ("effort", "temperature", "max_tokens"):
             value = getattr(choice.options, name)
@@ -195,7 +195,7 @@ async def _written(choice: ModelChoice) -> dict[str, Any]:
 
 
 class _Catch(httpx2.AsyncBaseTransport):
-    """Keeps the body of a request, and refuses the request."""
+    """A transport that stores the body of a request and rejects the request."""
 
     def __init__(self) -> None:
         self.body: bytes | None = None
@@ -207,7 +207,7 @@ class _Catch(httpx2.AsyncBaseTransport):
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """The tools of a request, made once for each conversation."""
+    """The tool definitions of a conversation's requests."""
 
     parameters: ModelRequestParameters
     settings: ModelSettings
@@ -215,15 +215,15 @@ class Offer:
 
 
 NOTHING = Offer(ModelRequestParameters(), ModelSettings())
-"""No tools, for models that write calls as text."""
+"""No tools, for models that write their calls as text."""
 
 
 def offer(dialect: Dialect, tools: Sequence[ToolDescription]) -> Offer:
-    """The tools, with their schemas as the server published them.
+    """Build the tool definitions from the schemas that the server published.
 
-    For chat completions they are written into the body here: the client would process all 26 schemas again for each
-    request, which takes 2 to 3 ms, nearly half of the processor time of a turn. For other providers the client writes
-    them, in the subset of JSON Schema that the provider accepts.
+    For chat completions they are written directly into the request body, because the client would convert all 26
+    schemas again for each request: 2 to 3 ms, nearly half of the processor time of a turn. For the other providers the
+    client converts them to the subset of JSON Schema that the provider accepts.
     """
     if dialect in {Dialect.OPENAI, Dialect.OPENROUTER}:
         functions = [
@@ -233,7 +233,7 @@ def offer(dialect: Dialect, tools: Sequence[ToolDescription]) -> Offer:
         body = {"tools": [{"type": "function", "function": function} for function in functions]}
         return Offer(ModelRequestParameters(), ModelSettings(extra_body=body))
     definitions = [
-        # With `strict`, a provider may narrow the schemas; the loop checks calls against the published ones.
+        # With `strict`, a provider may change the schemas; the loop validates calls against the published ones.
         ToolDefinition(
             name=tool.name, parameters_json_schema=dict(tool.input_schema), description=tool.description, strict=False
         )

@@ -1,6 +1,6 @@
-"""Asks a model until it replies: lanes, time-outs, backoff, and what an error of a provider means.
+"""Sends requests to a model with rate limits, time-outs and backoff, and classifies the provider's errors.
 
-Only this module retries requests. No message contains a key.
+Only this module retries requests. No error message contains the API key.
 """
 
 import random
@@ -26,19 +26,19 @@ from evaluator.episode.spans import are_recorded
 from evaluator.errors import AgentError, EvaluatorError, InfrastructureError, PermanentFailure
 
 _DETAIL = 300
-"""Most characters of a provider's message that are quoted in ours."""
+"""Largest number of characters quoted from a provider's message."""
 _POLICY = ("content_filter", "content_policy", "invalid_prompt", "responsibleaipolicy", "safety")
-"""Parts of the error codes by which providers refuse a conversation for its content."""
+"""Parts of the error codes with which providers reject a conversation for its content."""
 _AGAIN_STATUS = frozenset({408, 409, 425, 429})
 
 
 class AskAgain(InfrastructureError):
-    """The request failed, but the same request may succeed later."""
+    """A transient failure: the same request may succeed later."""
 
     def __init__(self, sentence: str, wait_s: float | None = None) -> None:
         super().__init__(sentence)
         self.wait_s = wait_s
-        """How long the provider asked us to wait [s], if it did."""
+        """Pause that the provider requested [s]; None if it requested none."""
 
 
 _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (
@@ -54,15 +54,15 @@ _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (
     (ai.ModelRequestRejectedError, PermanentFailure, "the provider rejected the request"),
     (ai.UserError, PermanentFailure, "the request cannot be made"),
 )
-"""What the client raises, what it means, and the words for it. The first match counts."""
+"""Client exception, our exception, and its wording. The first match applies."""
 
 
 def judge(error: Exception, key: str | None) -> EvaluatorError:
     """Translate the error of a failed request into one of our errors.
 
     Args:
-        error: What the provider's client raised.
-        key: The provider's key, which is removed from the message.
+        error: Exception of the provider's client.
+        key: The API key, which is removed from the message.
 
     Returns:
         `AskAgain`, `PermanentFailure`, or `AgentError` if the model itself cannot continue.
@@ -83,30 +83,30 @@ def _meaning(error: Exception) -> tuple[type[EvaluatorError], str]:
             return kind, meaning
     if 400 <= status < 500 and status not in _AGAIN_STATUS:
         return PermanentFailure, f"the provider rejected the request (HTTP {status})"
-    # A server error, an unreadable body, a reply that the client cannot parse: asking again may succeed.
+    # A server error, an unreadable body or a reply that the client cannot parse: a retry may succeed.
     return AskAgain, f"HTTP {status}" if status else "unusable reply"
 
 
 def scrubbed(text: str, key: str | None) -> str:
-    """A provider's message on one line, without the key, cut to length."""
+    """Return a provider's message on one line, without the API key, truncated."""
     if key:
         text = text.replace(key, "[key]")
     return " ".join(text.split())[:_DETAIL]
 
 
 def _wait(error: Exception) -> float | None:
-    """How long the provider asked us to wait [s], if it did."""
+    """Return the pause that the provider requested [s]; None if it requested none."""
     if not isinstance(error, ai.ModelAPIError):
         return None
     headers = (error.headers if isinstance(error, ai.ModelHTTPError) else None) or {}
     until = _date(headers, "retry-after")
     sent = _date(headers, "date")
     if until is not None and sent is not None:
-        # Both are of the provider's clock. The client subtracts our own, which may be wrong or jump.
+        # Both dates come from the provider's clock. The client would subtract our clock, which may be wrong.
         return max(0.0, (until - sent).total_seconds())
     if error.retry_after is not None:
         return error.retry_after
-    # The client reads whole seconds and dates; some providers send fractions of seconds.
+    # The client parses whole seconds and dates; some providers send fractional seconds.
     try:
         seconds = float(headers.get("retry-after", ""))
     except ValueError:
@@ -115,7 +115,7 @@ def _wait(error: Exception) -> float | None:
 
 
 def _date(headers: Mapping[str, str], name: str) -> datetime | None:
-    """The date in a header; None if it has none."""
+    """Parse the date in a header; None if the header holds none."""
     try:
         read = parsedate_to_datetime(headers.get(name, ""))
     except ValueError:
@@ -129,7 +129,7 @@ def _is_policy(error: ai.ModelAPIError) -> bool:
 
 
 def _detail(error: Exception) -> str:
-    """The message in the provider's reply; if there is none, the client's message."""
+    """Return the message in the provider's reply; if there is none, the client's message."""
     body = error.body if isinstance(error, ai.ModelAPIError) else None
     while isinstance(body, Mapping):
         fields = cast(Mapping[str, object], body)
@@ -142,48 +142,48 @@ def _detail(error: Exception) -> str:
 
 
 MALFORMED_CALL = frozenset({"MALFORMED_FUNCTION_CALL", "UNEXPECTED_TOOL_CALL"})
-"""Gemini's finish reasons for a malformed call, which is an error of the model and not of the service."""
+"""Gemini's finish reasons for a malformed call, which the model caused and not the service."""
 
 
 _SPANS = InstrumentationSettings(include_content=False, include_model_request_parameters=False)
-"""Spans of requests without their content, which may hold secrets that records have removed."""
+"""Tracing without message content, which may hold secrets that the records have removed."""
 
 
 @dataclass(slots=True)
 class Requests:
-    """Asks one model at one provider."""
+    """Sends the requests of one model at one provider."""
 
     model: Model
     settings: ModelSettings
     lane: Lane
     patience: Patience
     label: str
-    """Name of the model in messages."""
+    """Name of the model in error messages."""
     key: str | None = field(default=None, repr=False)
-    """Removed from messages."""
+    """API key, which is removed from error messages."""
     sleep: Callable[[float], Awaitable[None]] = anyio.sleep
     clock: Callable[[], float] = time.monotonic
     luck: Callable[[], float] = random.random
-    """Random numbers from 0 to 1 for the jitter, so that requests that failed together do not return together."""
+    """Random numbers from 0 to 1 for jitter, which spreads the retries of requests that failed together."""
     retries: int = 0
-    """How many requests were made again so far."""
+    """Number of retries so far."""
 
     async def ask(self, messages: Sequence[ModelMessage], tools: Offer = NOTHING) -> ModelResponse:
-        """Ask until there is a reply.
+        """Send the conversation, and retry until there is a reply.
 
         Args:
             messages: The conversation so far.
-            tools: What the model may call.
+            tools: Tools that the model may call.
 
         Raises:
             AgentError: The model refuses, or the conversation is too long for it.
-            InfrastructureError: There was no reply within `patience`, or asking again cannot help.
+            InfrastructureError: There was no reply within `patience`, or a retry cannot help.
         """
         waited_s = 0.0
         for attempt in range(1, self.patience.attempts + 1):
             try:
                 async with self.lane.limiter:
-                    # Check this last: the provider may have asked for a pause while this request waited in the queue.
+                    # Check here: the provider may have requested a pause while this request waited in the queue.
                     waited_s += await self._wait_for_lane(self.patience.total_wait_s - waited_s)
                     return await self._attempt(messages, tools)
             except AskAgain as failure:
@@ -210,10 +210,10 @@ class Requests:
                 instrument=_SPANS if are_recorded() else None,
             )
         except Exception as error:  # noqa: BLE001 - whatever a client raises, the turn failed; `judge` says how
-            # Do not chain the error: a client's error holds the request, and with it the key.
+            # Do not chain the error: the client's exception holds the request, and with it the API key.
             failure = judge(error, self.key)
             if isinstance(failure, PermanentFailure) and len(messages) > 1 and _is_rejected(error):
-                # The first request was accepted, so the provider rejects this conversation and not every conversation.
+                # Earlier requests were accepted, so the provider rejects this conversation, not every one.
                 raise AgentError(str(failure)) from None
             raise failure from None
         reason = raw_finish_reason(response)
@@ -222,7 +222,7 @@ class Requests:
         return response
 
     async def _wait_for_lane(self, patience_s: float) -> float:
-        """Wait as long as the provider asked for a pause. Returns how long that was [s]."""
+        """Wait until the pause that the provider requested is over; return the time waited [s]."""
         wait_s = self.lane.shut_until - self.clock()
         if wait_s <= 0:
             return 0.0
@@ -233,17 +233,17 @@ class Requests:
         return wait_s
 
     def _pause(self, attempt: int, asked_s: float | None) -> float:
-        """Pause before the next attempt [s]: doubling, with jitter, and not shorter than the provider asked for."""
+        """Pause before the next attempt [s]: exponential with jitter, and at least what the provider requested."""
         ceiling = min(self.patience.longest_pause_s, self.patience.first_pause_s * 2 ** (attempt - 1))
         jittered = ceiling * (0.5 + self.luck() / 2)
         return jittered if asked_s is None else max(asked_s, 0.0) + jittered / 10
 
 
 def _is_rejected(error: Exception) -> bool:
-    """Whether a provider rejected a request as malformed, which earlier replies of the model can cause."""
+    """Whether a provider rejected a request as malformed, which the model's earlier replies can cause."""
     return isinstance(error, ModelHTTPError) and error.status_code in {400, 422}
 
 
 def raw_finish_reason(response: ModelResponse) -> str:
-    """The provider's word for why the reply ended; empty if it gave none."""
+    """Return the provider's own finish reason; empty if it gave none."""
     return str((response.provider_details or {}).get("finish_reason") or "")
