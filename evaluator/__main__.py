@@ -1,4 +1,4 @@
-"""The program `physment-eval`. Loading everything else takes a second; a signal ends the process at once meanwhile."""
+"""Entry point of `physment-eval`. While the other modules load, which takes a second, a signal ends the process."""
 
 import signal
 import sys
@@ -6,9 +6,9 @@ from typing import NoReturn
 
 
 def entry() -> NoReturn:
-    """Be the program `physment-eval`."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # as SIGTERM and SIGHUP still are
+    """Run the program `physment-eval`."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not if SIGINT is ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # the default action, as for SIGTERM and SIGHUP
     from evaluator.commands.program import end_at_once, end_in_order, main  # noqa: PLC0415
 
     code = main(begin=end_in_order)

@@ -1,4 +1,4 @@
-"""The errors of the evaluator, and what follows from each of them.
+"""The errors of the evaluator and their consequences.
 
 EvaluatorError
 ├─ UsageError             the operator asked for something impossible      → one sentence, exit code 2
@@ -11,12 +11,12 @@ EvaluatorError
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # importing records takes a fifth of a second, and `--help` needs none
+if TYPE_CHECKING:  # importing pydantic takes 0.2 s, which `--help` avoids
     from evaluator.records.episode import Usage
 
 
 def reason_of(error: OSError | ValueError) -> str:
-    """Why a file cannot be read, for a sentence: the word of the system, or the first problem of a record."""
+    """The reason why a file cannot be read: the message of the system, or the first validation error of a record."""
     if isinstance(error, OSError):
         return error.strerror or "it cannot be read"
     if isinstance(error, UnicodeDecodeError):
@@ -46,8 +46,8 @@ class AgentError(EvaluatorError):
     """The agent cannot continue; one sentence.
 
     Args:
-        sentence: Why.
-        usage: Usage of the reply that failed, if it used anything.
+        sentence: Error message.
+        usage: Usage of the failed reply, if known.
     """
 
     def __init__(self, sentence: str, usage: "Usage | None" = None) -> None:
@@ -59,8 +59,8 @@ class RefusedRequest(EvaluatorError):
     """A referee cannot do what it is asked for; one sentence.
 
     Args:
-        status: The status of HTTP that says what kind of refusal it is.
-        sentence: Why, and what would work.
+        status: HTTP status code of the response.
+        sentence: Reason of the refusal, and what would work.
     """
 
     def __init__(self, status: int, sentence: str) -> None:
@@ -73,4 +73,4 @@ class InfrastructureError(EvaluatorError):
 
 
 class PermanentFailure(InfrastructureError):
-    """Asking again cannot help: the key or a setting is refused, there is no such model, credit is used up."""
+    """A retry cannot help: the API key or a setting is refused, the model is unknown, or the credit is used up."""

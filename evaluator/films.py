@@ -1,6 +1,6 @@
-"""Plays a stored episode again and notes what is seen, unless the laboratory returns anything but what is stored.
+"""Makes films: replays a stored episode and records what is visible. Refuses if a result differs from the stored one.
 
-The motion of a film takes few bytes: whole numbers, second differences, runs of zeros.
+Motion is compressed: values are rounded to integers, and their second differences are stored with run lengths of zeros.
 """
 
 import base64
@@ -25,29 +25,29 @@ from evaluator.report.film_record import Film
 from evaluator.study.forking import described
 
 TURN = 1 / 2048
-"""Step of the components of quaternions: 0.06 degrees."""
+"""Resolution of the components of quaternions, about 0.06 degrees."""
 _FINEST_M, _OF_SCENE, _OF_PART = 1e-6, 1e-4, 1e-2
-"""Steps of positions: the finest, and shares of the extent of the scene and of its smallest part."""
+"""Resolution of positions: lower limit [m], and fractions of the extent of the scene and of its smallest part."""
 _MICRO = 1e6
 
 
 class Instant(NamedTuple):
-    """What is seen at one moment of a film."""
+    """What is visible at one moment of a film."""
 
     time: float
     """Simulated time [s]. Two instants may share it: one before and one after a call that takes no time."""
     drawing: int
-    """Index of the drawing."""
+    """Index of the drawing that is shown."""
     poses: Mapping[str, Sequence[float]]
-    """Body → x, y, z [m] and w, x, y, z."""
+    """Body → position x, y, z [m] and quaternion w, x, y, z."""
 
 
 def reel(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The part of a film that says what is where at which time.
+    """Encode the poses of all bodies over time, as fields of a film.
 
     Args:
-        instants: In order; at least one.
-        drawings: The shapes, as the laboratory sends them.
+        instants: The instants in order; at least one.
+        drawings: The drawings, as the laboratory sends them.
     """
     bodies = list(dict.fromkeys(name for instant in instants for name in instant.poses))
     step = _step(instants, drawings)
@@ -72,7 +72,7 @@ def reel(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) -> 
 
 
 def _step(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) -> float:
-    """The step of positions [m], a power of ten."""
+    """The resolution of positions [m], a power of ten."""
     places = np.array([pose[:3] for instant in instants for pose in instant.poses.values()] or [[0.0, 0.0, 0.0]])
     sizes = [max(part["size"]) for drawing in drawings for body in drawing["bodies"] for part in body["parts"]]
     sizes = [size for size in sizes if size > 0] or [1.0]
@@ -82,12 +82,15 @@ def _step(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) ->
 
 
 def _columns(poses: Sequence[Sequence[float] | None], step: float) -> Iterator[list[int]]:
-    """The seven numbers of a body over time, in steps; where the body is not seen, they stay as they are."""
+    """The seven numbers of a body's pose over time, in units of the resolution.
+
+    While the body is not visible, they keep their last values.
+    """
     first = next(pose for pose in poses if pose is not None)
     kept: list[Sequence[float]] = []
     last = first
     for pose in poses:
-        # q and -q are the same orientation; the nearer one has the smaller differences.
+        # q and -q are the same orientation; choose the one nearer to the previous quaternion.
         if pose is not None:
             turned = sum(a * b for a, b in zip(pose[3:], last[3:], strict=True)) < 0
             last = [*pose[:3], *(-value for value in pose[3:])] if turned else pose
@@ -98,7 +101,7 @@ def _columns(poses: Sequence[Sequence[float] | None], step: float) -> Iterator[l
 
 
 def _course(values: Sequence[int]) -> bytes:
-    """A sequence of whole numbers: second differences, zigzag, base 128; a 0 is followed by how many more follow it."""
+    """Encode integers: second differences, zigzag, base 128. A 0 is followed by the number of further zeros."""
     data = bytearray()
     zeros = 0
     for value in (*_second_differences(values), None):
@@ -114,7 +117,7 @@ def _course(values: Sequence[int]) -> bytes:
 
 
 def _second_differences(values: Iterable[int]) -> Iterator[int]:
-    """Each value less the continuation of the two before it."""
+    """Yield the difference of each value from the linear extrapolation of the two before it."""
     before, last = 0, 0
     for place, value in enumerate(values):
         yield value - (2 * last - before if place > 1 else last)
@@ -133,20 +136,20 @@ def _base128(values: Iterable[int]) -> bytes:
 
 
 Opens = Callable[[EpisodeKey], AbstractAsyncContextManager[Client]]
-"""What opens the laboratory of an episode for a client that is shown what is seen."""
+"""Function that opens the laboratory of an episode for a client that receives views (`_meta` of results)."""
 
 
 async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, revealed: bool) -> Film:
     """The film of an episode.
 
     Args:
-        episode: As stored.
+        episode: The stored episode.
         opens: Opens its laboratory.
-        record_sha256: Hash of its line, which the film carries.
-        revealed: Whether the laboratory shows also what the agent could not see.
+        record_sha256: SHA-256 of the episode's line of `episodes.jsonl`; the film contains it.
+        revealed: Whether the laboratory also shows what the agent could not see.
 
     Raises:
-        UsageError: The laboratory returns something else than what is stored, or the film would be too large.
+        UsageError: A result of the laboratory differs from the stored one, or the film would be too large.
     """
     camera = _Camera()
     now, problem = None, ""
@@ -155,7 +158,7 @@ async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, reveale
             camera.see(await view_now(client))
             now = await play_again(episode, client, Toolboxes(look=camera.look))
         except (InfrastructureError, MCPError) as error:
-            # Raised below: the client's task group would wrap it.
+            # Raised after the block, because the client's task group would wrap it in an exception group.
             problem = str(error)
     if now is None:
         raise UsageError(f"{described(episode.key)} cannot be played again: {problem}")
@@ -184,23 +187,23 @@ def _refuse_other_returns(stored: Episode, now: Episode) -> None:
 
 
 class _Camera:
-    """Collects what is seen: instants, and each drawing once."""
+    """Collects the instants of a film and its distinct drawings."""
 
     def __init__(self) -> None:
         self.instants: list[Instant] = []
         self.drawings: list[Mapping[str, Any]] = []
         self.looks: list[int] = []
-        """For each call, the instant at which it had returned."""
+        """For each call, the index of the instant after it."""
         self._kept = 0
-        """Number of instants that calls refer to."""
+        """Number of leading instants that must be kept, because calls refer to them."""
 
     def look(self, result: types.CallToolResult) -> None:
-        """Add what is seen after a call."""
+        """Add the instants of a call's result."""
         self.see(view_in(result))
         self.looks.append(len(self.instants) - 1)
 
     def see(self, view: Mapping[str, Any] | None) -> None:
-        """Add the motion that led to a view, and the view."""
+        """Add the instants of a view and of the motion before it."""
         if view is None:
             return
         self._kept = len(self.instants)
@@ -220,7 +223,7 @@ class _Camera:
         instant = Instant(time, drawing, poses)
         if self.instants and self.instants[-1] == instant:
             return
-        # Of a time in which nothing moves, the ends are enough.
+        # While nothing moves, the first and the last instant are enough.
         last = self.instants[max(self._kept - 1, 0) :][-2:]
         still = len(last) == 2 and all(one.drawing == drawing and one.poses == poses for one in last)
         if still and len(self.instants) > self._kept:

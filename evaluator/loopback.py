@@ -1,4 +1,4 @@
-"""Pages for people on this machine alone: which names mean it, and a guard for the applications that serve them."""
+"""Protection of web pages that only this machine may request: a check of the Host header, and an ASGI middleware."""
 
 from collections.abc import Mapping
 
@@ -10,19 +10,19 @@ from physment_mcp.contract.addresses import LOOPBACK, named_host
 
 
 def is_for_this_machine(headers: Headers) -> bool:
-    """Whether a request names this machine: one Host header with a name of `LOOPBACK`, and nothing more in it."""
+    """Whether a request has exactly one Host header, and it holds a name in `LOOPBACK` with or without a port."""
     hosts = headers.getlist("host")
     return len(hosts) == 1 and named_host(hosts[0]) in LOOPBACK
 
 
 class OnlyHere:
-    """Refuses requests that name another host, and adds headers to every response.
+    """ASGI middleware that refuses requests to other hosts and adds headers to every response.
 
-    A web page can let its own name resolve to our address; its requests then name that host.
+    It prevents DNS rebinding: a web page whose host name resolves to the loopback address sends that name as Host.
 
     Args:
-        app: What is guarded.
-        headers: Added to each response, lower case.
+        app: The ASGI application to protect.
+        headers: Headers to add to each response, with names in lower case.
     """
 
     def __init__(self, app: ASGIApp, headers: Mapping[bytes, bytes] | None = None) -> None:

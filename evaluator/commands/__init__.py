@@ -1,1 +1,1 @@
-"""The commands of `physment-eval`, one module for each. They print; `__main__` turns errors into exit codes."""
+"""The commands of `physment-eval`, one module for each. `program` converts their errors to exit codes."""

@@ -1,4 +1,4 @@
-"""The options of models and of external agents: how they are declared, and what they ask for."""
+"""Command line options of models and of external agents, and their conversion to fields of `RunConfig`."""
 
 import argparse
 import os
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class ModelOptions(TypedDict):
-    """Fields of `RunConfig` that the options of models decide."""
+    """Fields of `RunConfig` that are set by the options of models."""
 
     model_options: Options
     base_url: str | None
@@ -50,7 +50,7 @@ def add_model_options(group: "ArgumentGroup") -> None:
 
 
 def model_options(args: argparse.Namespace) -> ModelOptions:
-    """The part of a `RunConfig` that the options of models decide.
+    """Convert the options of models to fields of `RunConfig`.
 
     Raises:
         UsageError: An option is malformed.
@@ -74,11 +74,11 @@ def _lanes(text: str) -> dict[str, int]:
 
 
 USUAL_CONCURRENCY = min(4, os.cpu_count() or 1)
-"""Episodes played at a time, unless the command line says otherwise."""
+"""Default number of episodes played at a time."""
 
 
 def add_external_options(run: argparse.ArgumentParser) -> None:
-    """Declare the command after `--`, and its limits."""
+    """Declare the options of external agents: the command after `--` and its limits."""
     group = run.add_argument_group(
         "external agents",
         "Play with a program that speaks MCP, such as a command-line coding agent:\n"
@@ -128,15 +128,15 @@ def add_external_options(run: argparse.ArgumentParser) -> None:
 
 
 def usual_concurrency(args: argparse.Namespace) -> int:
-    """Episodes played at a time if the command line does not say: sealed programs must not meet each other."""
+    """Default number of episodes played at a time; for sealed programs, the number of users in `--sealed-users`."""
     return max(1, len(_users(args))) if args.sealed else USUAL_CONCURRENCY
 
 
 def check_sealed(args: argparse.Namespace) -> None:
-    """Refuse options under which sealed programs could meet each other.
+    """Refuse options under which sealed programs could communicate with each other.
 
     Raises:
-        UsageError: They could, or the options of sealed programs do not fit together.
+        UsageError: They could, or the options of sealed programs contradict each other.
     """
     users, asked = _users(args), args.concurrency
     if users and not args.sealed:

@@ -1,4 +1,4 @@
-"""What several commands use: types of arguments, declaring a command, running its async part, tables, sockets."""
+"""Shared code of the commands: argument types, shared options, running async code, consoles and sockets."""
 
 import argparse
 import asyncio
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer as ActionsContainer  # pyright: ignore[reportPrivateUsage] - has no public name
 
 PROMPTINGS = ("zero-shot", "one-shot-cot", "few-shot-cot")
-"""How many worked examples a prompt shows; the first is the usual one."""
+"""Values of `--prompting`, which sets the number of worked examples in a prompt; the first is the default."""
 PROTOCOLS = ("native", "text")
-"""How agents write their calls; the first is the usual one."""
+"""Formats in which agents write their calls; the first is the default."""
 
 
 def count_of(things: str) -> Callable[[str], int]:
-    """The type of a whole number above 0.
+    """Create an argument type for whole numbers above 0.
 
     Args:
-        things: What is counted, in the plural.
+        things: Plural noun for the counted things, for error messages.
     """
 
     def read(text: str) -> int:
@@ -45,7 +45,7 @@ def count_of(things: str) -> Callable[[str], int]:
 
 
 def seconds(text: str) -> float:
-    """A time above 0 [s]."""
+    """Argument type: a duration above 0 [s]."""
     value = _number(text)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a time above 0, in seconds")
@@ -53,7 +53,7 @@ def seconds(text: str) -> float:
 
 
 def us_dollars(text: str) -> float:
-    """An amount of money above 0 [USD]."""
+    """Argument type: an amount of money above 0 [USD]."""
     value = _number(text)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not an amount of money above 0, in US dollars")
@@ -61,7 +61,7 @@ def us_dollars(text: str) -> float:
 
 
 def temperature(text: str) -> float:
-    """A sampling temperature."""
+    """Argument type: a sampling temperature."""
     value = _number(text)
     if not 0 <= value <= 2:
         raise argparse.ArgumentTypeError(f"{text} is not a temperature from 0 to 2")
@@ -69,7 +69,7 @@ def temperature(text: str) -> float:
 
 
 def scene_id(text: str) -> int:
-    """The number of a scene, or `world:LEVEL:INDEX`."""
+    """Argument type: a scene id, or `world:LEVEL:INDEX`."""
     if text.startswith("world:"):
         try:
             return one_world(text)
@@ -81,14 +81,14 @@ def scene_id(text: str) -> int:
 
 
 def seed(text: str) -> int:
-    """The number of a variant of a scene."""
+    """Argument type: the seed of a scene's variant."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not a seed, which is a whole number from 0")
     return int(text)
 
 
 def price(text: str) -> float:
-    """What is taken off a reward, 0 or more."""
+    """Argument type: an amount subtracted from a reward, 0 or more."""
     value = _number(text)
     if not 0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a cost, which is a number from 0")
@@ -96,17 +96,17 @@ def price(text: str) -> float:
 
 
 def port(text: str) -> int:
-    """A TCP port; 0 lets the system choose."""
+    """Argument type: a TCP port; 0 lets the system choose."""
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
     return int(text)
 
 
 def folder_to_write(text: str) -> Path:
-    """A folder that exists or can be made.
+    """Argument type: a folder that exists or can be created.
 
     Raises:
-        UsageError: A file is in its place or above it.
+        UsageError: The path or one of its parents is a file.
     """
     path = Path(text)
     _refuse_file_on_the_way(path, path)
@@ -114,10 +114,10 @@ def folder_to_write(text: str) -> Path:
 
 
 def file_to_write(text: str) -> Path:
-    """A file that exists or can be made.
+    """Argument type: a file that exists or can be created.
 
     Raises:
-        UsageError: A folder is in its place, or a file above it.
+        UsageError: The path is a folder, or one of its parents is a file.
     """
     path = Path(text)
     _refuse_file_on_the_way(path, path.parent)
@@ -127,10 +127,10 @@ def file_to_write(text: str) -> Path:
 
 
 def _refuse_file_on_the_way(path: Path, folder: Path) -> None:
-    """Refuse to write to a path below a file, before any work is done for it.
+    """Check early that no parent of an output path is a file.
 
     Raises:
-        UsageError: The nearest part of the folder that exists is a file, or cannot be looked at.
+        UsageError: The nearest existing parent is a file or cannot be accessed.
     """
     try:
         found = next((part for part in (folder, *folder.parents) if part.exists()), None)
@@ -142,7 +142,7 @@ def _refuse_file_on_the_way(path: Path, folder: Path) -> None:
 
 
 def _number(text: str) -> float:
-    """The number that a text is; NaN, which is in no range, if it is none."""
+    """Parse a number; NaN, which fails every range check, if the text is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -150,7 +150,7 @@ def _number(text: str) -> float:
 
 
 def seed_key(parser: "ActionsContainer") -> None:
-    """Declare `--seed-key` of a command that reads stored runs."""
+    """Declare `--seed-key` for a command that reads stored runs."""
     parser.add_argument(
         "--seed-key",
         type=Path,
@@ -180,15 +180,15 @@ T = TypeVar("T")
 
 
 class Commands(Protocol):
-    """Where a command is declared. `add_subparsers` returns it, with a type that argparse does not export."""
+    """The object that `add_subparsers` returns, on which commands are declared. argparse does not export its type."""
 
     def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:
-        """The parser of a new command."""
+        """Add a command and return its parser."""
         ...
 
 
 def wide_console() -> Console:
-    """A console for tables: as wide as the terminal, or wide enough for whole words if there is no terminal."""
+    """Create a console for tables. Without a terminal, it is wide enough that no words are broken."""
     console = Console()
     return console if console.is_terminal else Console(width=140)
 
@@ -198,7 +198,7 @@ def run_async(play: Callable[[], Awaitable[T]]) -> T:
 
     Raises:
         KeyboardInterrupt: The operator pressed Ctrl-C, or a signal ended the program.
-        EvaluatorError: The first of our own errors in an exception group.
+        EvaluatorError: The first `EvaluatorError` in an exception group.
     """
     try:
         return anyio.run(_until_signalled, play)
@@ -215,10 +215,10 @@ def run_async(play: Callable[[], Awaitable[T]]) -> T:
 
 
 async def _until_signalled(play: Callable[[], Awaitable[T]]) -> T:
-    """Do the work; SIGTERM and SIGHUP cancel it where it awaits something, as asyncio does it for Ctrl-C.
+    """Await the work; SIGTERM and SIGHUP cancel it at an await, as asyncio does for Ctrl-C.
 
-    asyncio leaves Ctrl-C alone where it is ignored, as in the background of a script. Without this, the exception of a
-    signal would then be raised in the middle of any function, of a library too, and end the program with a traceback.
+    asyncio installs no handler if SIGINT is ignored, as in a background job of a script. Without this function, a
+    signal would then raise its exception in the middle of any function and end the program with a traceback.
     """
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     assert task is not None
@@ -230,7 +230,7 @@ async def _until_signalled(play: Callable[[], Awaitable[T]]) -> T:
             signal.signal(sign, taken)
 
     def cancel(_sign: int, _frame: FrameType | None) -> None:
-        let_usual()  # so a second signal does not wait
+        let_usual()  # a second signal ends the process at once
         loop.call_soon_threadsafe(task.cancel)
 
     for sign in usual:
@@ -242,31 +242,31 @@ async def _until_signalled(play: Callable[[], Awaitable[T]]) -> T:
 
 
 def listening(address: str, number: int) -> socket.socket:
-    """A socket that listens.
+    """Create a listening TCP socket.
 
     Args:
-        address: On which address.
-        number: On which port; 0 for any free one.
+        address: Address to bind.
+        number: Port to bind; 0 for any free port.
 
     Raises:
-        UsageError: The port is taken, or the address is not of this machine.
+        UsageError: The port is in use, or the address does not belong to this machine.
     """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     try:
         listener = socket.create_server((address.strip("[]"), number), family=family)
     except OSError as error:
         raise UsageError(f"cannot listen on {address} port {number}: {error.strerror}") from error
-    # Otherwise the system holds small packets back, which costs 40 ms a request.
+    # Nagle's algorithm would delay small packets, which costs 40 ms per request.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener
 
 
 def page_token() -> str:
-    """A token for the address of a page, which nobody guesses."""
+    """Create a random token for the URL of a page, so that the URL cannot be guessed."""
     return secrets.token_urlsafe(16)
 
 
 def open_page(address: str) -> None:
-    """Open a page in the browser, where there is a screen: a browser in the terminal would take the terminal."""
+    """Open a page in a graphical browser. Does nothing without a display: a text browser would occupy the terminal."""
     if sys.platform in {"win32", "darwin"} or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(address)

@@ -1,4 +1,4 @@
-"""`physment-eval calibrate`: how hard each scene is and how able each agent, on one scale, with errors."""
+"""`physment-eval calibrate`: estimates scene difficulties and agent abilities on one scale, with standard errors."""
 
 import argparse
 from collections.abc import Sequence
@@ -61,12 +61,12 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _suite(folder: RunFolder, scenes_dir: Path | None, rungs: dict[int, str]) -> Sequence[GradeRecord]:
-    """The grades of a run on scenes of the suite; open worlds are left out, as from every other number.
+    """The grades of a run on scenes of the suite, without open worlds.
 
     Args:
-        folder: The run.
+        folder: The run folder.
         scenes_dir: Folder of scene packs; None for the suite.
-        rungs: Scene → rung; those of the run are added.
+        rungs: Scene → rung; updated with the scenes of the run.
     """
     folder.read_run()
     kept: list[GradeRecord] = []

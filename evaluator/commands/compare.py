@@ -1,4 +1,4 @@
-"""`physment-eval compare`: two runs on their common episodes."""
+"""`physment-eval compare`: compares two runs on their common episodes."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -68,7 +68,7 @@ def _compare(args: argparse.Namespace) -> int:
 
 
 def _chosen(words: Sequence[str], option: str) -> dict[str, str]:
-    """Condition → value, from words of the form `NAME=VALUE`.
+    """Parse conditions of the form `NAME=VALUE`.
 
     Raises:
         UsageError: A word has another form, or its name is not a condition.
@@ -81,7 +81,7 @@ def _chosen(words: Sequence[str], option: str) -> dict[str, str]:
 
 
 def _side(path: Path, chosen: Mapping[str, str], without: Sequence[int], keys: KeyRing) -> Side:
-    """One run, or the chosen part of it.
+    """Load one side of the comparison: a run, restricted to the chosen episodes.
 
     Raises:
         UsageError: Some episodes have no grade, or a pack is missing.
@@ -131,7 +131,7 @@ def _print(found: Comparison, first: Path, second: Path) -> None:
 
 
 def _print_engines(*runs: Path) -> None:
-    """Say if two runs were started where different versions of MuJoCo are installed."""
+    """Print a note if two runs were played with different versions of MuJoCo."""
     engines = [RunFolder(path).read_run().versions.get("mujoco") for path in runs]
     if None not in engines and len(set(engines)) > 1:
         print(f"A was played with MuJoCo {engines[0]} and B with {engines[1]}, which may make a difference of its own")

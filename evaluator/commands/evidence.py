@@ -1,4 +1,4 @@
-"""`physment-eval evidence`: what the experiments of stored episodes could tell."""
+"""`physment-eval evidence`: measures how far the readings of stored episodes determine the answer."""
 
 import argparse
 import os
@@ -126,13 +126,13 @@ def _measured(episode: Episode, seed: int, line_sha256: str, scenes_dir: Path | 
 
 
 def _without_names(found: EvidenceRecord) -> EvidenceRecord:
-    """Evidence that does not name rivals: while seeds are held back, their names tell what was not drawn."""
+    """Remove the names of rivals. While seeds are held back, these names would reveal which values were not drawn."""
     unnamed = [rival.model_copy(update={"name": f"rival {n}"}) for n, rival in enumerate(found.rivals, start=1)]
     return found.model_copy(update={"rivals": tuple(unnamed)})
 
 
 def _print(console: Console, chosen: Sequence[EvidenceRecord], verdicts: Mapping[EpisodeKey, Verdict]) -> None:
-    """A row for each agent: the verdicts, and how many calls sufficient evidence took."""
+    """Print a table with a row for each agent: its verdicts, and the number of calls until the evidence sufficed."""
     table = Table("agent", *EvidenceVerdict, "not measurable", "calls until it sufficed (median)", "calls after")
     for agent in sorted({found.key.agent for found in chosen}):
         counts = evidence_counts([found for found in chosen if found.key.agent == agent], verdicts)

@@ -1,4 +1,4 @@
-"""`physment-eval export`: a run in the formats of other programs."""
+"""`physment-eval export`: converts a run to the formats of other programs."""
 
 import argparse
 from pathlib import Path

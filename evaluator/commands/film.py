@@ -1,4 +1,4 @@
-"""`physment-eval film`: films of stored episodes for the report."""
+"""`physment-eval film`: makes films of stored episodes for the report."""
 
 import argparse
 import functools
@@ -80,7 +80,7 @@ def _film(args: argparse.Namespace) -> int:
 
 
 async def _make(folder: RunFolder, episodes: Sequence[Episode], opens: Opens, *, revealed: bool) -> list[str]:
-    """Make the films that are not there; returns a sentence for each that was refused."""
+    """Make the missing films; returns an error message for each episode that cannot be filmed."""
     hashes, refused = line_hashes(folder), list[str]()
     own_folder(folder.path / FILMS)
     with Progress(console=Console(stderr=True), transient=True) as progress:
@@ -98,7 +98,7 @@ async def _make(folder: RunFolder, episodes: Sequence[Episode], opens: Opens, *,
 
 
 def _is_made(file: Path, record_sha256: str, *, revealed: bool) -> bool:
-    """Whether there is such a film already."""
+    """Whether a valid film of this record exists with the same `revealed` setting."""
     try:
         return read(regular_file(file, MOST_BYTES), record_sha256).revealed == revealed
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What ends every command that plays or grades a run: grades, summary, report, results on the terminal."""
+"""The last step of every command that plays or grades a run: grades, summary, report, results on the terminal."""
 
 import sys
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ def finish(
     """Grade and score a run once; write its grades, summary and report; print the results.
 
     Args:
-        folder: The run.
-        keys: Answer keys of its scenes.
-        console: Where the tables are printed.
-        as_json: Whether the summary is printed to stdout as JSON.
-        wanted: How many episodes the run should have; None if those that it has are all.
-        note: What the seal says; by default the seal is checked.
+        folder: The run folder.
+        keys: Answer keys of the run's scenes.
+        console: Console on which the tables are printed.
+        as_json: Whether to print the summary to stdout as JSON.
+        wanted: Expected number of episodes; None if the run is complete.
+        note: Clause about the seal; by default the seal is checked.
 
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
@@ -58,13 +58,13 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
     """Write the report of one run into its folder.
 
     Args:
-        folder: The run.
-        rows: Its scored episodes.
-        keys: Answer keys of its scenes.
-        seal: What the seal of its records says.
+        folder: The run folder.
+        rows: Scored episodes of the run.
+        keys: Answer keys of the run's scenes.
+        seal: Clause about the seal of the records.
 
     Returns:
-        The file of the page.
+        Path of the page.
 
     Raises:
         StoreError: The folder cannot be read or written.
@@ -78,7 +78,7 @@ def report_on(folder: RunFolder, rows: Sequence[ScoredEpisode], keys: KeyRing, s
 
 
 def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFolder) -> Attachments:
-    """Write the films and frames of a run beside a report, and say what is left out."""
+    """Write the films and frames of a run beside a report, and print which files are left out."""
     found = attached(folder, [row.episode for row in rows], target.path)
     for sentence in found.left_out:
         print(f"physment-eval: {folder.path}: {sentence}", file=sys.stderr)
@@ -86,7 +86,7 @@ def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFol
 
 
 def current_evidence(folder: RunFolder) -> dict[EpisodeKey, EvidenceRecord]:
-    """The stored evidence of a run, without that of episodes that were played again since."""
+    """The stored evidence of a run, without outdated records of episodes that have since been replayed."""
     if not folder.evidence_file.exists():
         return {}
     hashes = line_hashes(folder)

@@ -1,4 +1,4 @@
-"""`physment-eval fork`: lets another agent go on from a turn of stored episodes."""
+"""`physment-eval fork`: lets another agent continue stored episodes from a given turn."""
 
 import argparse
 from pathlib import Path
@@ -108,7 +108,7 @@ def _fork(args: argparse.Namespace) -> int:
 
 
 def _config(args: argparse.Namespace, episodes: list[Episode], stored: Plan, seed_key: SeedKey | None) -> RunConfig:
-    """The configuration of a run that plays what these episodes played."""
+    """The configuration of a run with the same scenes, seeds and budgets as these episodes."""
     keys = [episode.key for episode in episodes]
     try:
         packs = tuple(find_pack(scene, args.scenes_dir) for scene in sorted({key.scene for key in keys}))

@@ -1,4 +1,4 @@
-"""`physment-eval keep-baselines`: the baseline run that ships with the package, from a run folder."""
+"""`physment-eval keep-baselines`: makes the baseline run that ships with the package from a run folder."""
 
 import argparse
 import lzma
@@ -50,7 +50,7 @@ def _keep(args: argparse.Namespace) -> int:
         plan = record.plan.model_copy(update={"scenes": scenes})
         record = record.model_copy(update={"plan": plan, "packs": {**former.packs, **record.packs}})
     order = {agent: place for place, agent in enumerate(record.plan.agents)}
-    # Episodes of one scene have much in common, so they are packed side by side.
+    # Episodes of one scene are similar, so placing them side by side improves the compression.
     kept.sort(key=lambda one: (one.key.scene, order[one.key.agent], one.key.seed))
     keys = KeyRing()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -64,7 +64,7 @@ def _keep(args: argparse.Namespace) -> int:
 
 
 def _check_same(former: RunRecord, record: RunRecord) -> None:
-    """Refuse a run whose episodes cannot stand beside the kept ones."""
+    """Refuse a run whose episodes cannot be combined with the kept ones."""
     for name in ("agents", "budgets", "seeds", "promptings", "protocols"):
         before, now = getattr(former.plan, name), getattr(record.plan, name)
         if before != now:

@@ -1,4 +1,4 @@
-"""`physment-eval merge`: shards of a run, or parts of a study, as one run."""
+"""`physment-eval merge`: merges shards of a run, or parts of a study, into one run."""
 
 import argparse
 from pathlib import Path

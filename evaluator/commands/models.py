@@ -1,4 +1,4 @@
-"""`physment-eval models`: lists language models, and what is missing to ask each of them."""
+"""`physment-eval models`: lists language models and, for each, a missing API key or client library."""
 
 import argparse
 import json
@@ -45,7 +45,7 @@ def _models(args: argparse.Namespace) -> int:
 
 
 def _listing(environ: Mapping[str, str]) -> dict[str, list[dict[str, object]]]:
-    """Presets and providers as data, with the names of environment variables but not their values."""
+    """Presets and providers for JSON output. Contains names of environment variables, never their values."""
     return {
         "presets": [
             {
@@ -97,7 +97,7 @@ def _table(*titles: str) -> Table:
 
 
 def _state(provider: Provider, environ: Mapping[str, str]) -> str:
-    """What is missing, or "nothing"."""
+    """What is missing to use a provider, or "nothing"."""
     return escape("; ".join(missing(provider, environ))) or "[green]nothing[/]"
 
 

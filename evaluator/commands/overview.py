@@ -1,4 +1,4 @@
-"""Which commands exist, and those that other distributions add by entry points."""
+"""The list of commands, and the entry point groups through which other distributions add commands and exports."""
 
 from importlib.metadata import entry_points
 from typing import Any
@@ -45,7 +45,7 @@ Let agents experiment in the PhysMent laboratory over MCP, grade their answers, 
 A run is a folder: run.json, episodes.jsonl, grades.jsonl, summary.json, report.html.
 Exit code: 0 all episodes are recorded, or all scenes are sound; 1 some are not; 2 wrong usage; 130 interrupted.
 """
-"""What `physment-eval --help` and `physment-eval run --help` say first."""
+"""First paragraphs of `physment-eval --help` and `physment-eval run --help`."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("run", "play episodes (the default)"),
@@ -74,27 +74,27 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "replay-original": ("replay_original", ""),
     "keep-baselines": ("keep_baselines", ""),
 }
-"""Command → the module of this folder that declares it by `add`, empty for a plugin, and what it does; nothing if
-`--help` leaves it out, since few people need it."""
+"""Command → its module and its one-line help. The module is in this folder and declares the command in `add`; it is
+empty for a plugin. `--help` omits a command with an empty help text."""
 
 
 COMMANDS_GROUP = "physment_eval.commands"
-"""Group of commands. An entry point is a function that gets the parser of its command, adds options and sets `run`."""
+"""Entry point group of commands. An entry point is a function that adds options to a parser and sets its `run`."""
 EXPORTS_GROUP = "physment_eval.exports"
-"""Group of formats of `export`. An entry point is a function of a folder, the record of a run, and its episodes with
-their grades; it writes files into the folder and returns their paths."""
+"""Entry point group of export formats. An entry point is a function of a folder, the record of a run, and its episodes
+with their grades; it writes files into the folder and returns their paths."""
 
 
 def plugin(group: str, name: str, words: str) -> Any:
-    """The function behind an entry point of one of our plugins, which are in `integrations/`.
+    """Load the entry point of a plugin from `integrations/`.
 
     Args:
-        group: Of the entry point.
-        name: Its name, and that of its folder.
-        words: The command that needs it.
+        group: Group of the entry point.
+        name: Name of the entry point and of the plugin's folder.
+        words: The command that needs the plugin, for error messages.
 
     Raises:
-        UsageError: The plugin is not installed, or cannot be imported.
+        UsageError: The plugin is not installed or cannot be imported.
     """
     for found in entry_points(group=group, name=name):
         try:

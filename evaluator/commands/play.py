@@ -52,7 +52,7 @@ from evaluator.study.selection import parse_scenes
 from scenes import PackFiles, reference_of
 
 _LINGER_S = 1.0
-"""How long the page may take to ask for the verdict [s]."""
+"""Longest time for the page to request the verdict [s]."""
 _LEAVING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -62,13 +62,13 @@ async def play_on_page(
     play: Callable[[PageState], Awaitable[Episode]],
     verdict: Callable[[Episode], str],
 ) -> None:
-    """Serve the page while an episode is played there. Ctrl-C is as if the person left.
+    """Serve the page while a person plays an episode on it. Ctrl-C ends the episode as if the person left the page.
 
     Args:
-        listener: Where the page is served.
-        token: First part of its path.
+        listener: Listening socket on which the page is served.
+        token: First segment of the page's path.
         play: Plays the episode.
-        verdict: Records and grades the episode, and says how it ended; runs in a thread.
+        verdict: Records and grades the episode and returns its result as text; called in a thread.
     """
     page = PageState()
     config = uvicorn.Config(
@@ -82,24 +82,24 @@ async def play_on_page(
         page.end(await anyio.to_thread.run_sync(verdict, episode))
         await page.told(_LINGER_S)
         server.should_exit = True
-        # Open requests of the page end with the server, and the wait for signals with the block.
+        # The server ends open requests when it stops; leaving the block ends the wait for signals.
         await anyio.sleep(0.2)
         tasks.cancel_scope.cancel()
 
 
 async def _leave_when_signalled(page: PageState) -> None:
-    # Windows has no such receiver.
+    # Windows event loops do not support signal receivers.
     with contextlib.suppress(NotImplementedError), anyio.open_signal_receiver(*_LEAVING) as signals:
         async for _ in signals:
             page.leave()
 
 
 class _Server(uvicorn.Server):
-    """Leaves signals to the command, which records an episode before it ends."""
+    """A uvicorn server without signal handlers. The command handles signals, because it first records the episode."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None]:
-        """Nothing."""
+        """Override that installs no handlers."""
         yield
 
 
@@ -157,7 +157,7 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def _finish(folder: RunFolder, keys: KeyRing, console: Console, episode: Episode) -> str:
-    """Record and grade an episode, and say how it ended. One that was left before the first turn leaves nothing."""
+    """Record and grade an episode; returns its result as text. An episode without a turn is not recorded."""
     if episode.outcome is Outcome.AGENT_ERROR and not episode.turns:
         _remove_if_empty(folder)
         console.print("\nNothing was done, and nothing is saved.")
@@ -198,11 +198,11 @@ async def _episode(
     """Let the person play. `run.json` is written only if the person took a turn.
 
     Args:
-        args: The command line.
-        files: The pack.
-        folder: Where the run is recorded.
-        agent: The person.
-        page: Receives what may be seen, if the person sees it; none of it is recorded.
+        args: Parsed command line.
+        files: Pack of the scene.
+        folder: Folder of the run's records.
+        agent: Agent that passes on the person's calls.
+        page: State of the web page, which receives the views; None in the terminal. Views are not recorded.
 
     Raises:
         UsageError: `--server` names no server that can be reached.
@@ -240,7 +240,7 @@ def _remove_if_empty(folder: RunFolder) -> None:
 
 
 def _readline() -> ModuleType | None:
-    """The module for line editing; None if the platform has none."""
+    """The `readline` module; None if the platform has none."""
     try:
         import readline  # noqa: PLC0415 - some platforms have none, and only a terminal needs it
     except ImportError:
@@ -264,11 +264,11 @@ class _Terminal:
             self.editing.parse_and_bind("tab: complete")
 
     def show(self, text: str) -> None:
-        """Show plain text."""
+        """Print plain text."""
         self.console.print(printable(text, keep="\n"), markup=False, highlight=False, soft_wrap=True)
 
     def show_page(self, markdown: str) -> None:
-        """Show a page of Markdown, laid out on a terminal."""
+        """Print Markdown, rendered if the output is a terminal."""
         text = printable(markdown, keep="\n")
         if self.console.is_terminal:
             self.console.print(Markdown(text))
@@ -276,7 +276,7 @@ class _Terminal:
             self.show(text)
 
     def ask(self, prompt: str, words: Sequence[str]) -> str:
-        """Ask for a line. Ctrl-C raises KeyboardInterrupt meanwhile, which the event loop would prevent."""
+        """Read a line. Meanwhile Ctrl-C raises KeyboardInterrupt, which the handler of the event loop would prevent."""
         self.words = words
         previous = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
@@ -285,6 +285,6 @@ class _Terminal:
             signal.signal(signal.SIGINT, previous)
 
     def complete(self, text: str, state: int) -> str | None:
-        """Completion number `state` of a word, as readline asks for it."""
+        """Completer for readline: the completion number `state` of a word."""
         matching = [word for word in self.words if word.startswith(text)]
         return f"{matching[state]} " if state < len(matching) else None

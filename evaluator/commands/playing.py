@@ -1,4 +1,4 @@
-"""Plays a run that is ready, grades it and writes its report: for `run` and `fork`."""
+"""Plays a prepared run, grades it and writes its report. Used by `run` and `fork`."""
 
 import contextlib
 import functools
@@ -41,7 +41,7 @@ class PreparedRun:
     participants: Mapping[str, Participant]
     plan: Plan
     keys: list[EpisodeKey]
-    """The episodes of this shard."""
+    """Keys of the episodes of this shard."""
     folder: RunFolder
     answers: KeyRing
     meter: Meter
@@ -51,7 +51,7 @@ class PreparedRun:
 
 
 def play_run(run: PreparedRun) -> int:
-    """Play what is missing, grade it and write the report; returns the exit code."""
+    """Play the missing episodes, grade the run and write the report; returns the exit code."""
     config, folder = run.config, run.folder
     continuation = f"to continue, give the same options with --out {config.out or folder.path} --resume"
     try:
@@ -65,11 +65,11 @@ def play_run(run: PreparedRun) -> int:
 
 
 def create_folder(config: RunConfig, participants: Mapping[str, Participant]) -> RunFolder:
-    """The folder of a run that starts or goes on.
+    """Create the folder of a new run, or open that of a resumed one.
 
     Raises:
-        UsageError: A folder must be named and is not.
-        StoreError: It cannot be written, or holds a run already.
+        UsageError: `--out` is required and missing.
+        StoreError: The folder cannot be written, or holds a run already.
     """
     shard = config.shard
     if config.resume and config.out is None:
@@ -85,13 +85,13 @@ def create_folder(config: RunConfig, participants: Mapping[str, Participant]) ->
 
 
 def _play(run: PreparedRun) -> str:
-    """Play what is missing.
+    """Play the missing episodes.
 
     Returns:
-        Why some episodes were left out, as a clause; empty if none were.
+        Why some episodes were not played, as a clause; empty if all were.
     """
     try:
-        # A malformed pack or a missing key must show now, and not after hours of play.
+        # Report a malformed pack or a missing answer key now, not after hours of play.
         for scene, seed in dict.fromkeys((key.scene, key.seed) for key in run.keys):
             run.answers.key(scene, seed)
         return run_async(functools.partial(_play_missing, run))
@@ -140,19 +140,19 @@ async def _play_missing(run: PreparedRun) -> str:
 
 
 def _redaction(laboratory: EpisodeConnector) -> Redaction:
-    """Takes the keys of providers and the token of the host out of all records."""
+    """The redaction of all records: API keys of the providers and the token of the host."""
     token = laboratory.token if isinstance(laboratory, HostConnector) else None
     return Redaction.of(os.environ, {"host token": token} if token else {})
 
 
 def _seal(folder: RunFolder, sealing: Sealing, console: Console) -> None:
-    """Write the seal, and print it for the operator to keep."""
+    """Write the seal, and print it so that the operator can store it elsewhere."""
     folder.write_seal(sealing.seal)
     console.print(sealing.sentence(), highlight=False, soft_wrap=True)
 
 
 async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
-    """The record of this start. Asking the server for its part shows early whether there is one."""
+    """Create the record of this start. This queries the server, so an unreachable server fails early."""
     plan, shard = run.plan, run.config.shard
     try:
         async with laboratory.open(plan.scenes[0], plan.seeds[0]) as client:
@@ -168,7 +168,7 @@ async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
 
 @contextlib.asynccontextmanager
 async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunRecord) -> AsyncGenerator[Play]:
-    """What plays the episodes, as `--executor` and `--workers` say."""
+    """The function that plays an episode: in this process or on workers, according to `--executor` and `--workers`."""
     config = run.config
     count = config.workers or usual_workers(config, len(run.keys))
     if config.executor == "local" and count == 1:
@@ -180,10 +180,10 @@ async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunR
 
 
 def _continued(folder: RunFolder, record: RunRecord, packs: Sequence[PackFiles]) -> RunRecord:
-    """The record to write: that of a new run, or the stored one with this start added.
+    """The record to write: the given one for a new run, or the stored one with this start added.
 
     Raises:
-        UsageError: The stored run has another plan, agents, packs or shard, so the results would not belong together.
+        UsageError: The stored run has another plan, agents, packs or shard, so the results could not be combined.
     """
     if not folder.run_file.exists():
         return record

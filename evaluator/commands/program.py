@@ -1,7 +1,7 @@
 """Command line of the evaluator: study files, signals, and exit codes for the errors of commands.
 
-Modules of the evaluator except `errors` are imported inside functions, and of the commands only the one that is asked
-for, so that `--help` answers at once.
+All modules of the evaluator except `errors` are imported inside functions, and only the module of the requested command
+is imported, so that `--help` is fast.
 """
 
 import argparse
@@ -22,18 +22,18 @@ from evaluator.errors import UsageError, reason_of
 from physment_mcp.contract.command_line import SentenceParser, did_you_mean, restore_sigint
 
 _OPEN_FILES = 65_536
-"""Connections and files that may be open at a time, if the system allows it."""
+"""Soft limit of open files and connections to request, if the system allows it."""
 _SIGNS = [sign for name in ("SIGINT", "SIGTERM", "SIGHUP") if (sign := getattr(signal, name, None)) is not None]
-"""Signals that end the program; Windows has no SIGHUP. SIGINT is first, because the others pass for it."""
+"""Signals that end the program; Windows has no SIGHUP. SIGINT is first, because the others get its handler."""
 
 
 def make_room() -> None:
-    """Prepare this process for hundreds of open episodes, each with a connection and many long-lived objects."""
+    """Raise GC thresholds and the limit of open files, for hundreds of open episodes."""
     # With the default thresholds, searching these objects for cycles took a third of the processor time of 500
     # episodes.
     gc.set_threshold(10_000, 20, 20)
     if find_spec("resource") is None:
-        return  # Windows has no such limit
+        return  # Windows has no limit of open files to raise
     import resource  # noqa: PLC0415
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -44,13 +44,12 @@ def make_room() -> None:
 
 
 def end_in_order() -> None:
-    """End at SIGTERM and SIGHUP as at Ctrl-C: what was started is ended, and every finished episode is on disk.
+    """Handle SIGTERM and SIGHUP like Ctrl-C: stop child processes and keep every finished episode on disk.
 
-    Until it is called, these signals end the process without a word, because nothing has begun: an exception that a
-    signal raises while modules are loaded may end anywhere. pydantic, as it builds a model, and an extension in C, as
-    it starts, put an error of their own in its place.
+    Before this call, these signals end the process silently. A KeyboardInterrupt raised while modules are imported is
+    unreliable: pydantic, while it builds a model, and C extensions, while they initialise, replace it by other errors.
 
-    A signal that is ignored, as HUP is under `nohup`, stays ignored.
+    An ignored signal, such as SIGHUP under `nohup`, stays ignored.
     """
     restore_sigint()
     for sign in _SIGNS[1:]:
@@ -59,14 +58,14 @@ def end_in_order() -> None:
 
 
 def end_at_once() -> None:
-    """Let these signals end the process without a word again: all is done, and only Python has to end."""
+    """Restore the default actions of these signals, because the work is done and only the interpreter has to exit."""
     for sign in reversed(_SIGNS):
         if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
             signal.signal(sign, signal.SIG_DFL)
 
 
 def _interrupt(_sign: int, _frame: FrameType | None) -> None:
-    # A script that starts this program in its background has SIGINT ignored; TERM must end the program even so.
+    # SIGINT is ignored if a script starts this program in the background; SIGTERM must end the program even then.
     if signal.getsignal(signal.SIGINT) in {signal.SIG_IGN, None}:
         raise KeyboardInterrupt
     signal.raise_signal(signal.SIGINT)
@@ -76,11 +75,11 @@ Scalar = str | int | float | bool
 
 
 RENAMED = {"--trust-edited": "--allow-modified", "--home-from": "--home-template"}
-"""Options of version 0.1 → their names since 0.2. Version 0.3 will not know the old ones."""
+"""Option of version 0.1 → its name since 0.2. Version 0.3 will not accept the old names."""
 
 
 def with_new_names(words: Sequence[str], note: Callable[[str], None]) -> list[str]:
-    """Replace old names of options, up to the words after `--`; `note` gets a sentence for each."""
+    """Replace old names of options before `--`; `note` is called with a sentence for each."""
     found: list[str] = []
     for at, word in enumerate(words):
         if word == "--":
@@ -124,7 +123,7 @@ def with_config(words: Sequence[str], options: Collection[str]) -> list[str]:
         option = f"--{key.replace('_', '-')}"
         if option not in {*options, *RENAMED} or option == "--config":
             raise UsageError(f"{file}: there is no option {key!r}; see physment-eval run --help")
-        # Skip options of the command line: an option that may be repeated would get both values.
+        # Skip options that the command line sets: a repeatable option would get the values of both.
         if option not in given:
             from_file += _words(option, content, file)
     return from_file + rest
@@ -168,7 +167,7 @@ def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: 
 
     Args:
         argv: Words of the command line; default: those of this process.
-        begin: Called when the modules of the command are loaded, before it does anything.
+        begin: Called after the modules of the command are imported and before the command runs.
     """
     from evaluator.errors import InfrastructureError, StoreError  # noqa: PLC0415
 
@@ -187,11 +186,11 @@ def main(argv: Sequence[str] | None = None, begin: Callable[[], None] = lambda: 
 
 
 def parsed(argv: Sequence[str]) -> argparse.Namespace:
-    """The options of a command line; its `run` executes the command.
+    """Parse a command line. The attribute `run` of the result executes the command.
 
     Raises:
-        UsageError: The command line is wrong, or the study file that it names cannot be used.
-        SystemExit: The command line asks for help or the version.
+        UsageError: The command line is invalid, or its study file cannot be used.
+        SystemExit: The command line requests help or the version.
     """
     from evaluator.commands.overview import COMMANDS  # noqa: PLC0415
 
@@ -211,11 +210,11 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
-    """The command line as far as a command needs it, and the parsers of its commands by name.
+    """Build the parser for one command; returns it and the parsers of all commands by name.
 
     Args:
-        command: Name of a command, of which alone the module is loaded. With any other word the commands have no
-            options, which is enough to list them.
+        command: Name of the command, whose module alone is imported. The other commands have no options. With any other
+            word no module is imported, which is enough to list the commands.
 
     Raises:
         UsageError: The command belongs to a plugin that is not installed.

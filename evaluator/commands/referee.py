@@ -1,4 +1,4 @@
-"""`physment-eval referee`: opens episodes for a trainer over HTTP, and says after their end what each was worth."""
+"""`physment-eval referee`: an HTTP service that opens episodes for a trainer and returns their rewards."""
 
 import argparse
 import contextlib
@@ -35,9 +35,9 @@ from scenes.splits import HELD_BACK
 from scenes.worlds.folders import levels_of, worlds_of
 
 _KEEP_ALIVE_S = 60
-"""How long an idle connection is kept [s]."""
+"""Keep-alive timeout of idle connections [s]."""
 _MORE_CONNECTIONS = 100
-"""Open connections besides two for each episode; beyond them the answer is 503."""
+"""Allowed connections besides two per episode. Further requests are answered with status 503."""
 _DESCRIPTION = """\
 Open episodes for a trainer, and say after the end of each what it was worth. The answer keys stay in this process.
 
@@ -128,10 +128,10 @@ def _referee(args: argparse.Namespace) -> int:
 
 
 def _token(args: argparse.Namespace) -> str | None:
-    """The token of the referee; None if it needs none.
+    """Read the bearer token of the referee; None if it serves without one.
 
     Raises:
-        UsageError: It needs one, or the variable holds none.
+        UsageError: A token is required and missing, or the environment variable is empty.
     """
     if args.token_env is None:
         if is_loopback(args.host):
@@ -171,11 +171,11 @@ async def _serve(
                 timeout_keep_alive=_KEEP_ALIVE_S,
             )
             await uvicorn.Server(config).serve(sockets=[listener])
-            await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect
+            await anyio.lowlevel.checkpoint()  # raises the cancellation by the signal that ended the server
 
 
 def _any_scene(packs: list[PackFiles], scenes_dir: Path | None) -> int:
-    """A scene that the host can open."""
+    """Id of a scene that the host can open."""
     folder = scenes_dir or default_folder()
     worlds = (record.scene_id for level in levels_of(folder) for record in worlds_of(folder, level))
     found = packs[0].scene_id if packs else next(worlds, None)
@@ -188,7 +188,7 @@ def _any_scene(packs: list[PackFiles], scenes_dir: Path | None) -> int:
 async def _refereeing(
     args: argparse.Namespace, packs: list[PackFiles], seed_key: SeedKey | None, host: HostConnector
 ) -> AsyncGenerator[Referee]:
-    """A referee, and at its end the record of the run and its seal.
+    """Create the referee; on exit, write the record of the run and its seal.
 
     Raises:
         UsageError: The host cannot be used.

@@ -1,4 +1,4 @@
-"""`physment-eval replay`: plays recorded episodes again and lists every difference."""
+"""`physment-eval replay`: repeats the calls of recorded episodes and lists every difference in the results."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ the record, fields that they did not return then are counted, and not compared.
 Exit code: 0 all returns are the same; 1 some are not, or an episode could not be played.
 """
 _SHOWN = 100
-"""Most rows of the table; --json prints all differences."""
+"""Largest number of rows of the table; --json prints all differences."""
 _WIDTH = 48
 
 
@@ -60,7 +60,7 @@ def _replay(args: argparse.Namespace) -> int:
     agent, folder = load_recorded(args.folder), RunFolder(args.folder)
     record = folder.read_run() if folder.run_file.exists() else None
     contracts = record.tool_contracts() if record else frozenset[str]()
-    if record and args.server in {"host", "stdio"}:  # what another laboratory serves is not known here
+    if record and args.server in {"host", "stdio"}:  # the packs of other servers are unknown
         refuse_other_worlds(record, args.scenes_dir)
     seed_of = seeds_of(folder, args.seed_key)
 

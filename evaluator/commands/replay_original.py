@@ -1,4 +1,4 @@
-"""`physment-eval replay-original`: plays the authors' published logs with our parser, tools and grader."""
+"""`physment-eval replay-original`: replays the authors' published logs with this project's parser, tools and grader."""
 
 import argparse
 import json
@@ -113,7 +113,7 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace, logs: Sequence[LoggedEpisode], played: Sequence[PlayedLog]) -> int:
-    """Compare, write, print; returns the exit code."""
+    """Compare the replays with the logs, write and print the comparison; returns the exit code."""
     compared = [compare(log) for log in played]
     tables = markdown(rows(compared))
     if args.out is not None:

@@ -1,4 +1,4 @@
-"""`physment-eval report`: one or several graded runs as a page, as tables, as figures."""
+"""`physment-eval report`: writes the report of one or several graded runs as a page, tables or figures."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -104,7 +104,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The name of each folder; its path if two folders share a name."""
+    """The name of each folder, or its path if two folders have the same name."""
     short = [path.resolve().name for path in folders]
     return short if len(set(short)) == len(short) else [str(path) for path in folders]
 
@@ -118,7 +118,7 @@ def _refuse_missing(ring: KeyRing) -> None:
 
 
 def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing]) -> KeyRing:
-    """The keys for a run: those of the folder with most of the packs that the run played, the first of equals."""
+    """Choose the answer keys for a run: those of the first folder that holds the largest number of its packs."""
     alike = [sum(_is_here(int(scene), stored, ring) for scene, stored in played.items()) for ring in rings]
     return rings[alike.index(max(alike))]
 
@@ -148,7 +148,7 @@ def _paper(target: RunFolder, results: Sequence[AgentResults]) -> list[Path]:
 
 
 def _export(target: RunFolder, results: Sequence[AgentResults], form: str, *, baselines: bool) -> list[Path]:
-    """Write the tables: as one file, or as CSV in one file for each table."""
+    """Write the tables: CSV as one file per table, other formats as a single file."""
     found = tables(results)
     floors = baseline_table(packs_of(results)) if baselines else None
     if floors is not None:

@@ -1,4 +1,4 @@
-"""`physment-eval [run]`: play the matrix, grade it, write the report; `--dry-run` says how large it is."""
+"""`physment-eval [run]`: plays the matrix, grades it and writes the report; `--dry-run` prints an estimate instead."""
 
 import argparse
 import sys
@@ -24,22 +24,22 @@ from evaluator.study.shards import WHOLE, Shard
 from scenes import USUAL_TIMESTEP_S, PackError, PackFiles, default_folder, timestep_of
 
 CHARACTERS_PER_TOKEN = 4
-"""A rule of thumb for English and JSON."""
+"""Characters per token, a rule of thumb for English and JSON."""
 PROMPT_TOKENS = 20_700 // CHARACTERS_PER_TOKEN
-"""26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite). A test checks the sizes."""
+"""Tokens of 26 tool schemas (18,700 characters) and an opening prompt (2,000, mean of the suite); checked by a test."""
 TURN_TOKENS = 2_600 // CHARACTERS_PER_TOKEN
-"""Added to the conversation by each turn: measured on the reference agent, which makes many calls. In the authors'
-logs of models, visible replies and returns were 760 characters a turn. Thoughts are not counted."""
+"""Tokens added to the conversation by each turn, measured on the reference agent, which makes many calls. In the
+authors' logs of models, visible replies and results had 760 characters a turn. Hidden reasoning is not counted."""
 
 
 def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:
-    """The matrix in words, with upper bounds.
+    """Lines that describe the size of a run, with upper bounds of its tokens.
 
     Args:
         plan: The whole matrix.
-        keys: The episodes to be played here.
-        shard: Which part of the matrix these are.
-        concurrency: Episodes at a time.
+        keys: Keys of the episodes of this shard.
+        shard: The part of the matrix to play.
+        concurrency: Number of episodes played at a time.
     """
     sizes = (
         ("scenes", len(plan.scenes)),
@@ -72,7 +72,7 @@ def input_tokens(budget: int) -> int:
 
 
 def add(commands: Commands) -> None:
-    """Declare `run`, the default command, which has the help text of the whole program."""
+    """Declare `run`, the default command. Its help text is that of the whole program."""
     run = commands.add_parser(
         "run",
         description=DESCRIPTION,

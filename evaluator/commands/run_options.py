@@ -1,4 +1,4 @@
-"""The options of `run`: how they are declared, and what they ask for together, a `RunConfig`."""
+"""The command line options of `run`, and their conversion to a `RunConfig`."""
 
 import argparse
 import os
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 
 
 def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.environ) -> RunConfig:
-    """The options that were parsed.
+    """Convert parsed options to a `RunConfig`.
 
     Args:
-        args: Result of the parser that `add_options` was given.
-        environ: Environment variables, in which a scheduler may have left the shard.
+        args: Result of a parser with the options of `add_options`.
+        environ: Environment variables, from which the shard of a scheduler is read.
 
     Raises:
         UsageError: An option is malformed or selects nothing.
@@ -95,7 +95,7 @@ def read_options(args: argparse.Namespace, environ: Mapping[str, str] = os.envir
 
 
 def _selected(args: argparse.Namespace) -> Selected:
-    """The split that is named, with the packs and the seeds that are to be played.
+    """Select the split, packs and seeds to play.
 
     Raises:
         UsageError: An option is malformed, selects nothing or contradicts another one.
@@ -247,10 +247,10 @@ def long_options(run: argparse.ArgumentParser) -> set[str]:
 
 
 def _workers(args: argparse.Namespace) -> int | None:
-    """The number of workers; None if it is left to us.
+    """The number of workers; None for the default.
 
     Raises:
-        UsageError: Workers cannot play what is asked for.
+        UsageError: The other options cannot be combined with workers.
     """
     if args.otel and args.executor == "local":
         if args.workers is not None and args.workers > 1:

@@ -1,4 +1,4 @@
-"""`physment-eval scenes list|show|new|pages`: what scenes there are, what one is, a new one, pages about all."""
+"""`physment-eval scenes list|show|new|pages`: lists scenes, shows one, creates one, writes pages about all."""
 
 import argparse
 import os
@@ -185,7 +185,11 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _totals(states: Mapping[str, Sequence[str]]) -> str:
-    """How many scenes each rung has, and how many of them are sound, from the states of their certificates."""
+    """Format the number of scenes and of certified scenes on each rung.
+
+    Args:
+        states: Rung → states of its scenes' certificates.
+    """
     parts = [
         f"{rung} {len(found)} ({sum(state.startswith('sound') for state in found)} sound)"
         for rung, found in states.items()

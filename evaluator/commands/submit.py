@@ -1,4 +1,4 @@
-"""`physment-eval submit` and `check-submission`: the results of a run in one file, and whether the run gives them."""
+"""`physment-eval submit` and `check-submission`: writes the results of a run to one file, and checks such a file."""
 
 import argparse
 import os

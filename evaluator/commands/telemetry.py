@@ -1,6 +1,6 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUnknownMemberType=false
-"""`--otel`: exports the spans of a run to a collector of OpenTelemetry."""
+"""`--otel`: exports the spans of a run to an OpenTelemetry collector."""
 
 import contextlib
 from collections.abc import Generator
@@ -16,10 +16,10 @@ EXTRA = "physment-mcp[otel]"
 
 
 def require_otel() -> None:
-    """Check that the exporter is installed, without loading it.
+    """Check that the exporter is installed, without importing it.
 
     Raises:
-        UsageError: It is not.
+        UsageError: The exporter is not installed.
     """
     names = ("opentelemetry.sdk", "opentelemetry.exporter.otlp.proto.http")
     try:
@@ -34,9 +34,9 @@ def require_otel() -> None:
 
 @contextlib.contextmanager
 def exporting_spans() -> Generator[None]:
-    """Export spans while the context is open, and send the last ones when it closes.
+    """Export spans while the context is open; flush them when it closes.
 
-    The variables `OTEL_…` of OpenTelemetry say where to, with which headers, and which spans.
+    The `OTEL_…` environment variables of OpenTelemetry configure endpoint, headers and sampling.
     """
     require_otel()
     sdk, export = import_module("opentelemetry.sdk.trace"), import_module("opentelemetry.sdk.trace.export")

@@ -1,4 +1,4 @@
-"""What a run shows in the terminal: its progress with right answers, money and pace, and its results."""
+"""Terminal output of a run: progress with accuracy, cost and pace, and the final results."""
 
 import time
 from collections import Counter
@@ -26,7 +26,7 @@ from scenes import Rung, reference_of
 
 @dataclass(slots=True)
 class Tally:
-    """Grades episodes as they end, for the display only. The verdicts that count are made after the run."""
+    """Grades episodes as they end, for the display only. The recorded verdicts are computed after the run."""
 
     keys: KeyRing
     meter: Meter
@@ -37,7 +37,7 @@ class Tally:
     scored: Counter[str] = field(default_factory=Counter[str])
     """Number of scored episodes of each agent."""
     correct: Counter[str] = field(default_factory=Counter[str])
-    """Number of right episodes of each agent."""
+    """Number of correctly answered episodes of each agent."""
     started: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -52,10 +52,10 @@ class Tally:
         return verdict
 
     def line(self, agent: str) -> str:
-        """The state of the run in a few words.
+        """One line with the state of the run.
 
         Args:
-            agent: Whose right answers are counted. It is named if the run has several agents.
+            agent: Agent whose correct answers are shown. The line names it if the run has several agents.
         """
         minutes = max(self.clock() - self.started, 1e-9) / 60
         named = f"{agent} " if len(self.agents) > 1 else ""
@@ -71,11 +71,11 @@ class Tally:
 
 _MARKS = {Verdict.CORRECT: "[green]✓[/]", Verdict.INCORRECT: "[red]✗[/]", Verdict.UNSCORED: "[yellow]–[/]"}
 _MOST_ROWS = 120
-"""Most episodes of which each has a row in the terminal."""
+"""Largest number of episodes that are listed individually in the terminal."""
 
 
 class ProgressDisplay:
-    """Progress of a run: a bar on a terminal; elsewhere a line for each finished episode."""
+    """Shows the progress of a run: a bar on a terminal, otherwise a line for each finished episode."""
 
     def __init__(self, console: Console, total: int, tally: Tally) -> None:
         self._console = console
@@ -141,7 +141,7 @@ def print_results(console: Console, graded: GradedRun) -> None:
 
 
 def _episode_table(rows: Sequence[ScoredEpisode]) -> Table:
-    """A row for each episode; it names the agent if there are several."""
+    """Table with a row for each episode, and a column of agents if there are several."""
     table = Table(box=None, pad_edge=False)
     several = len({row.key.agent for row in rows}) > 1
     if several:
@@ -168,11 +168,11 @@ def _episode_table(rows: Sequence[ScoredEpisode]) -> Table:
 
 
 def printable(text: str, keep: str = "") -> str:
-    """Text of an agent or a server with its control characters written as escapes, because a terminal obeys them.
+    """Escape the control characters in text of an agent or a server, because terminals interpret them.
 
     Args:
-        text: What they wrote.
-        keep: Control characters that stay as they are.
+        text: Untrusted text.
+        keep: Control characters that are not escaped.
     """
     return "".join(
         character if character.isprintable() or character in keep else character.encode("unicode_escape").decode()
@@ -189,11 +189,11 @@ def _short(answer: JsonValue) -> str:
 
 
 def summary_lines(summary: RunSummary, rows: Iterable[ScoredEpisode]) -> list[str]:
-    """The totals of a run, line by line: of the suite, then of open worlds.
+    """Lines with the totals of a run: first of the suite, then of open worlds.
 
     Args:
-        summary: The numbers of the run.
-        rows: Its episodes, because the summary pools the agents in open worlds.
+        summary: Summary of the run.
+        rows: Scored episodes of the run, needed because the summary pools agents in open worlds.
     """
     lines = _suite_lines(summary) if summary.overall.n or Rung.OPEN not in summary.by_rung else []
     played = [row for row in rows if row.is_open]
@@ -226,7 +226,7 @@ def _outcomes(group: GroupSummary) -> str:
 
 
 def _suite_lines(summary: RunSummary) -> list[str]:
-    """The suite's totals; with several agents a block for each, since their mean means nothing."""
+    """Lines with the totals of the suite, separately for each agent."""
     if len(summary.by_agent) > 1:
         lines = [f"{agent}: {line}" for agent, group in summary.by_agent.items() for line in _group_lines(group)]
         return [*lines, *_curve_lines(summary)]
@@ -262,7 +262,7 @@ def _group_lines(group: GroupSummary) -> list[str]:
 
 
 def _floors(group: GroupSummary) -> str:
-    """Skill and Gated, which an agent that only guesses does not raise, and what such an agent gets."""
+    """Clause with Skill and Gated, and their values for an agent that only guesses."""
     skill = f"Skill {decimal(group.skill)}"
     if group.skill_interval is not None:
         ends = (group.skill_interval.low, group.skill_interval.high)

@@ -1,4 +1,4 @@
-"""`physment-eval verify` and `lint`: is a scene sound, and if not, why not."""
+"""`physment-eval verify` and `lint`: check scenes by simulation, and check scene files statically."""
 
 import argparse
 import os
@@ -57,7 +57,7 @@ since keeps its certificate; --all proves it again. Certificates hold on the ver
 of a second version go into a file of its own, such as certificates-4.0.0.json. Exit code: 0 all sound, 1 some are not.
 """
 _TABLE_WIDTH = 194
-"""Columns that the table of all certificates needs."""
+"""Width of the table of all certificates [characters]."""
 _LINT = """\
 Say what is wrong with scenes without running them: fields, names, permissions, knobs, friction, time step.
 
@@ -225,10 +225,10 @@ def _lint(args: argparse.Namespace) -> int:
 
 
 def _layout(files: PackFiles, *, fix: bool) -> tuple[list[str], list[str]]:
-    """Look at the layout of a pack, or lay it out.
+    """Check the formatting of a pack's files, or reformat them.
 
     Returns:
-        The fault, if it was to be laid out and cannot be; and a note for each file that was not laid out before.
+        Faults, if the files cannot be reformatted; and a note for each file that was not formatted.
     """
     try:
         found = lay_out(files) if fix else not_laid_out(files)

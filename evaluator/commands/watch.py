@@ -66,10 +66,10 @@ def _watch(args: argparse.Namespace) -> int:
         try:
             run_async(functools.partial(_serve, uvicorn.Server(config), listener))
         except KeyboardInterrupt:
-            return 0  # the usual end
+            return 0  # Ctrl-C is the normal way to stop
     return 0
 
 
 async def _serve(server: uvicorn.Server, listener: socket.socket) -> None:
     await server.serve(sockets=[listener])
-    await anyio.lowlevel.checkpoint()  # where the signal that ended the server takes effect
+    await anyio.lowlevel.checkpoint()  # raises the cancellation by the signal that ended the server

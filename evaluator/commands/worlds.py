@@ -1,4 +1,4 @@
-"""`physment-eval worlds make|show|verify|publish`: laboratories that are drawn from a grammar of laws."""
+"""`physment-eval worlds make|show|verify|publish`: generated laboratories, drawn from a grammar of laws."""
 
 import argparse
 import functools
@@ -136,7 +136,7 @@ def _make(args: argparse.Namespace) -> int:
     orders = [WorldOrder(level, _difficulty(level, args.set), secret) for level in args.level]
     unmade: list[str] = []
     try:
-        args.out.mkdir(mode=0o700, parents=True, exist_ok=True)  # other users, such as those of agents, read no keys
+        args.out.mkdir(mode=0o700, parents=True, exist_ok=True)  # keeps answer keys from other users
         with locked(args.out):
             for order in orders:
                 unmade += _make_level(args, order)
@@ -150,7 +150,7 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _make_level(args: argparse.Namespace, order: WorldOrder) -> list[str]:
-    """Make the missing worlds of a level; returns a sentence for each that could not be made."""
+    """Make the missing worlds of a level; returns an error message for each that could not be made."""
     from evaluator.certify.worlds import Made, Unmade, make_worlds  # noqa: PLC0415 - only this needs the engine
 
     refusals, unmade, console, started = Counter[str](), list[str](), wide_console(), time.monotonic()
@@ -162,7 +162,7 @@ def _make_level(args: argparse.Namespace, order: WorldOrder) -> list[str]:
             if isinstance(found, Unmade):
                 unmade.append(f"world:{order.level}:{found.index}: {found.reason}")
             else:
-                # The record comes last: a world without one is made again.
+                # The record is written last: a world without one counts as incomplete and is made again.
                 append_line(keys, as_line(found.certificate).encode())
                 append_line(lines, as_line(found.record).encode())
                 refusals.update(found.refusals)
@@ -202,7 +202,7 @@ def _secret(file: Path) -> str:
 
 
 def _with_bar(console: Console, what: str, total: int, work: Callable[[Callable[[], None]], None]) -> None:
-    """Run work that advances a progress bar, which is shown in a terminal alone."""
+    """Run work that advances a progress bar. The bar is shown only on a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     columns = (*columns, TimeRemainingColumn(), TextColumn("{task.fields[rate]}"))
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
@@ -260,7 +260,7 @@ def _verify(args: argparse.Namespace) -> int:
 def _faults(
     console: Console, level: int, worlds: list[tuple[WorldRecord, Certificate]], workers: int
 ) -> dict[int, str]:
-    """What is wrong with worlds, by their indexes."""
+    """Index of each faulty world → its fault."""
     from evaluator.certify.worlds import faults_of  # noqa: PLC0415 - only this command needs the engine
 
     faults: dict[int, str] = {}
@@ -278,7 +278,7 @@ def _faults(
 
 
 def _certified(folder: Path, level: int) -> tuple[list[tuple[WorldRecord, Certificate]], list[int]]:
-    """Worlds with their certificates, and indexes of those without."""
+    """The certified worlds of a level with their certificates, and the indexes of worlds without one."""
     try:
         keys = {one.index: one for one in read_certificates(folder, level)}
         records = list(read_records(folder, level))

@@ -1,1 +1,1 @@
-"""What is recorded of episodes and runs, as frozen records, and the key of held-back seeds."""
+"""Frozen records of episodes and runs, and the key of held-back seeds."""

@@ -12,8 +12,8 @@ DECIDING = ("plan", "worlds", "packs", "agents", "forked_from")
 """Fields of `run.json` that two runs must share for their episodes to belong together."""
 
 SEED_SHIFT = 1_000_000
-"""Between the seeds of one repetition of an agent with seeds of its own and those of the next. Above every seed of a
-split, so that a repetition never meets the seeds of another split."""
+"""Offset added to the seeds of each further repetition of an agent in `Plan.own_seeds`. It is above every seed of a
+split, so that a repetition never uses the seeds of another split."""
 
 
 def _is_text(observations: object) -> bool:

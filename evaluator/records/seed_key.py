@@ -1,7 +1,7 @@
-"""Held-back seeds: a keyed hash gives the seeds, so that whoever lacks the key can neither know nor prepare for them.
+"""Held-back seeds: a keyed hash derives the seeds, so that they are unknown without the key.
 
-Records hold the number of a variant (0, 1, 2, …) in the place of its seed, and a commitment to the key. The key turns
-the number into the seed where a session is opened and where an answer key is computed, and nowhere else.
+Records hold the number of a variant (0, 1, 2, …) in place of its seed, and a commitment to the key. The seed is derived
+from the number and the key only where a session is opened and where an answer key is computed.
 """
 
 import hashlib
@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 SeedOf = Callable[[int, int], int]
-"""Scene and recorded seed → the seed that the variant is drawn from."""
+"""Function of a scene id and a recorded seed that returns the seed that the variant is drawn from."""
 
 _DIGITS = 64
 _PURPOSE = b"physment held-back seeds 1: "
-"""Makes commitment and seeds differ from other uses of the same key."""
+"""Prefix that separates commitment and seeds from other uses of the same key (domain separation)."""
 
 
 def seed_as_recorded(scene: int, seed: int) -> int:
@@ -35,7 +35,7 @@ class SeedKey:
         """Read the content of a key file.
 
         Raises:
-            ValueError: It is not 64 hexadecimal digits. Fewer could be found by trying.
+            ValueError: The text is not 64 hexadecimal digits. A shorter key could be found by brute force.
         """
         if not re.fullmatch(rf"[0-9a-fA-F]{{{_DIGITS}}}", text.strip()):
             raise ValueError(f"it must hold {_DIGITS} hexadecimal digits and nothing else")
@@ -48,9 +48,9 @@ class SeedKey:
 
     @property
     def commitment(self) -> str:
-        """What binds a publisher to the key without disclosing it: SHA-256 of a fixed text and the key.
+        """A commitment to the key that does not disclose it: SHA-256 of a fixed prefix and the key.
 
-        The same key gives the same commitment, so that runs on the same held-back seeds are known to be comparable.
-        A random salt would add nothing: 256 random bits cannot be found by trying.
+        Equal keys give equal commitments, so runs on the same held-back seeds can be recognised as comparable. No salt
+        is needed, because a key of 256 random bits cannot be found by brute force.
         """
         return hashlib.sha256(_PURPOSE + self.secret).hexdigest()

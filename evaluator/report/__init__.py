@@ -1,1 +1,1 @@
-"""From scores and records to pages, tables and figures for people. Computes no scores."""
+"""Reports: HTML pages, tables and figures made from scores and records. Computes no scores."""

@@ -1,4 +1,4 @@
-"""The results of each agent of some runs, and beside them those printed in the paper, on other scenes than ours."""
+"""The results of each agent in one or several runs, and the results printed in the paper, which uses other scenes."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ CATEGORIES = {
     "hard-multi-hidden": "Hard Multi + Hid.",
     "create-delete-attach": "Create / Del. / Att.",
 }
-"""Our category → the paper's name of it, in the order of its heat map."""
+"""Category → its name in the paper, in the order of the paper's heat map."""
 
 
 class Quoted(NamedTuple):
@@ -106,7 +106,7 @@ PAPER = (
         (72.2, 55.0, 50.0, 15.0, 50.0, 40.0, 45.0, 50.0, 80.0, 58.3, 70.0, 50.0, 56.8),
     ),
 )
-"""All models of the paper, after the authors re-graded by rules of their own."""
+"""Results of all models in the paper, after the authors' re-grading by their own rules."""
 
 REGRADED = {
     "equivalent_object_notation": (15, 5),
@@ -114,30 +114,30 @@ REGRADED = {
     "conceptual_description": (63, 11),
     "partial_answer_format": (37, 7),
 }
-"""Class of normalisation → re-graded cases and their scenes."""
+"""Class of normalisation → number of re-graded cases in the paper and number of scenes with such cases."""
 
 
 _ATTACKERS = ("attacker:sweep", "attacker:glance", "attacker:proportional")
 _BASELINES = ("reference", "random", "blind", "constant", "batch", *_ATTACKERS)
-"""Agents that measure the suite and not an ability, in the order in which every table ends with them."""
+"""Baseline agents, which characterise the suite. Every table lists them last, in this order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A graded run, as reports read it."""
+    """A graded run, as input of a report."""
 
     name: str
-    """Name of its folder, or the path where two runs share a name."""
+    """Name of the run folder, or its path if two runs have the same name."""
     record: RunRecord
     rows: Sequence[ScoredEpisode]
     pictures: Mapping[int, bytes]
-    """Scene → PNG of its start; scenes without a picture are left out."""
+    """Scene → PNG image of its start state; scenes without an image are omitted."""
     attachments: Attachments = NOTHING
-    """Its films and frames beside the page of the report."""
+    """Films and frames of the run that were written beside the page of the report."""
     seal: str = ""
-    """What the seal of its records says; empty if it was not asked."""
+    """Clause about the seal of the run's records; empty if the seal was not checked."""
     evidence: Mapping[EpisodeKey, EvidenceRecord] = field(default_factory=dict[EpisodeKey, EvidenceRecord])
-    """What its experiments could tell, as far as it was measured."""
+    """Evidence of its episodes, where it was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,35 +149,35 @@ class AgentResults:
     run: Run
     agent: str
     suite: Sequence[ScoredEpisode]
-    """Its episodes in all scenes but open worlds; the tables are about these unless they say otherwise."""
+    """Scored episodes in all scenes except open worlds. Tables use these unless they say otherwise."""
     open_worlds: Sequence[ScoredEpisode]
     summary: RunSummary
     spending: Spending
-    """Of its episodes in the suite."""
+    """Cost and effort of its episodes in the suite."""
 
     @property
     def rows(self) -> Sequence[ScoredEpisode]:
-        """All its episodes."""
+        """All scored episodes of the agent, open worlds included."""
         return [*self.suite, *self.open_worlds]
 
     @property
     def is_baseline(self) -> bool:
-        """Whether the agent is a baseline, which says something about the suite and nothing about an ability."""
+        """Whether the agent is a baseline, which characterises the suite and is not under test."""
         return _rank(self.agent) < len(_BASELINES)
 
     @property
     def is_unsealed(self) -> bool:
-        """Whether the agent could have known more than it measured in some of its episodes."""
+        """Whether the agent could have had information other than its measurements in some episode."""
         return any(row.episode.unsealed is not None for row in self.rows)
 
     @property
     def whole(self) -> GroupSummary:
-        """Its numbers in the suite, over all budgets."""
+        """Summary of its episodes in the suite, over all budgets."""
         return self.summary.overall
 
 
 def agent_results(runs: Sequence[Run]) -> list[AgentResults]:
-    """The results in some runs: agents under test by name, then the baselines."""
+    """Collect the results of all agents in runs: agents under test by name, then the baselines."""
     found: defaultdict[tuple[int, str, str, str], list[ScoredEpisode]] = defaultdict(list)
     for index, run in enumerate(runs):
         for row in run.rows:
@@ -188,7 +188,7 @@ def agent_results(runs: Sequence[Run]) -> list[AgentResults]:
 
 
 def packs_of(results: Sequence[AgentResults]) -> Mapping[str, str]:
-    """Scene → hash of the content of its pack, for the scenes of the suite that some agents played."""
+    """Scene → hash of its pack's content, for the scenes of the suite that these agents played."""
     return {
         str(row.key.scene): content_hash_of(row.episode.versions.pack) for result in results for row in result.suite
     }
@@ -200,13 +200,13 @@ def _results(label: str, run: Run, agent: str, rows: Sequence[ScoredEpisode]) ->
 
 
 def _rank(agent: str) -> int:
-    """Index of the baseline that an agent is; the number of baselines if it is none."""
+    """Sort key of an agent: its index among the baselines, or a larger number if it is not a baseline."""
     names = (index for index, name in enumerate(_BASELINES) if agent == name or agent.startswith(f"{name}-"))
     return next(names, len(_BASELINES))
 
 
 def _labels(keys: Sequence[tuple[int, str, str, str]], runs: Sequence[Run]) -> Mapping[tuple[int, str, str, str], str]:
-    """The agent's name, with each of prompting, protocol and run in which another agent of that name differs."""
+    """Label of each column: the agent's name, with prompting, protocol and run where these differ between columns."""
     labels: dict[tuple[int, str, str, str], str] = {}
     for key in keys:
         namesakes = [other for other in keys if other[1] == key[1] and other != key]

@@ -1,7 +1,7 @@
-"""What goes with the page of a report: films and frames of run folders, checked and written anew beside it.
+"""Attachments of a report: films and frames of run folders, validated and written beside the page.
 
-A run folder may come from a stranger. Nothing in it is copied as it is: a film is read as a record, and a frame must be
-a PNG file with the hash that its name tells. What fails is left out, with a sentence. No link is followed in writing.
+A run folder is untrusted input. A film is parsed as a record and serialised again; a frame must be a PNG file whose
+hash is its name. A file that fails is left out, and the report says so. Writing follows no symbolic links.
 """
 
 import hashlib
@@ -21,33 +21,33 @@ from evaluator.report.film_record import MOST_BYTES, read, written
 from evaluator.store.run_folder import RunFolder
 
 FILMS = "films"
-"""Folder for the films, in the folder of their run and beside the page of a report."""
+"""Name of the folder of films, in a run folder and beside the page of a report."""
 FRAMES = "frames"
-"""Folder for the frames, likewise."""
+"""Name of the folder of frames, in a run folder and beside the page of a report."""
 PLAYER = "film.js"
-"""The script that plays films, beside the page of a report and in this package. Built from `viewer/`."""
+"""Name of the script that plays films, in this package and beside the page of a report. Built from `viewer/`."""
 _MOST_FRAME_BYTES = 4_000_000
 _PLAIN = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 class Attachments(NamedTuple):
-    """What a run adds beside the page."""
+    """Files of a run that were written beside the page."""
 
     films: Mapping[EpisodeKey, str] = {}
-    """Episodes that have a film → SHA-256 of the record that it shows."""
+    """Episode that has a film → SHA-256 of the record that the film shows."""
     frames: frozenset[str] = frozenset()
     """Names of the frames."""
     left_out: Sequence[str] = ()
-    """A sentence for each kind of file that the run folder has, or should have, and the report leaves out."""
+    """A sentence for each kind of file that the report leaves out because it is invalid or missing."""
 
 
 NOTHING = Attachments()
-"""Of a run without films and frames."""
+"""Attachments of a run without films and frames."""
 
 
 class _Keyed(BaseModel):
-    """Of the line of an episode, what tells which one it is."""
+    """The part of an episode record that is needed to read its key."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -55,12 +55,12 @@ class _Keyed(BaseModel):
 
 
 def film_file(folder: Path, record_sha256: str) -> Path:
-    """Where the film of a record is, or would be, in a run folder or beside a report."""
+    """Path of the film of a record, in a run folder or beside a report. The file need not exist."""
     return folder / FILMS / film_name(record_sha256)
 
 
 def film_name(record_sha256: str) -> str:
-    """The name of the film of a record. Runs whose episodes have the same key have different records."""
+    """File name of the film of a record. It contains the record's hash, because runs may share episode keys."""
     return f"{record_sha256[:24]}.js"
 
 
@@ -68,9 +68,9 @@ def attached(folder: RunFolder, episodes: Iterable[Episode], target: Path) -> At
     """Write the films and the frames of a run beside the page of a report.
 
     Args:
-        folder: The run.
-        episodes: Its episodes.
-        target: Folder of the report, which may be that of the run.
+        folder: The run folder.
+        episodes: Episodes of the run.
+        target: Folder of the report, which may be the run folder.
 
     Raises:
         StoreError: The records cannot be read, or the folder cannot be written.
@@ -102,7 +102,7 @@ def _films(folder: RunFolder, target: Path) -> tuple[dict[EpisodeKey, str], list
 
 
 def _records(folder: RunFolder) -> dict[EpisodeKey, str]:
-    """SHA-256 of the last line with each key."""
+    """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
     found: dict[EpisodeKey, str] = {}
     for line in folder.episode_lines():
         try:
@@ -135,7 +135,10 @@ def _picture(file: Path, name: str) -> bytes:
 
 
 def _told(folder: str, faults: Mapping[str, str], advice: str = "") -> list[str]:
-    """One sentence about all files that are left out, with the first of them; names may be of a stranger."""
+    """One sentence about all files that are left out, with the first as an example.
+
+    File names are untrusted, so only plain ones are quoted.
+    """
     if not faults:
         return []
     name, reason = min(faults.items())
@@ -149,16 +152,20 @@ def _reason(error: OSError | ValueError) -> str:
 
 
 def regular_file(file: Path, most: int) -> bytes:
-    """The content of a file that is neither a link nor a device nor larger than some bytes.
+    """Read a regular file of limited size.
+
+    Args:
+        file: Path of the file.
+        most: Largest allowed size [bytes].
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is a link, no regular file, or larger.
+        OSError: The file cannot be read.
+        ValueError: It is a symbolic link, not a regular file, or too large.
     """
     kind = file.lstat().st_mode
     if not stat.S_ISREG(kind):
         raise ValueError("it is a link" if stat.S_ISLNK(kind) else "it is no regular file")
-    # It may have become a link or a pipe by now, on which opening would block. Windows has neither flag.
+    # The file may since have been replaced by a link, or by a pipe, on which open blocks. Windows has neither flag.
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with os.fdopen(os.open(file, os.O_RDONLY | flags), "rb") as stream:
         content = stream.read(most + 1)
@@ -168,10 +175,10 @@ def regular_file(file: Path, most: int) -> bytes:
 
 
 def own_folder(folder: Path) -> Path:
-    """A folder that the report writes into; made if missing.
+    """Create a folder that the report writes into, if it is missing, and return it.
 
     Raises:
-        StoreError: It cannot be made, or is a link.
+        StoreError: The folder cannot be created, or is a symbolic link.
     """
     if folder.is_symlink():
         raise StoreError(f"{folder} is a link, and a report writes only into folders of its own; remove it")
@@ -183,10 +190,10 @@ def own_folder(folder: Path) -> Path:
 
 
 def write_anew(file: Path, content: bytes) -> None:
-    """Write a file unless it is there with this content. What stands in its place is removed, not written through.
+    """Write a file unless it exists with this content. An existing file or link at the path is removed first.
 
     Raises:
-        StoreError: It cannot be written.
+        StoreError: The file cannot be written.
     """
     try:
         is_there = not file.is_symlink() and file.is_file() and file.stat().st_size == len(content)
@@ -200,9 +207,9 @@ def write_anew(file: Path, content: bytes) -> None:
 
 
 def write_player(folder: Path) -> None:
-    """Put the player beside the page of a report.
+    """Write the script that plays films beside the page of a report.
 
     Raises:
-        StoreError: It cannot be written.
+        StoreError: The script cannot be written.
     """
     write_anew(folder / PLAYER, (files("evaluator.report") / PLAYER).read_bytes())

@@ -1,7 +1,7 @@
-"""The baseline run that ships with the package: what agents get that do not understand, on the scenes of a report.
+"""The baseline run that ships with the package: results of baseline agents on the scenes of a report.
 
-`episodes.jsonl.xz` and `run.json` are a run folder, compressed; `scores.jsonl.xz` is what reports need of it.
-`physment-eval keep-baselines` writes all three.
+`episodes.jsonl.xz` and `run.json` are a compressed run folder. `scores.jsonl.xz` holds the scores that reports use.
+`physment-eval keep-baselines` writes all three files.
 """
 
 import functools
@@ -22,11 +22,11 @@ from evaluator.statistics.intervals import proportion
 
 FOLDER = Path(__file__).with_name("baseline_run")
 EPISODES, SCORES, RUN = "episodes.jsonl.xz", "scores.jsonl.xz", "run.json"
-"""The files in it."""
+"""Names of the files of the baseline run."""
 
 
 class BaselineScore(Record):
-    """What reports need of an episode of the baseline run."""
+    """The scores of one episode of the baseline run that reports use."""
 
     key: EpisodeKey
     category: str
@@ -36,12 +36,12 @@ class BaselineScore(Record):
 
     @classmethod
     def of(cls, row: ScoredEpisode) -> "BaselineScore":
-        """The scores of an episode, without what it did."""
+        """The scores of an episode, without its turns."""
         return cls(key=row.key, category=row.category, is_correct=row.is_correct, scores=row.scores, chance=row.chance)
 
 
 class BaselineRun(NamedTuple):
-    """The baseline run, as reports read it."""
+    """The record and the scores of the baseline run."""
 
     record: RunRecord
     scores: Sequence[BaselineScore]
@@ -49,10 +49,10 @@ class BaselineRun(NamedTuple):
 
 @functools.cache
 def baseline_run(folder: Path = FOLDER) -> BaselineRun | None:
-    """The baseline run; None if there is none, or if its scores are of another version of scoring.
+    """Read the baseline run; None if it is missing or has another scoring version.
 
     Args:
-        folder: Where its files are.
+        folder: Folder of the files.
     """
     if not (folder / RUN).is_file():
         return None
@@ -64,21 +64,21 @@ def baseline_run(folder: Path = FOLDER) -> BaselineRun | None:
 
 
 def write_scores(file: Path, rows: Iterable[ScoredEpisode]) -> None:
-    """Write what reports need of the baseline run: the version of scoring, then a line for each episode."""
+    """Write the compressed scores of the baseline run: the scoring version, then a line for each episode."""
     lines = [str(SCORING_VERSION), *(BaselineScore.of(row).model_dump_json() for row in rows)]
     file.write_bytes(packed("\n".join(lines).encode()))
 
 
 def packed(content: bytes) -> bytes:
-    """Content, compressed as small as may be."""
+    """Compress content with xz at the highest compression level."""
     return lzma.compress(content, preset=9 | lzma.PRESET_EXTREME)
 
 
 def baseline_table(packs: Mapping[str, str], run: BaselineRun | None = None) -> Table | None:
-    """The baselines on the scenes of a report; None if no scene has the pack that they were played on.
+    """Table of the baselines on the scenes of a report; None if the baseline run used other packs for all of them.
 
     Args:
-        packs: Scene → hash of the content of the pack that was played.
+        packs: Scene → hash of the content of the pack that the report's runs played.
         run: The baseline run; by default the one that ships with the package.
     """
     run = run or baseline_run()

@@ -1,6 +1,7 @@
-"""The calls of an episode for a reader: the rows of a table for each turn, and charts of how objects moved.
+"""Tables of an episode's calls, one for each turn, and charts of the motion of objects.
 
-Values keep nine digits and times six. The charts show only values that the agent read, at the times of its readings.
+Values are shown with nine significant digits, times with six. Charts show only values that the agent read, at the times
+of its readings.
 """
 
 import json
@@ -29,13 +30,13 @@ _ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "answer": ("", ""),
     "q": ("", ""),
 }
-"""Argument → what stands before and after its value. Others stand with their names and without a unit."""
+"""Argument → text before and after its value. Other arguments are shown with their names and without a unit."""
 _UNSHOWN = {"name", "rgba"}
-"""Arguments that stand among the ids, or say nothing about the physics."""
+"""Arguments that are shown as object ids, or that have no physical meaning."""
 _FOUND_UNITS = {"size": "m", "radius": "m"}
-"""Units of the fields of found objects that no result has."""
+"""Units of fields that only found objects have."""
 _ASIDE = {"sim_time", "time", "status", "object_id", "name", "steps", "lab_time_left", "calls_left", "results", "rgba"}
-"""Fields that stand elsewhere, in another column or above the table, or say nothing about the physics."""
+"""Fields that are shown in another column or above the table, or that have no physical meaning."""
 
 
 class ShownValue(NamedTuple):
@@ -48,18 +49,18 @@ class ShownValue(NamedTuple):
 
 
 class CallRow(NamedTuple):
-    """One call with its return."""
+    """One call with its result, as a table row."""
 
     number: int
-    """Place in its turn, from 1."""
+    """Number of the call in its turn, from 1."""
     exchange: Exchange
     time: str
-    """Simulated time after the call [s]; empty if it is that of the row before."""
+    """Simulated time after the call [s]; empty if unchanged from the previous row."""
     asked: str
-    """Object and arguments."""
+    """Object and arguments of the call."""
     quantities: Sequence[ShownValue]
     said: str
-    """What was returned besides quantities: a status, or a sentence that says what was wrong."""
+    """The non-numeric part of the result: a status or an error message."""
 
 
 class TurnCalls(NamedTuple):
@@ -71,16 +72,16 @@ class TurnCalls(NamedTuple):
     end: float
     """Simulated time after the last call [s]."""
     left: str
-    """Which lab time and how many calls were left after its last step; empty if no call told it."""
+    """Remaining lab time and calls after the last step; empty if no result contained them."""
 
 
 def is_long(text: str, most: int = 90) -> bool:
-    """Whether a text is folded where at most so many characters are shown."""
+    """Whether a text is longer than `most` characters and therefore collapsed."""
     return len(text) > most
 
 
 def calls_of(turns: Sequence[Turn]) -> list[TurnCalls]:
-    """The calls of all turns of an episode, in order."""
+    """The table rows of all turns of an episode, in order."""
     found: list[TurnCalls] = []
     clock, shown = 0.0, ""
     for turn in turns:
@@ -122,7 +123,7 @@ def _asked(exchange: Exchange) -> str:
 
 
 def _returned(exchange: Exchange) -> tuple[Sequence[ShownValue], str]:
-    """The quantities of a return, and what it said besides."""
+    """The quantities in a result, and its status or error message."""
     if exchange.is_error or not exchange.returned or exchange.content is None:
         return (), exchange.text
     if exchange.call.tool == ANSWER:
@@ -137,7 +138,7 @@ def _returned(exchange: Exchange) -> tuple[Sequence[ShownValue], str]:
 
 
 def _quantities(exchange: Exchange, content: Mapping[str, Any]) -> Iterator[ShownValue]:
-    """The values of a result that are not, unchanged, what was asked for."""
+    """The values in a result, without those that only repeat an argument."""
     if content.keys() >= {"x", "y", "z"}:
         name = exchange.call.tool.removeprefix("get_").removeprefix("compute_")
         vector = [content[axis] for axis in "xyz"]
@@ -150,7 +151,7 @@ def _quantities(exchange: Exchange, content: Mapping[str, Any]) -> Iterator[Show
 
 
 def _read(name: str, value: Any) -> Iterator[ShownValue]:
-    """A field of a result; each object that a search revealed."""
+    """The values in one field of a result; a field with found objects has several."""
     if name == "revealed" and isinstance(value, list):
         yield from _found(cast(list[Any], value))
     else:
@@ -158,7 +159,7 @@ def _read(name: str, value: Any) -> Iterator[ShownValue]:
 
 
 def _found(objects: Sequence[Any]) -> Iterator[ShownValue]:
-    """The objects that a search revealed."""
+    """The values of the objects that a search found."""
     if not objects:
         yield ShownValue("found", "nothing", "")
     for one in objects:
@@ -181,7 +182,7 @@ def _unit(name: str) -> str:
 
 
 def _written(value: Any, digits: int = 9) -> str:
-    """A value in short: numbers with so many digits, vectors and vectors by components in parentheses."""
+    """Format a value: numbers with `digits` significant digits, vectors in parentheses."""
     if isinstance(value, float):
         return f"{value:.{digits}g}"
     if isinstance(value, dict) and value.keys() == {"x", "y", "z"}:
@@ -207,10 +208,10 @@ _READINGS = {
     "get_potential_energy": (("energy", "potential_energy"),),
     "get_rotational_energy": (("energy", "rotational_energy"),),
 }
-"""Tool → quantities, each with the field of its result."""
+"""Tool → pairs of a charted quantity and the field of the tool's result that holds it."""
 _UNITS = {"position": "m", "angle": "rad", "velocity": "m/s", "angular velocity": "rad/s", "energy": "J"}
 _MOST = 6
-"""Most charts of an episode; the objects read most often are chosen."""
+"""Largest number of charts of an episode; the objects read most often are chosen."""
 
 
 class _Reading(NamedTuple):
@@ -222,7 +223,7 @@ class _Reading(NamedTuple):
 
 
 def motion_charts(turns: Sequence[Turn]) -> list[Chart]:
-    """One chart for each object and quantity that changed, for those read most often; sorted by object."""
+    """Charts of the objects and quantities that changed and were read most often, sorted by object."""
     found: defaultdict[tuple[str, str], defaultdict[str, list[Point]]] = defaultdict(lambda: defaultdict(list))
     for reading in _readings(turns):
         found[reading.body, reading.quantity][reading.component].append(Point(reading.time, reading.value))
@@ -243,7 +244,7 @@ def _drawn(body: str, quantity: str, series: dict[str, list[Point]]) -> Chart:
 
 
 def _segments(points: Sequence[Point]) -> Iterator[Sequence[Point]]:
-    """Points in the order of reading, cut where the simulated time went back."""
+    """Split points, in the order of reading, where the simulated time went back."""
     begin = 0
     for index in range(1, len(points)):
         if points[index].x < points[index - 1].x:

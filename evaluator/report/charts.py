@@ -1,7 +1,7 @@
-"""The geometry of small charts: points in, coordinates and ticks out. Knows no episodes.
+"""The layout of small charts: computes coordinates and ticks from points. Knows no episodes.
 
-The page draws these charts as SVG, so they follow its light or dark colours and need no library. Figures for print come
-from matplotlib (`evaluator.report.figures`).
+The page draws these charts as SVG, so they follow its light or dark theme and need no library. Figures for print are
+drawn with matplotlib (`evaluator.report.figures`).
 """
 
 import math
@@ -13,7 +13,7 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 8.0, 22.0
 
 
 class Point(NamedTuple):
-    """A value to plot, and the ends of its interval if it has one."""
+    """A point to plot, with the ends of its interval if it has one."""
 
     x: float
     y: float
@@ -54,7 +54,7 @@ class Line(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Everything that an SVG of a chart needs [px]."""
+    """The layout of a chart for its SVG template; all coordinates in px."""
 
     title: str
     width: float
@@ -77,7 +77,7 @@ def chart(
     """Lay out a chart.
 
     Args:
-        title: Title.
+        title: Title of the chart.
         series: What to plot; together at least one point.
         size: Width and height [px].
         x_ticks: Values to label on the x axis; round values if None.
@@ -106,7 +106,7 @@ def chart(
 
 
 class _Axis(NamedTuple):
-    """Values from `low` to `high`, drawn from `start` to `end` [px]."""
+    """A linear axis that maps values from `low` to `high` to coordinates from `start` to `end` [px]."""
 
     low: float
     high: float
@@ -147,7 +147,7 @@ def ticks(low: float, high: float, most: int = 5) -> list[float]:
 
 
 def _span(low: float, high: float) -> tuple[float, float]:
-    """The ends of an axis; a single value is put in the middle of a short axis."""
+    """The ends of an axis; if all values are equal, an axis of small length around them."""
     if high - low > 1e-9 * max(abs(low), abs(high), 1e-300):
         return low, high
     half = 0.5 * max(abs(low), 1e-3)

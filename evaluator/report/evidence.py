@@ -1,4 +1,4 @@
-"""What reports say of the evidence of episodes: counts by agent, and a curve for each episode."""
+"""Evidence in reports: counts of verdicts for each agent, and a chart for each episode."""
 
 import math
 from collections import Counter
@@ -12,18 +12,18 @@ from evaluator.report.charts import Chart, Point, Series, chart
 from evaluator.report.tables import Cell, Table
 
 _LEAST = 1e-3
-"""Smallest bound of a curve; what is below is drawn there [tolerances]."""
+"""Lower end of the charts; smaller bounds are drawn there [tolerances]."""
 
 
 class EvidenceCounts(NamedTuple):
-    """The evidence of some episodes."""
+    """Counts of the verdicts on evidence over several episodes."""
 
     verdicts: Mapping[EvidenceVerdict, int]
     not_measurable: int
     until: float | None
-    """Median number of calls until the evidence sufficed, of the episodes in which it did; None if it never did."""
+    """Median number of calls until the evidence sufficed, over the episodes in which it did; None if there are none."""
     after: float | None
-    """Median number of calls after that."""
+    """Median number of calls after the evidence sufficed, over the same episodes."""
 
 
 def evidence_counts(records: Sequence[EvidenceRecord], verdicts: Mapping[EpisodeKey, Verdict]) -> EvidenceCounts:
@@ -44,7 +44,7 @@ def evidence_counts(records: Sequence[EvidenceRecord], verdicts: Mapping[Episode
 
 
 def evidence_table(results: Sequence[AgentResults]) -> Table | None:
-    """The verdicts on evidence of each agent; None if none was measured."""
+    """Table of the verdicts on evidence of each agent; None if no evidence was measured."""
     columns = ("agent", *map(str, EvidenceVerdict), "not measurable", "calls until it sufficed", "calls after")
     rows: list[list[Cell]] = []
     for result in results:
@@ -61,7 +61,7 @@ def evidence_table(results: Sequence[AgentResults]) -> Table | None:
 
 
 def evidence_charts(found: EvidenceRecord | None) -> list[Chart]:
-    """The curve of the largest bound against the calls; none where no number is asked."""
+    """Chart of the largest bound against the number of calls; empty if the scene asks for no number."""
     if found is None or not any(step.bounds for step in found.calls):
         return []
     points = [Point(step.call, math.log10(max(_LEAST, *step.bounds))) for step in found.calls if step.bounds]

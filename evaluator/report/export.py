@@ -1,4 +1,4 @@
-"""Tables as Markdown, CSV and LaTeX. The name of an agent can never become markup, a formula or a command."""
+"""Exports tables as Markdown, CSV and LaTeX. Text is escaped, so agent names cannot inject markup or formulas."""
 
 import csv
 import io
@@ -11,7 +11,7 @@ _MARKUP = re.compile(r"([\\`*_{}\[\]>#])")
 
 
 def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: bool = False) -> str:
-    """A table, without a line break at its end.
+    """Format a Markdown table, without a final line feed.
 
     Args:
         titles: Titles of the columns.
@@ -27,7 +27,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text for a cell, on one line, that a reader of Markdown shows as it is written."""
+    """Escape text for a Markdown cell and join its lines."""
     return _MARKUP.sub(r"\\\1", " ".join(text.split())).replace("<", "&lt;")
 
 
@@ -55,7 +55,7 @@ def markdown(tables: Sequence[Table]) -> str:
 
 
 def _texts(table: Table) -> list[list[str]]:
-    """The titles of a table and then its rows, each cell as a reader sees it."""
+    """The titles and rows of a table, with every cell formatted for display."""
     return [[*table.columns], *([shown(cell, table.decimals) for cell in row] for row in table.rows)]
 
 
@@ -87,7 +87,7 @@ def _latex_text(text: str) -> str:
 
 
 def csv_text(table: Table) -> str:
-    """One table with full precision. A share takes four columns: value, ends of its interval, episodes."""
+    """Format a table as CSV with full precision. A share takes four columns: value, ends of its interval, episodes."""
     wide = [
         next((kind for kind in (Share, Count, Noted) if any(isinstance(row[index], kind) for row in table.rows)), None)
         for index in range(len(table.columns))
@@ -114,7 +114,7 @@ def csv_text(table: Table) -> str:
 
 
 def _safe(cell: object) -> object:
-    """A cell; a text gets a quote in front if a spreadsheet could read it as a formula."""
+    """Prefix text with a quote if a spreadsheet could interpret it as a formula; other cells are unchanged."""
     if not isinstance(cell, str):
         return cell
     text = _one_line(cell)
@@ -126,7 +126,7 @@ def _one_line(text: str) -> str:
 
 
 def shown(cell: Cell, decimals: int) -> str:
-    """A cell as a reader sees it; a dash if it is empty."""
+    """Format a cell for display; a dash if it is empty."""
     if cell is None:
         return "–"
     if isinstance(cell, Count):

@@ -1,4 +1,4 @@
-"""Figures for papers and slides, drawn by matplotlib (the extra `report`). The page does not need it."""
+"""Figures for papers and slides, drawn with matplotlib (the extra `report`). The HTML page does not need it."""
 
 # matplotlib does not declare the types of its keyword arguments:
 # pyright: reportUnknownMemberType=false
@@ -48,7 +48,7 @@ def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> l
         "svg.hashsalt": "physment",  # so that equal figures give equal files
         "pdf.fonttype": 42,
         "font.size": 9,
-        "text.parse_math": False,  # so that an agent's name is never read as a formula
+        "text.parse_math": False,  # so that matplotlib does not parse agent names as formulas
     }
     metadata: dict[str, str | None] = {"Date": None} if form == "svg" else {"CreationDate": None}
     written: list[Path] = []
@@ -57,7 +57,7 @@ def write_figures(folder: Path, results: Sequence[AgentResults], form: str) -> l
         with mpl.rc_context(settings):
             for name, figure in _figures(results):
                 written.append(folder / f"{name}.{form}")
-                written[-1].unlink(missing_ok=True)  # it may be a link
+                written[-1].unlink(missing_ok=True)  # it may be a symbolic link
                 figure.savefig(written[-1], format=form, metadata=metadata, bbox_inches="tight")
     except OSError as error:
         raise StoreError(f"{folder} cannot be written: {error.strerror}") from error
@@ -125,7 +125,7 @@ def _budget(results: Sequence[AgentResults]) -> "Figure":
 
 
 def _matrix(table: Table) -> "Figure":
-    """Rows against agents, tinted by accuracy."""
+    """Heat map of a table: rows against agents, coloured by accuracy."""
     figure, (axes,) = _panels(1, 2.2 + 0.9 * (len(table.columns) - 1), 1.2 + 0.32 * len(table.rows))
     values = [[cell.value if isinstance(cell, Share) else np.nan for cell in row[1:]] for row in table.rows]
     axes.imshow(np.array(values, dtype=float), cmap="Blues", vmin=0, vmax=1.8, aspect="auto")
@@ -144,7 +144,7 @@ def _bars(
     values: Callable[[AgentResults], Sequence[float | None]],
     label: str,
 ) -> "Figure":
-    """Groups of bars, one bar for each agent."""
+    """Grouped bar chart with one bar for each agent in each group."""
     figure, (axes,) = _panels(1, 7.0, 3.0)
     width = 0.8 / max(1, len(results))
     for index, result in enumerate(results):

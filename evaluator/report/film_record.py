@@ -1,7 +1,8 @@
-"""The record of a film, and its form as a script that calls `physmentFilm` with the record and does nothing else.
+"""The record of a film, serialised as a script that consists of one call of `physmentFilm` with the record.
 
-A page on disk may load scripts and may not fetch files, so a film is a script. A script from a stranger's run folder
-could do anything in the page. So a report never copies the file: it reads the record and writes it again.
+Browsers let a page that was opened from disk load scripts but not fetch files, so a film is a script. Run folders are
+untrusted, and a foreign script could run any code in the page. A report therefore never copies the script: it parses
+the record and serialises it again.
 """
 
 import base64
@@ -16,9 +17,9 @@ from pydantic import Field, ValidationError, model_validator
 from evaluator.records.episode import Record, is_absent
 
 MOST_BYTES = 16_000_000
-"""Most bytes of a film."""
+"""Largest size of a film [bytes]."""
 MOST_NUMBERS = 16_000_000
-"""Most numbers that a player must unpack: times, and seven for each body at each instant."""
+"""Largest number of values in a film: one time for each instant, and seven values for each body at each instant."""
 
 _BEGIN, _END = b"physmentFilm(", b");\n"
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -115,19 +116,20 @@ class Film(Record):
 
 
 def written(film: Film) -> bytes:
-    """The script of a film. It is ASCII, because every text of a film is a name, a hash or base64."""
+    """Serialise a film as a script. The script is ASCII, because all text in a film is a name, a hash or base64."""
     return _BEGIN + film.model_dump_json().encode("ascii") + _END
 
 
 def read(script: bytes, episode: str) -> Film:
-    """The film of an episode in a script.
+    """Parse the script of a film.
 
     Args:
-        script: The content of its file.
-        episode: SHA-256 of the line of the episode.
+        script: Content of the file.
+        episode: Expected SHA-256 of the episode's line of `episodes.jsonl`.
 
     Raises:
-        ValueError: It is not what `written` writes, or shows another record; the message repeats nothing of the script.
+        ValueError: The script does not have the format of `written`, or is the film of another record. The message
+            quotes nothing from the script.
     """
     if len(script) > MOST_BYTES:
         raise ValueError(f"it has more than {MOST_BYTES} bytes")

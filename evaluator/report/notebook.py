@@ -1,4 +1,4 @@
-"""One episode as the report shows it: a label, its reasoning in passages, its calls in rows. Knows no page."""
+"""View model of one episode in a report: label, reasoning, table rows of calls, charts. Knows no templates."""
 
 import base64
 import json
@@ -19,7 +19,7 @@ from scenes import PackFiles, default_folder, list_packs, same_pack
 
 
 def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[int, bytes]:
-    """Scene → PNG, for the scenes of a run whose packs have the same content as the packs in the folder.
+    """Scene → PNG image, for the scenes of a run whose packs have the same content as the packs in the folder.
 
     Args:
         played: Scene → hash of the pack that was played.
@@ -32,33 +32,33 @@ def pictures(played: Mapping[str, str], scenes_dir: Path | None = None) -> dict[
 
 
 def thumbnails(packs: Sequence[PackFiles], scenes_dir: Path | None = None) -> dict[int, bytes]:
-    """Scene → PNG, for those of the packs that have one."""
+    """Scene → PNG image, for the packs that have an image."""
     folder = pictures_folder(scenes_dir) / "small"
     stored = {files.scene_id: folder / f"scene{files.scene_id}.png" for files in packs}
     return {scene: path.read_bytes() for scene, path in stored.items() if path.is_file()}
 
 
 def pictures_folder(scenes_dir: Path | None = None) -> Path:
-    """Where the pictures of scenes are: `docs/reference/scenes`, beside the folder of packs.
+    """Path of the folder of scene images: `docs/reference/scenes`, beside the folder of packs.
 
-    An installed package has no such folder; a report is complete without pictures.
+    An installed package has no such folder; reports then show no images.
     """
     return (scenes_dir or default_folder()).resolve().parent / "docs" / "reference" / "scenes"
 
 
 _LINE = 92
-"""Longest JSON that stays on one line, in characters."""
+"""Largest length of JSON that is kept on one line [characters]."""
 
 SHOWN_CHARS = 1_000_000
-"""Most characters of an episode in a report: reasoning, arguments and returns. What is beyond is in the run folder."""
+"""Largest number of characters of an episode in a report: reasoning, arguments and results. The rest is omitted."""
 
 
 class Passage(NamedTuple):
-    """A piece of reasoning: a number that it states, or the text between numbers."""
+    """A part of the reasoning text: a number, or the text between two numbers."""
 
     text: str
     assertion: Assertion | None = None
-    """The number, with what is behind it; None for text."""
+    """The number with its source in the readings; None for text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Entry:
     """An episode in the list of a report."""
 
     number: int
-    """Place in the report, from 1."""
+    """Number of the episode in the report, from 1."""
     row: ScoredEpisode
     label: str
     """Scene and seed, or the number of a held-back variant, and budget and epoch if the report has several."""
@@ -75,29 +75,29 @@ class Entry:
     agent_label: str
     """Label of the agent's results."""
     run: Run
-    """The run that it is from."""
+    """The run that contains the episode."""
     picture: str
-    """The scene's start as a PNG in base64; empty if there is no picture."""
+    """Base64-encoded PNG image of the scene's start state; empty if there is none."""
     charts: Sequence[Chart]
-    """Readings over time of the objects that moved."""
+    """Charts of readings over time, for the objects that moved."""
     evidence: EvidenceRecord | None = None
-    """What its experiments could tell; None if it was not measured."""
+    """Evidence of the episode; None if it was not measured."""
     evidence_charts: Sequence[Chart] = ()
-    """How the bound of the answer fell."""
+    """Charts of the error bound of the answer against the number of calls."""
 
     @property
     def evidence_verdict(self) -> EvidenceVerdict | None:
-        """Whether experiments or reasoning decided the episode; None if that was not measured."""
+        """The verdict on the evidence of the episode; None if the evidence was not measured."""
         return None if self.evidence is None else evidence_verdict(self.evidence, self.row.grade.strict)
 
     @property
     def id(self) -> str:
-        """Its anchor in the page."""
+        """HTML id of the episode in the page."""
         return f"episode-{self.number}"
 
     @property
     def shown_turns(self) -> int:
-        """How many turns fit on the page; at least one."""
+        """Number of turns shown, limited by `SHOWN_CHARS`; at least one."""
         size = 0
         for number, turn in enumerate(self.row.episode.turns):
             size += len(turn.reasoning) + sum(_size(exchange) for exchange in turn.exchanges)
@@ -107,39 +107,39 @@ class Entry:
 
     @property
     def is_held_back(self) -> bool:
-        """Whether the seed of its key is the number of a variant, whose seed only a key tells."""
+        """Whether seeds are held back, so that the seed in the episode's key is the number of a variant."""
         return bool(self.run.record.plan.held_back)
 
     @property
     def film(self) -> str:
-        """Address of its film; empty if there is none."""
+        """Relative URL of the film; empty if there is none."""
         return f"{FILMS}/{film_name(self.record_sha256)}" if self.record_sha256 else ""
 
     @property
     def record_sha256(self) -> str:
-        """Hash of the record that its film shows; empty if there is no film."""
+        """SHA-256 of the record that the film shows; empty if there is no film."""
         return self.run.attachments.films.get(self.row.key, "")
 
     def frame(self, frame: Frame) -> str:
-        """Address of a frame; empty if it is not there."""
+        """Relative URL of a frame; empty if the frame is missing."""
         return f"{FRAMES}/{frame.name}.png" if frame.name in self.run.attachments.frames else ""
 
     @property
     def forked_turns(self) -> int:
-        """How many of its first turns are those of another episode."""
+        """Number of first turns that were replayed from another episode."""
         fork = self.row.episode.forked_from
         return fork.turn if fork else 0
 
     def calls(self) -> list[TurnCalls]:
-        """The calls of the shown turns."""
+        """The table rows of the shown turns."""
         return calls_of(self.row.episode.turns[: self.shown_turns])
 
     def thought(self, turn: int) -> Iterator[Passage]:
-        """What the provider shows of the model's own reasoning in a turn, cut at the numbers that it states."""
+        """The reasoning summary from the provider in a turn, split at the numbers that it contains."""
         return self._passages(turn, 0, self.row.episode.turns[turn].thought_chars)
 
     def reply(self, turn: int) -> Iterator[Passage]:
-        """What the agent said in a turn, cut at the numbers that it states."""
+        """The agent's reply in a turn, split at the numbers that it contains."""
         played = self.row.episode.turns[turn]
         return self._passages(turn, played.thought_chars, len(played.reasoning))
 
@@ -188,17 +188,17 @@ def _size(exchange: Exchange) -> int:
 
 
 def returned(exchange: Exchange) -> str:
-    """What the agent read after a call, JSON broken into lines."""
+    """The result text that the agent read, with JSON formatted over several lines."""
     try:
         text = laid_out(json.loads(exchange.text))
-        text.encode()  # JSON may hold an escaped half of a surrogate pair, which no file can hold
+        text.encode()  # JSON may contain an escaped lone surrogate, which UTF-8 cannot encode
     except (ValueError, RecursionError):
         return exchange.text
     return text
 
 
 def laid_out(value: Any, indent: str = "") -> str:
-    """JSON that breaks only lines that would be too long, so that a vector stays on one line."""
+    """Format JSON, breaking only values too long for one line, so that a vector stays on one line."""
     flat = json.dumps(value, ensure_ascii=False)
     if len(indent) + len(flat) <= _LINE or not isinstance(value, dict | list) or not value:
         return flat

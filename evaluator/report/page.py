@@ -1,7 +1,8 @@
-"""`report.html`, from the episodes of one or several runs. Everything an agent wrote is escaped.
+"""Renders `report.html` from the episodes of one or several runs. All text from agents is escaped.
 
-Up to 300 episodes, the page is one file. With more, each notebook is a script of its own in a folder beside the page,
-and the page loads it when its episode is opened: a page opened from disk may load scripts, but may not fetch files.
+With up to 300 episodes, the page is a single file. With more, the notebook of each episode is a separate script in a
+folder beside the page, loaded when the reader opens the episode. Browsers let a page that was opened from disk load
+scripts but not fetch files.
 """
 
 import base64
@@ -34,32 +35,32 @@ from evaluator.store.run_folder import RunFolder
 from scenes import reference_of
 
 INLINE = 300
-"""Most episodes of a report that is one file."""
+"""Largest number of episodes of a report that is a single file."""
 PAGES = "report_episodes"
-"""Folder for the notebooks of a larger report, beside its page."""
+"""Name of the folder of notebooks, beside the page of a larger report."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A report that is not written yet."""
+    """The rendered files of a report."""
 
     page: str
-    """`report.html`."""
+    """Content of `report.html`."""
     notebooks: Iterator[str]
-    """Scripts of the notebooks, from number 1; none if the report is one file."""
+    """Scripts of the notebooks in the order of their numbers; empty if the report is a single file."""
 
 
 def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True) -> Path:
-    """Write `report.html` and, if there are many episodes, the notebooks beside it.
+    """Write `report.html` and, if there are more than `inline` episodes, the notebooks beside it.
 
     Args:
         folder: Folder to write to.
-        runs: The runs, graded.
-        inline: Most episodes of a report that is one file.
-        baselines: Whether the baselines that ship with the package are shown.
+        runs: The graded runs.
+        inline: Largest number of episodes of a report that is a single file.
+        baselines: Whether to show the baselines that ship with the package.
 
     Returns:
-        The file of the page.
+        Path of the page.
 
     Raises:
         StoreError: A file cannot be written.
@@ -76,7 +77,7 @@ def write_report(folder: RunFolder, runs: Sequence[Run], inline: int = INLINE, *
 
 
 def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
-    """Write the scripts as 1.js, 2.js …, and remove scripts that a larger, earlier report left."""
+    """Write the scripts as 1.js, 2.js …, and remove further scripts of an earlier, larger report."""
     written = 0
     for script in scripts:
         written += 1
@@ -91,7 +92,7 @@ def _write_notebooks(pages: Path, scripts: Iterable[str]) -> None:
 
 
 def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True) -> Report:
-    """The report of some runs; for the arguments see `write_report`."""
+    """Render the report of runs; for the arguments see `write_report`."""
     environment = _environment()
     results = agent_results(runs)
     found = list(entries(results))
@@ -130,18 +131,18 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
 
 
 def paper_page(title: str, found: Sequence[tables.Table]) -> str:
-    """The page of the paper's tables.
+    """Render the page with the paper's tables.
 
     Args:
         title: Name of the run.
-        found: The tables.
+        found: The tables to show.
     """
     template = _environment().get_template("paper.html.j2")
     return template.render(title=title, found=found, buckets=BUCKETS, bucket=bucket, shown=shown)
 
 
 def _scripts(environment: Environment, found: Sequence[Entry]) -> Iterator[str]:
-    """One script for each notebook: a call with its number and its HTML."""
+    """Render one script for each notebook: a function call with the notebook's number and HTML."""
     template = environment.get_template("notebook.html.j2").module
     for entry in found:
         html = str(template.notebook(entry))  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownArgumentType] - a macro
@@ -200,7 +201,7 @@ def _budget_charts(results: Sequence[AgentResults]) -> list[Chart]:
 
 
 def _spent(results: Sequence[AgentResults]) -> Iterator[tuple[str, Spending]]:
-    """What the episodes of each agent cost, in the suite and in open worlds."""
+    """Label and spending of each agent, separately for the suite and for open worlds."""
     for result in results:
         if result.suite:
             yield result.label, result.spending
@@ -209,7 +210,7 @@ def _spent(results: Sequence[AgentResults]) -> Iterator[tuple[str, Spending]]:
 
 
 def _groupings(results: Sequence[AgentResults]) -> list[tables.Table]:
-    """Tables of strict accuracy, for each further grouping that has several groups."""
+    """Tables of strict accuracy for each further grouping of scenes with more than one group."""
     found = [
         tables.side_by_side(
             results, "group", "Easy or hard, single or multi", lambda result: result.summary.by_quadrant
@@ -228,7 +229,7 @@ def _compact(value: object) -> str:
 
 
 def _brief(value: object) -> str:
-    """An answer for a line of the list: floats with six digits, at most 80 characters in all."""
+    """Format an answer for the list of episodes: floats with six digits, at most 80 characters in all."""
     rounded = json.loads(json.dumps(value), parse_float=lambda text: float(f"{float(text):.6g}"))
     text = _compact(rounded)
     return text if len(text) <= 80 else f"{text[:79]}…"
@@ -243,7 +244,7 @@ def _options(values: Iterable[object]) -> list[tuple[object, str]]:
 
 
 def _scene_options(found: Iterable[Entry]) -> list[tuple[int, str]]:
-    """The scenes of a list of episodes, by id, each with its title."""
+    """Ids and titles of the scenes of some episodes, sorted by id."""
     return sorted({entry.row.key.scene: entry.row.scene_title for entry in found}.items())
 
 

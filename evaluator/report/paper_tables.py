@@ -9,14 +9,14 @@ from evaluator.report.tables import Cell, Score, Share, Table, floors, mean_of
 from evaluator.scores.dimensions import WEIGHTS
 
 MARK = " †"
-"""Behind the name of a model whose results are the paper's."""
+"""Suffix of the names of models whose results are quoted from the paper."""
 
 
 class Bucket(NamedTuple):
     """A colour of the paper's heat map."""
 
     below: float
-    """Accuracies below this share have it, if no earlier bucket does."""
+    """Upper end of the bucket's accuracies, exclusive, as a share from 0 to 1."""
     name: str
     title: str
 
@@ -32,12 +32,12 @@ BUCKETS = (
 
 def bucket(share: float) -> Bucket:
     """The bucket of an accuracy, 0 to 1."""
-    # The paper's cells have one decimal; 0.1999… is 20.0 there.
+    # The paper rounds to one decimal before it chooses the colour: 0.1999… is 20.0.
     return next(found for found in BUCKETS if round(share, 3) < found.below)
 
 
 def paper_tables(results: Sequence[AgentResults]) -> list[Table]:
-    """The paper's tables in its order. Open worlds are in none of them."""
+    """The tables of the paper, in the paper's order. They exclude open worlds."""
     return [_budgets(results), _metrics(results), heat_map(results), _dimensions(results), _regraded(results)]
 
 
@@ -68,7 +68,7 @@ def _metrics(results: Sequence[AgentResults]) -> Table:
 
 
 def heat_map(results: Sequence[AgentResults]) -> Table:
-    """Accuracy by category, in the paper's order of categories."""
+    """Table of accuracy by category, in the paper's order of categories."""
     rows: list[list[Cell]] = []
     for place, (category, title) in enumerate(CATEGORIES.items()):
         groups = [result.summary.by_category.get(category) for result in results]

@@ -1,7 +1,7 @@
 # The optional library is not in the environment in which types are checked.
 # pyright: reportMissingImports=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 # pyright: reportUnknownArgumentType=false
-"""A run as one Parquet file: a row for each exchange, for programs that read many runs at once."""
+"""Exports a run as a Parquet file with one row for each tool call, for analysis across many runs."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from evaluator.records.episode import Episode, GradeRecord
 from evaluator.records.run import RunRecord
 
 _EPISODES_AT_A_TIME = 200
-"""Episodes in memory as rows; a file of thousands is written in pieces."""
+"""Number of episodes in a row group. A larger file is written in several groups to limit memory."""
 
 COLUMNS: dict[str, str] = {
     "scene": "int32",
@@ -52,9 +52,9 @@ def write_parquet(file: Path, run: RunRecord, graded: Sequence[tuple[Episode, Gr
     """Write the exchanges of a run; returns how many there are.
 
     Args:
-        file: Where to; replaced as a whole when everything is written.
-        run: Its record, kept in the file's metadata under `physment_run`.
-        graded: Its episodes with their grades.
+        file: Path of the file, which is replaced atomically.
+        run: The run's record, stored in the file's metadata under `physment_run`.
+        graded: The run's episodes with their grades.
 
     Raises:
         UsageError: pyarrow is not installed.
@@ -80,7 +80,7 @@ def write_parquet(file: Path, run: RunRecord, graded: Sequence[tuple[Episode, Gr
 
 
 def exchange_rows(episode: Episode, record: GradeRecord) -> Iterator[dict[str, Any]]:
-    """The exchanges of an episode, each as column → value."""
+    """Yield a row for each tool call of an episode, as a mapping of columns to values."""
     whole = {
         **episode.key.model_dump(),
         "pack": episode.versions.pack,

@@ -1,4 +1,4 @@
-"""The tables of a report in the paper's layout, as plain cells, for the page and for `--export`."""
+"""The tables of a report in the paper's layout, as format-independent cells for the page and for `--export`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Share(NamedTuple):
     low: float | None
     high: float | None
     n: int | None
-    """Episodes; None for a share that is quoted."""
+    """Number of episodes; None for a share quoted from the paper."""
 
 
 class Score(NamedTuple):
@@ -32,15 +32,15 @@ class Score(NamedTuple):
 
 
 class Noted(NamedTuple):
-    """A number with three decimals, and what must be said about it."""
+    """A number with three decimals, and a note."""
 
     value: float | None
     note: str
-    """Such as of how many episodes it is taken, or its interval; may be empty."""
+    """For example the number of episodes or the interval; may be empty."""
 
 
 class Count(NamedTuple):
-    """A number of episodes out of another."""
+    """A number of episodes out of a total."""
 
     n: int
     of: int
@@ -66,18 +66,18 @@ class Table:
     """A table whose first column names its rows."""
 
     name: str
-    """For file names and labels."""
+    """Identifier of the table, used in file names and labels."""
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     decimals: int = 3
-    """Decimals of plain numbers."""
+    """Number of decimals of plain numbers."""
     note: str = ""
-    """A sentence that stands below the table."""
+    """A sentence shown below the table."""
 
 
 def tables(results: Sequence[AgentResults]) -> list[Table]:
-    """All tables: those of the suite in the paper's order, the paper's own, and those by rung."""
+    """All tables of a report: the suite's in the paper's order, results quoted from the paper, and results by rung."""
     suite = [result for result in results if result.suite]
     of_suite = (by_budget, by_category, main_metrics, six_dimensions, forgiven, failure_modes)
     return [*(table(suite) for table in of_suite if suite), quoted(), by_rung(results), experiment_cost(results)]
@@ -90,8 +90,8 @@ def by_budget(
 
     Args:
         results: The results to show.
-        name: Name of the episodes that are wanted, for the title; empty for all.
-        wanted: Picks the episodes; all if None.
+        name: Description of the selected episodes, for the title; empty for all.
+        wanted: Predicate that selects episodes; None selects all.
     """
     budgets = sorted({row.key.budget for result in results for row in result.suite})
     found: list[list[Cell]] = []
@@ -120,7 +120,7 @@ def side_by_side(
         results: The results to show.
         name: Name of the grouping.
         title: Title of the table.
-        groups: Gives the groups of the grouping.
+        groups: Function that returns the summaries of an agent's groups.
     """
     names = sorted({group for result in results for group in groups(result)})
     found = [[str(group), *(_strict(groups(result).get(group)) for result in results)] for group in names]
@@ -128,7 +128,7 @@ def side_by_side(
 
 
 def by_rung(results: Sequence[AgentResults]) -> Table:
-    """Strict accuracy on each rung, and in open worlds the share of right predictions too; one row for each agent."""
+    """Strict accuracy on each rung, one row for each agent. Open worlds also show the share of correct predictions."""
     groups = [result.summary.by_rung for result in results]
     columns: dict[str, list[Cell]] = {}
     for rung in (*Rung, NO_RUNG):
@@ -143,7 +143,7 @@ def by_rung(results: Sequence[AgentResults]) -> Table:
 
 
 def experiment_cost(results: Sequence[AgentResults]) -> Table:
-    """Calls and lab time of an episode, for each agent in the suite and on each rung."""
+    """Calls and lab time per episode, for each agent in the suite and on each rung."""
     found: list[list[Cell]] = []
     for result in results:
         rungs = result.summary.by_rung
@@ -166,7 +166,7 @@ def _costs(group: GroupSummary) -> list[Cell]:
 
 
 def _whole(count: float | None) -> float | None:
-    """A median of counts; whole unless it lies between two."""
+    """Convert a median of counts to `int`, unless it lies halfway between two counts."""
     return int(count) if count is not None and count.is_integer() else count
 
 
@@ -174,7 +174,7 @@ _EFFORT = ("iterations", "calls", "US$ per episode")
 
 
 def main_metrics(results: Sequence[AgentResults]) -> Table:
-    """Accuracies, Skill, Gated and the Final Score, and the mean effort and cost."""
+    """Table of accuracies, Skill, Gated, Final Score, and mean effort and cost."""
     columns = ("agent", "episodes", "strict", "normalised", "Skill", "Gated", "Final Score", *_EFFORT)
     found: list[list[Cell]] = []
     for result in results:
@@ -197,13 +197,13 @@ def main_metrics(results: Sequence[AgentResults]) -> Table:
 
 
 def floors(results: Sequence[AgentResults]) -> str:
-    """What an agent that never experiments gets in place of these, as a sentence with its full stop."""
+    """A sentence with the Skill, Gated and accuracy that an agent without experiments would reach."""
     found = floor_sentence({result.label: result.whole for result in results})
     return f"{found[0].upper()}{found[1:]}." if found else ""
 
 
 def six_dimensions(results: Sequence[AgentResults]) -> Table:
-    """The six dimensions with what they count; G+ and V without disabled tools; FS and FS*, which follow from them."""
+    """Table of the six dimensions, G+, V restricted to enabled tools, and the Final Scores FS and FS*."""
     found: list[list[Cell]] = [
         [
             result.label,
@@ -218,7 +218,7 @@ def six_dimensions(results: Sequence[AgentResults]) -> Table:
 
 
 def forgiven(results: Sequence[AgentResults]) -> Table:
-    """Number of scored episodes that normalised grading forgives, by the reason."""
+    """Number of scored episodes that only normalised grading accepts, by class of normalisation."""
     found = [
         [
             reason.value.replace("_", " "),
@@ -234,7 +234,7 @@ def _labels(results: Sequence[AgentResults]) -> list[str]:
 
 
 def failure_modes(results: Sequence[AgentResults]) -> Table:
-    """Number of scored episodes that show each failure mode."""
+    """Number of scored episodes with each failure mode."""
     found = [
         [
             mode.value.replace("_", " "),
@@ -246,7 +246,7 @@ def failure_modes(results: Sequence[AgentResults]) -> Table:
 
 
 def quoted() -> Table:
-    """The paper's own numbers, for context."""
+    """Table of the results quoted from the paper, for comparison."""
     return Table(
         "paper_by_budget",
         "Accuracy by iteration budget as the paper prints it (measured on other scenes)",
@@ -259,7 +259,7 @@ _GROUPS = ("easy-single", "easy-multi", "hard-single", "hard-multi")
 
 
 def group_picks(results: Sequence[AgentResults]) -> list[tuple[str, Callable[[ScoredEpisode], bool] | None]]:
-    """All episodes, and each of the four groups of categories that was played: name → what picks its episodes."""
+    """Names and predicates of the groups to report: all episodes, and each group of categories that was played."""
     played = {quadrant(row.category) for result in results for row in result.suite}
 
     def picks(group: str) -> Callable[[ScoredEpisode], bool]:
@@ -276,9 +276,9 @@ def accuracies(
     """Strict accuracy of each group of scored episodes.
 
     Args:
-        rows: Episodes.
-        group: Gives the group of an episode.
-        wanted: Picks the episodes; all if None.
+        rows: Scored episodes.
+        group: Function that returns the group of an episode.
+        wanted: Predicate that selects episodes; None selects all.
     """
     verdicts: dict[Any, list[tuple[int, bool]]] = {}
     for row in rows:
@@ -288,16 +288,16 @@ def accuracies(
 
 
 def share_of(found: Proportion | None) -> Share | None:
-    """A proportion as a cell."""
+    """Convert a proportion to a table cell."""
     return None if found is None else Share(found.share, found.interval.low, found.interval.high, found.n)
 
 
 def mean_of(group: GroupSummary, name: str) -> Noted:
-    """A dimension of a group as a cell.
+    """Convert a dimension of a group to a table cell.
 
     Args:
-        group: The group.
-        name: Field of the dimension.
+        group: Summary of the group.
+        name: Name of the dimension's field in the summary.
     """
     return Noted(getattr(group, name), counted(group, name))
 

@@ -1,1 +1,1 @@
-"""A run folder: files that survive a kill, their checksums, and what is taken out of them."""
+"""Storage of runs: durable files, the run folder, its seal, and the redaction of secrets."""

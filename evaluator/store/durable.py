@@ -1,4 +1,4 @@
-"""Files that survive a kill: replaced as a whole, or longer by a line. Knows no records."""
+"""Durable files: atomic replacement, and appended lines that are synchronised to disk. Knows no records."""
 
 import contextlib
 import os
@@ -17,13 +17,13 @@ def locked(folder: Path) -> Generator[None]:
         StoreError: Another process has locked it.
     """
     if find_spec("fcntl") is None:
-        yield  # Windows has no such lock
+        yield  # Windows has no flock
         return
     import fcntl  # noqa: PLC0415
 
     handle = os.open(folder, os.O_RDONLY)
     try:
-        # Some network file systems have no locks; a run must not fail there.
+        # Some network file systems support no locks; a run continues without one.
         with contextlib.suppress(OSError):
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -36,17 +36,17 @@ def locked(folder: Path) -> Generator[None]:
 
 
 def append_line(file: Path, line: bytes) -> None:
-    """Add a line. When this returns, it is on disk. An unfinished last line is moved aside first.
+    """Append a line and synchronise it to disk. An unfinished last line is first moved to another file.
 
     Args:
-        file: Where.
+        file: Path of the file.
         line: The line, without its line feed.
 
     Raises:
         StoreError: The file cannot be written.
     """
     try:
-        # Only the writer repairs the file; a reader may see an unfinished last line.
+        # The writer repairs the file; readers must tolerate an unfinished last line.
         _keep_torn_line_aside(file)
         with file.open("ab") as stream:
             stream.write(line + b"\n")
@@ -57,10 +57,10 @@ def append_line(file: Path, line: bytes) -> None:
 
 
 def replace(file: Path, content: str | bytes) -> None:
-    """Write a file so that a kill leaves either the old or the new content."""
+    """Replace the content of a file atomically: a kill leaves either the old or the new content."""
     fresh = file.with_name(f".{file.name}.new")
     try:
-        # What an earlier kill left is removed, and a link that a stranger left is not written through.
+        # Remove a temporary file that an earlier kill left. Also prevents writing through a planted symbolic link.
         fresh.unlink(missing_ok=True)
         with fresh.open("xb") as stream:
             stream.write(content.encode("utf-8") if isinstance(content, str) else content)
@@ -73,7 +73,7 @@ def replace(file: Path, content: str | bytes) -> None:
 
 
 def keep_aside(file: Path, lines: Iterable[bytes]) -> None:
-    """Keep lines beside a file that they are about to be taken from."""
+    """Save lines that are about to be removed from a file in a second file beside it."""
     try:
         with file.with_name(file.name + ".torn").open("ab") as aside:
             aside.writelines(line + b"\n" for line in lines)
@@ -98,8 +98,8 @@ def _keep_torn_line_aside(file: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Put the folder's entries on disk: until then a power cut may undo a rename."""
-    if os.name == "posix":  # Windows opens no folders
+    """Synchronise a folder to disk. Until then, a power failure may undo a rename in it."""
+    if os.name == "posix":  # Windows cannot open folders
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)

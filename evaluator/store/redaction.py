@@ -1,4 +1,4 @@
-"""Takes secrets out of text: values of secret environment variables and tokens, in the forms that slip into text."""
+"""Redacts secrets: values of secret environment variables and tokens, also in escaped and encoded forms."""
 
 import base64
 import json
@@ -14,22 +14,22 @@ R = TypeVar("R", bound=BaseModel)
 
 _SECRET_NAME = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|PASSWD|CREDENTIAL", re.IGNORECASE)
 _SHORTEST = 8
-"""A shorter value is no secret; it would be found in ordinary text."""
+"""Shortest value that is redacted, in characters. Shorter values would match ordinary text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Redaction:
-    """Secrets and the names that stand in their place."""
+    """Secrets and the names that replace them."""
 
     forms: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Form of a secret → the secret's name, longest form first: a secret may contain another one."""
+    """Form of a secret → the secret's name. The longest form is first, because a secret may contain another one."""
 
     @classmethod
     def of(cls, environment: Mapping[str, str], tokens: Mapping[str, str] | None = None) -> "Redaction":
-        """The secrets of an environment, as far as their variables' names tell, and further ones.
+        """Collect the secrets of an environment, recognised by the names of the variables, and further secrets.
 
         Args:
-            environment: Variable → value.
+            environment: Environment variable → value.
             tokens: Name → value of further secrets.
         """
         secrets = {value: name for name, value in environment.items() if _SECRET_NAME.search(name)}
@@ -64,14 +64,14 @@ class Redaction:
 
 
 def _forms(secret: str) -> Iterable[str]:
-    """A secret as it is, and as it looks inside JSON, an address, or a text in base64."""
+    """The forms in which a secret may occur: plain, JSON-escaped, URL-encoded and base64-encoded."""
     plain = {secret, json.dumps(secret)[1:-1], json.dumps(secret, ensure_ascii=False)[1:-1]}
     escaped = {quote(secret, safe=""), quote(secret), quote_plus(secret)}
     return plain | escaped | set(_in_base64(secret.encode("utf-8", "surrogatepass")))
 
 
 def _in_base64(secret: bytes) -> Iterator[str]:
-    """The characters that do not depend on what stands around the secret, for each place in a group of three bytes."""
+    """Base64 characters of a secret that are independent of adjacent bytes, for each of the three alignments."""
     for before in range(3):
         first, after = -(-before * 8 // 6), (before + len(secret)) * 8 // 6
         for encode in (base64.b64encode, base64.urlsafe_b64encode):

@@ -1,7 +1,7 @@
-"""A run folder: records that survive a kill at any moment. Knows files, and not what records mean.
+"""The run folder: records on disk that survive a kill at any moment. Does not interpret the records.
 
-`run.json` holds what decides the result. `episodes.jsonl` and `grades.jsonl` hold one complete line for each record,
-`frames` one file for each content. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
+`run.json` holds the settings that decide the result. `episodes.jsonl` and `grades.jsonl` hold one line per record,
+`frames` one file per distinct image. If a kill leaves an unfinished last line, it is moved to `*.torn`, and its episode
 is played again.
 """
 
@@ -29,53 +29,53 @@ class RunFolder:
 
     path: Path
     redaction: Redaction = field(default_factory=Redaction, repr=False, compare=False)
-    """Takes secrets out of episodes before they are written."""
+    """Redacts secrets in episodes before they are written."""
     on_line: Callable[[bytes], object] = field(default=len, repr=False, compare=False)
-    """Called with the line of each episode that is on disk, without its line feed."""
+    """Called with the line of each episode after it has been written, without its line feed."""
 
     @property
     def run_file(self) -> Path:
-        """Path of the record of the run."""
+        """Path of `run.json`."""
         return self.path / "run.json"
 
     @property
     def episodes_file(self) -> Path:
-        """One line for each episode played."""
+        """Path of `episodes.jsonl`, with one line per episode played."""
         return self.path / "episodes.jsonl"
 
     @property
     def grades_file(self) -> Path:
-        """One line for each grade."""
+        """Path of `grades.jsonl`, with one line per grade."""
         return self.path / "grades.jsonl"
 
     @property
     def evidence_file(self) -> Path:
-        """One line for each episode whose evidence was measured."""
+        """Path of `evidence.jsonl`, with one line per episode whose evidence was measured."""
         return self.path / "evidence.jsonl"
 
     @property
     def seal_file(self) -> Path:
-        """The seal of the episodes."""
+        """Path of the seal of the episodes."""
         return self.path / "seal.json"
 
     @property
     def summary_file(self) -> Path:
-        """The numbers of the run."""
+        """Path of the summary of the run."""
         return self.path / "summary.json"
 
     @property
     def report_file(self) -> Path:
-        """The report."""
+        """Path of the report."""
         return self.path / "report.html"
 
     def create(self, *, resume: bool) -> None:
-        """Make the folder, or check that it can be used.
+        """Create the folder, or check that it can be used.
 
         Args:
             resume: Whether the folder may hold a run already.
 
         Raises:
-            StoreError: It cannot be written, or holds a run and `resume` is false.
+            StoreError: The folder cannot be written, or holds a run and `resume` is false.
         """
         if self.run_file.exists() and not resume:
             raise StoreError(f"{self.path} holds a run already; add --resume to continue it, or choose another --out")
@@ -88,7 +88,7 @@ class RunFolder:
             raise StoreError(f"the folder {self.path} cannot be written: {error.strerror}") from error
 
     def held(self) -> AbstractContextManager[None]:
-        """Lock the folder while its run is played. The operating system unlocks it when the process ends in any way.
+        """Lock the folder while its run is played. The operating system releases the lock when the process ends.
 
         Raises:
             StoreError: Another process has locked it.
@@ -103,7 +103,7 @@ class RunFolder:
         """Read `run.json`.
 
         Raises:
-            StoreError: There is none, or it is not the record of a run.
+            StoreError: The file is missing or is not the record of a run.
         """
         try:
             return RunRecord.model_validate_json(self.run_file.read_bytes())
@@ -114,11 +114,11 @@ class RunFolder:
 
     @property
     def frames_folder(self) -> Path:
-        """The frames that agents saw, one file for each content."""
+        """Path of the folder of images that agents saw, with one file per distinct image."""
         return self.path / "frames"
 
     def append_episode(self, episode: Episode) -> None:
-        """Add an episode. When this returns, it is on disk with its frames."""
+        """Append an episode and its frames, synchronised to disk."""
         for frame in _frames(episode):
             if frame.png:
                 self._keep_frame(frame)
@@ -127,10 +127,10 @@ class RunFolder:
         self.on_line(line)
 
     def copy_frames(self, source: "RunFolder", episode: Episode) -> None:
-        """Take the frames of an episode over from the folder that it was read from.
+        """Copy the frames of an episode from another run folder.
 
         Raises:
-            StoreError: A frame is missing there, or cannot be written here.
+            StoreError: A frame is missing in `source` or cannot be written.
         """
         for frame in _frames(episode):
             file = source.frames_folder / f"{frame.name}.png"
@@ -148,10 +148,10 @@ class RunFolder:
         return {episode.key: episode for episode in self._read(self.episodes_file, Episode)}
 
     def episode_lines(self) -> list[bytes]:
-        """The complete lines of the episodes, as they are on disk.
+        """The complete lines of `episodes.jsonl`, unparsed.
 
         Raises:
-            StoreError: They cannot be read.
+            StoreError: The file cannot be read.
         """
         return _lines(self.episodes_file)[:-1]
 
@@ -159,7 +159,7 @@ class RunFolder:
         """The seal of the episodes; None if there is none.
 
         Raises:
-            StoreError: It cannot be read.
+            StoreError: The seal cannot be read.
         """
         if not self.seal_file.exists():
             return None
@@ -173,13 +173,13 @@ class RunFolder:
         durable.replace(self.seal_file, seal.model_dump_json(indent=2) + "\n")
 
     def set_damage_aside(self) -> list[str]:
-        """Move every line of the episodes that cannot be read to `episodes.jsonl.torn`, so that they are missing.
+        """Move every line of `episodes.jsonl` that cannot be parsed to `episodes.jsonl.torn`.
 
-        An unfinished last line is damage only if it was sealed. Otherwise a kill left it, and the next episode that is
-        written moves it.
+        The episodes of these lines are then missing. An unfinished last line counts as damaged only if it was sealed.
+        Otherwise a kill left it, and the next call of `append_episode` moves it.
 
         Returns:
-            A sentence for each such line.
+            A sentence for each damaged line.
 
         Raises:
             StoreError: A file cannot be read or written.
@@ -215,7 +215,7 @@ class RunFolder:
         return {grade.key: grade for grade in self._read(self.grades_file, GradeRecord)}
 
     def append_evidence(self, evidence: EvidenceRecord) -> None:
-        """Add the evidence of an episode. When this returns, it is on disk."""
+        """Append the evidence of an episode, synchronised to disk."""
         durable.append_line(self.evidence_file, evidence.model_dump_json().encode())
 
     def evidence(self) -> dict[EpisodeKey, EvidenceRecord]:
@@ -227,7 +227,7 @@ class RunFolder:
         return {found.key: found for found in self._read(self.evidence_file, EvidenceRecord)}
 
     def keep_grades(self) -> Path:
-        """Copy the grades to a new file, which nothing overwrites, and return its path."""
+        """Back up the grades to a new file that is never overwritten, and return its path."""
         number = 1
         while (kept := self.path / f"grades.{number}.jsonl").exists():
             number += 1
@@ -235,11 +235,11 @@ class RunFolder:
         return kept
 
     def write_text(self, file: Path, text: str) -> None:
-        """Write a file that is made from the records, all at once."""
+        """Atomically write a file that is derived from the records."""
         durable.replace(file, text)
 
     def _keep_frame(self, frame: Frame) -> None:
-        """Write a frame, unless one with the same content is there."""
+        """Write a frame, unless a file with the same content exists."""
         file = self.frames_folder / f"{frame.name}.png"
         if file.exists():
             return
@@ -263,9 +263,9 @@ class RunFolder:
 
 
 def _lines(file: Path) -> list[bytes]:
-    """The complete lines of a file, and last what follows them; a file that is not there is empty."""
+    """The complete lines of a file, followed by the unfinished rest; a missing file counts as empty."""
     try:
-        # At line feeds only: agents write U+2028 and similar characters, at which `str.splitlines` would split.
+        # Split at line feeds only: `str.splitlines` also splits at U+2028 and other characters that agents write.
         return file.read_bytes().split(b"\n")
     except FileNotFoundError:
         return [b""]
@@ -280,7 +280,7 @@ def _frames(episode: Episode) -> Iterator[Frame]:
 
 
 def _damage(line: bytes) -> str:
-    """Why a line is no record of an episode; empty if it is one."""
+    """The reason why a line is not a valid episode record; empty if it is one."""
     try:
         Episode.model_validate_json(line)
     except ValidationError as error:

@@ -1,8 +1,8 @@
-"""The seal of a run: a chained checksum of its episodes, so that a record edited or forged later is found.
+"""The seal of a run: a hash chain over its episodes, which reveals records that were edited or forged later.
 
-The checksum is kept in the memory of the evaluator while it plays, and is never computed from what is on disk. At the
-end it is printed and written beside the records. A change made meanwhile, by whomever, no longer fits to it. Whoever
-can write the run folder can write a new seal, too: then only the checksum that was printed tells.
+While it plays, the evaluator keeps the chain in memory and never computes it from the files. At the end it prints the
+head of the chain and writes it beside the records. A change of the files in between does not match the head. Anyone who
+can write the run folder can also replace the seal; only the printed head reveals that.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ from pydantic import Field
 from evaluator.records.episode import FORMAT, Record, is_absent
 
 START = hashlib.sha256(b"physment run").hexdigest()
-"""Head of a chain without lines."""
+"""Head of an empty chain."""
 
 
 class Seal(Record):
@@ -32,12 +32,12 @@ class Seal(Record):
     """Why the records that an earlier seal stood for were taken although they did not fit to it; absent if they did."""
 
     def after(self, line: bytes) -> "Seal":
-        """The seal once a line has been added, without its line feed."""
+        """The seal with one more line, given without its line feed."""
         head = hashlib.sha256(self.head.encode() + hashlib.sha256(line).digest()).hexdigest()
         return self.model_copy(update={"lines": self.lines + 1, "head": head})
 
     def problem(self, lines: Iterable[bytes]) -> str:
-        """Why these lines are not the sealed ones, as a clause; empty if they are, or if more follow them."""
+        """Why lines do not match the seal, as a clause; empty if they do. Further lines may follow the sealed ones."""
         found = Seal()
         for line in lines:
             if found.lines == self.lines:

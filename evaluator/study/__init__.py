@@ -1,1 +1,1 @@
-"""Studies: who plays the matrix of a run, within which limits, on which machines; merging and replay."""
+"""Running the matrix of a run: participants, limits, workers and shards; also merging, forking and replay."""

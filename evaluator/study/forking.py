@@ -1,7 +1,8 @@
-"""Forks: a stored episode is played again up to a turn, and another agent goes on from there.
+"""Forks: the first turns of a stored episode are replayed, and another agent continues from there.
 
-Two agents that go on from the same turn have the same evidence, so that any difference is what they make of it. The
-turns before the fork keep calls and returns only: what the first agent thought is in its own record.
+Two agents that continue from the same turn have the same evidence, so a difference in their answers comes from their
+reasoning. The record of a fork holds only calls and results for the replayed turns. The reasoning of the first agent
+stays in the record of the stored episode.
 """
 
 import functools
@@ -24,13 +25,13 @@ from evaluator.store.run_folder import RunFolder
 from scenes import reference_of
 
 CONDITIONS = ("scene", "seed", "agent", "budget", "prompting", "protocol", "epoch")
-"""What `--episode` may say of an episode."""
+"""Names of the conditions that `--episode` accepts: fields of an episode's key."""
 _CONDITION = re.compile(rf"(?:^|,)\s*({'|'.join(CONDITIONS)})=")
 
 
 @dataclass(frozen=True, slots=True)
 class ForkedAgent:
-    """Makes the calls of stored episodes up to a turn, and then lets another agent play."""
+    """An agent that repeats the calls of a stored episode up to a turn and then hands over to another agent."""
 
     inner: Agent
     stored: Mapping[EpisodeKey, Episode]
@@ -39,7 +40,7 @@ class ForkedAgent:
 
     @property
     def name(self) -> str:
-        """The name of the agent that goes on."""
+        """Name of the agent that continues the episode."""
         return self.inner.name
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
@@ -79,7 +80,7 @@ def _refuse_other_returns(stored: Episode, turn: int, returned: Sequence[Exchang
 
 
 def account(stored: Episode, turn: int) -> str:
-    """What an agent is told of the turns before the fork, after the opening prompt."""
+    """Text that shows the continuing agent the replayed turns. It follows the opening prompt."""
     budget = stored.key.budget
     turns = [
         f"## Iteration {number}\n\n"
@@ -109,20 +110,20 @@ class ForkParticipant:
         return self.inner.name
 
     def facts(self) -> Mapping[str, JsonValue]:
-        """Those of the agent."""
+        """The facts of the continuing agent, as recorded in `run.json`."""
         return self.inner.facts()
 
     def running(self) -> AbstractAsyncContextManager[object]:
-        """The context of the agent."""
+        """The context manager that holds the continuing agent's resources open."""
         return self.inner.running()
 
     async def play(
         self, laboratory: EpisodeConnector, key: EpisodeKey, versions: Versions, used: list[Usage]
     ) -> Episode:
-        """Play one episode, its first turns as stored.
+        """Play one episode whose first turns repeat the stored calls.
 
         Raises:
-            UsageError: The laboratory does not return what is stored.
+            UsageError: The laboratory's result of a repeated call differs from the stored one.
         """
         agent = ForkedAgent(self.inner.agent, self.stored, self.turn)
         origin = self.stored[key].key
@@ -138,7 +139,7 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
     Args:
         folder: The run.
         text: Conditions such as `scene=7,seed=3`, as `--episode` takes them.
-        turn: How many of their turns are to be played again.
+        turn: Number of turns to replay.
 
     Raises:
         UsageError: A condition is malformed, no episode meets them, or all that do are too short.
@@ -151,7 +152,7 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
         raise UsageError(
             f"{described(programs[0].key)} was played by a program, which has calls and no turns to go on from"
         )
-    # The answer ends an episode, so there is nothing to go on with after its last turn.
+    # The answer ends an episode, so a fork must be before the answering turn.
     long = [episode for episode in found if turn < _last(episode)]
     if not long:
         most = max(_last(episode) for episode in found) - 1
@@ -165,13 +166,13 @@ def select_episodes(folder: RunFolder, text: str, turn: int) -> list[Episode]:
 
 
 def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFolder) -> list[Episode]:
-    """The episodes that meet conditions.
+    """Select the episodes whose keys meet all conditions.
 
     Args:
-        episodes: Those of a run that were played.
+        episodes: Episodes to choose from.
         text: Conditions such as `scene=7,seed=3`.
-        option: Which option has them.
-        folder: The run.
+        option: Name of the command line option that holds `text`, for error messages.
+        folder: Run folder of the episodes, for error messages.
 
     Raises:
         UsageError: A condition is malformed, or no episode meets them.
@@ -187,13 +188,13 @@ def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFold
 
 
 def _values(key: EpisodeKey, name: str) -> set[str]:
-    """What a condition may name: also a world by its reference."""
+    """The spellings of a key's value that a condition may use. A scene has two: its id and its reference."""
     value = str(getattr(key, name))
     return {value, reference_of(key.scene)} if name == "scene" else {value}
 
 
 def _last(episode: Episode) -> int:
-    """The first turn after which nothing can follow: the answering one, or the last of the budget."""
+    """The first turn at which an episode can no longer be forked: the answering turn, or the last of the budget."""
     return (
         len(episode.turns) if episode.outcome is Outcome.ANSWERED else min(len(episode.turns) + 1, episode.key.budget)
     )
@@ -209,7 +210,7 @@ def _conditions(text: str, option: str) -> dict[str, str]:
 
 
 def line_hashes(folder: RunFolder) -> dict[EpisodeKey, str]:
-    """Key → SHA-256 of the last line with this key."""
+    """SHA-256 of the record of each episode; if several lines have the same key, of the last one."""
     lines = folder.episode_lines()
     return {Episode.model_validate_json(line).key: hashlib.sha256(line).hexdigest() for line in lines}
 
@@ -220,5 +221,5 @@ def fork_keys(episodes: Sequence[Episode], agents: Sequence[str]) -> dict[Episod
 
 
 def described(key: EpisodeKey) -> str:
-    """An episode in words."""
+    """Describe an episode by its key, for error messages."""
     return f"scene {reference_of(key.scene)}, seed {key.seed}, {key.agent}, budget {key.budget}, epoch {key.epoch}"

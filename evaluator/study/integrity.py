@@ -1,4 +1,4 @@
-"""What protects the results of a run: the seal of its records, and the key of held-back seeds."""
+"""Integrity of a run's results: the seal of its records and the key of held-back seeds."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,18 +14,18 @@ from evaluator.store.seal import Seal
 
 
 class Sealing:
-    """The seal of a run that is being played, kept in memory alone until the end."""
+    """The seal of a run that is being played. It stays in memory until the run ends."""
 
     def __init__(self, folder: RunFolder, *, trust: bool = False, damage: Sequence[str] = ()) -> None:
-        """Begin where a run was interrupted, or anew.
+        """Begin the seal of a new run, or continue that of an interrupted one.
 
         Args:
             folder: The run, whose damaged lines have been set aside.
-            trust: Go on with records that do not fit to their seal.
-            damage: A sentence for each line that was set aside; the seal cannot vouch for the others then.
+            trust: Accept records that do not match their seal.
+            damage: A sentence for each line that was set aside. If there are any, the seal cannot be verified.
 
         Raises:
-            StoreError: The records do not fit to their seal.
+            StoreError: The records do not match their seal.
         """
         stored = folder.read_seal() or Seal()
         lines = folder.episode_lines()
@@ -40,27 +40,27 @@ class Sealing:
         self.seal = self.seal.model_copy(update={"found": found, "edited": edited})
 
     def add(self, line: bytes) -> None:
-        """Seal one more episode.
+        """Add an episode to the seal.
 
         Args:
-            line: Its line, without the line feed.
+            line: The episode's line of `episodes.jsonl`, without the line feed.
         """
         self.seal = self.seal.after(line)
 
     def sentence(self) -> str:
-        """What the operator keeps elsewhere."""
+        """The sentence with the seal's head, printed so that the operator can store it outside the run folder."""
         return f"seal: {self.seal.lines} episodes, {self.seal.head}"
 
 
 def seal_note(folder: RunFolder, *, trust: bool = False) -> str:
-    """What the seal of a stored run says, as a clause for its report.
+    """Describe the seal of a stored run in a clause for its report.
 
     Args:
         folder: The run.
-        trust: Go on with records that do not fit to their seal, and say so.
+        trust: Accept records that do not match their seal; the clause then says so.
 
     Raises:
-        StoreError: The records do not fit to their seal.
+        StoreError: The records do not match their seal.
     """
     seal = folder.read_seal()
     if seal is None:
@@ -79,7 +79,7 @@ def seal_note(folder: RunFolder, *, trust: bool = False) -> str:
 
 
 def _refuse(folder: RunFolder, problem: str, *, trust: bool) -> None:
-    folder.episodes()  # if a line cannot even be read, this says which
+    folder.episodes()  # raises an error that names the line if a line cannot be parsed
     if not trust:
         raise StoreError(
             f"{folder.episodes_file} is not what the run wrote: {problem}; --allow-modified goes on with it, and the"
@@ -88,7 +88,7 @@ def _refuse(folder: RunFolder, problem: str, *, trust: bool) -> None:
 
 
 class RevealedKey(Record):
-    """`seed_key.json`: the key of a held-back run, once its publisher discloses it."""
+    """Contents of `seed_key.json`: the key of a run with held-back seeds, disclosed by its publisher."""
 
     format: Literal[1] = FORMAT
     key: str
@@ -96,7 +96,7 @@ class RevealedKey(Record):
 
 
 def seed_key_file(folder: RunFolder) -> Path:
-    """Where a run folder discloses the key of its seeds."""
+    """Path of the file in which a run folder discloses the key of its seeds."""
     return folder.path / "seed_key.json"
 
 
@@ -116,7 +116,7 @@ def read_seed_key(file: Path, option: str = "--seed-key") -> SeedKey:
 
 
 def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
-    """What turns the recorded seeds of a stored run into those that it was played with.
+    """The function that maps the recorded seeds of a stored run to the seeds that it was played with.
 
     Args:
         folder: The run. One without `run.json` has plain seeds.
@@ -149,7 +149,7 @@ def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
 
 
 def read_revealed(folder: RunFolder) -> SeedKey | None:
-    """The key that a run folder discloses; None if it discloses none.
+    """Read the seed key that a run folder discloses; None if it discloses none.
 
     Raises:
         StoreError: `seed_key.json` cannot be read.
@@ -176,14 +176,14 @@ def reveal(folder: RunFolder, key_file: Path) -> None:
 
 
 def pass_on_key(source: RunFolder, target: RunFolder) -> None:
-    """Disclose in a run that was made of another one what that one discloses."""
+    """Copy the disclosed seed key of a run, if there is one, to a run that was made from it."""
     key = read_revealed(source)
     if key is not None:
         target.write_text(seed_key_file(target), RevealedKey(key=key.secret.hex()).model_dump_json(indent=2) + "\n")
 
 
 def is_withheld(folder: RunFolder) -> bool:
-    """Whether the grades of a run must not contain what is right, because its seeds or worlds are held back."""
+    """Whether the grades of a run must omit the correct answers, because its seeds or worlds are held back."""
     run = folder.read_run()
     if any(world.commitment for world in run.worlds.values()):
         return True

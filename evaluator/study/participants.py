@@ -1,4 +1,4 @@
-"""Who plays a run: makes the participants that a `RunConfig` names. Loads a provider's client when it is needed."""
+"""Creates the participants that a `RunConfig` names. A provider's client library is imported when it is needed."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -28,18 +28,18 @@ def model_participant(
     patience: Patience | None = None,
     environ: Mapping[str, str] | None = None,
 ) -> AgentParticipant:
-    """The model that `text` names, ready to play.
+    """Create the participant for a language model.
 
     Args:
         text: `model:PRESET` or `model:PROVIDER:NAME`, with or without options.
         options: Options of all models; options in `text` win.
-        base_url: Address to ask, instead of the provider's own.
-        lanes: Shared by all agents of a run, so that the limit of a provider holds for all of them together.
-        patience: How long to wait for a model.
+        base_url: Base URL of the API, instead of the provider's own.
+        lanes: Concurrency limits of the providers, shared by all agents of a run.
+        patience: Timeouts and number of retries of requests to the model.
         environ: Environment variables; by default those of the process.
 
     Raises:
-        UsageError: There is no such model, something is missing to ask it, or it does not accept an option.
+        UsageError: The model is unknown, its API key or client library is missing, or it does not accept an option.
     """
     choice = parse_model(text, options or Options(), base_url, environ)
     if lacking := choice.missing():
@@ -66,7 +66,7 @@ AGENTS = (
     "MODULE:CLASS",
     "external -- COMMAND",
 )
-"""What `--agent` takes."""
+"""Forms of the values that `--agent` accepts."""
 EXTERNAL = "external"
 _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
     "reference": ReferenceAgent,
@@ -76,7 +76,7 @@ _PLAIN: Mapping[str, Callable[[Path | None], Agent]] = {
     "constant": ConstantAgent,
     "batch": BatchAgent,
 }
-"""Agents without a parameter: name → what makes one from the folder of scene packs."""
+"""Name of each agent without parameters → function that creates it from the folder of scene packs."""
 
 
 def _grammar() -> Agent:
@@ -86,7 +86,7 @@ def _grammar() -> Agent:
 
 
 def participants_of(config: RunConfig) -> dict[str, Participant]:
-    """The participants by name.
+    """Create the participants of a run, by name.
 
     Raises:
         UsageError: One of them cannot be made, or two have the same name.
@@ -123,7 +123,7 @@ def _with_stopping(config: RunConfig, participant: AgentParticipant) -> AgentPar
 
 
 def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:
-    """The participant that one `--agent` names, unless it is a program.
+    """Create the participant for one value of `--agent` other than an external program.
 
     Raises:
         UsageError: There is no such agent, or it cannot be made.

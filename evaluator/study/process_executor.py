@@ -1,7 +1,8 @@
-"""`--workers N`: processes on this machine play the episodes, each with a host of its own for `--server host`.
+"""`--workers N`: worker processes on this machine play the episodes. With `--server host` each starts its own host.
 
-A worker is a Python process that holds one end of a socket pair. Requests and replies go over it, each with a number.
-If either side ends, however it does, the other one notices, and a worker ends with all that it started.
+A worker is a Python process that holds one end of a socket pair. Requests and replies on the socket carry a number that
+matches them. Each side sees the end of the other as end of file. A worker that sees it ends, with the servers that it
+started.
 """
 
 import contextlib
@@ -32,40 +33,40 @@ from evaluator.study.worker_process import Crash, ProcessChannel
 from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 AVAILABLE = hasattr(socket, "AF_UNIX")
-"""Whether this system has the sockets that workers need; Windows has not."""
+"""Whether the platform has the Unix domain sockets that workers need; Windows has none."""
 _KIND = "worker process"
 _PATIENCE_S = 60.0
-"""How long a lost worker is waited for [s]. It takes a few seconds to start again."""
+"""Longest time for a lost worker to restart [s]. A restart usually takes a few seconds."""
 _MEMORY = 400 * 2**20
-"""What a worker and its host take, with some hundred episodes [bytes]."""
+"""Memory of a worker and its host with about a hundred open episodes [bytes]."""
 _EPISODES_EACH = 25
-"""Fewest episodes for which a worker is worth its start, which takes 3 s of a processor."""
+"""Fewest episodes per worker by default, because starting a worker costs 3 s of processor time."""
 _CONCURRENT_EACH = 4
-"""Fewest episodes at a time for which it is."""
+"""Fewest concurrent episodes per worker by default, for the same reason."""
 _END_S = 5.0
 """Longest wall time for a worker to end by itself [s]."""
 
 
 def usual_workers(config: RunConfig, episodes: int) -> int:
-    """How many workers play a run unless the operator says: as many as are worth their start and fit into this machine.
+    """Default number of workers, limited by the number of episodes, the processors and the free memory.
 
     Args:
         config: The configuration of the run.
-        episodes: How many episodes.
+        episodes: Number of episodes to play.
     """
     if not AVAILABLE or EXTERNAL in config.agents or config.server == "stdio":
-        return 1  # programs, and servers on stdio, are processes already
+        return 1  # external programs and stdio servers run in processes of their own
     worth = min(episodes // _EPISODES_EACH, config.concurrency // _CONCURRENT_EACH)
     return max(1, min(_processors(), _free_memory() // _MEMORY, worth))
 
 
 def _processors() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)  # what a scheduler lets us use; macOS does not say
+    affinity = getattr(os, "sched_getaffinity", None)  # processors that the scheduler assigned; not on macOS
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _free_memory() -> int:
-    """Memory that is free [bytes]; where the system does not say, enough for any number of workers."""
+    """Free memory [bytes]; where the platform does not report it, a value too large to limit the workers."""
     try:
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError, AttributeError):
@@ -74,12 +75,12 @@ def _free_memory() -> int:
 
 @dataclass(slots=True, eq=False)
 class _ProcessWorker:
-    """A worker process, which is started again if it is lost."""
+    """A `Worker` in a child process, which is restarted if it is lost."""
 
     plan: EpisodeWorker
-    """What the process is to be."""
+    """The worker object that is sent to the process."""
     tasks: TaskGroup
-    """Reads its replies."""
+    """Task group of the task that reads the replies."""
     _process: subprocess.Popen[bytes] | None = None
     _channel: ProcessChannel | None = None
     _errors: IO[str] | None = None
@@ -87,7 +88,7 @@ class _ProcessWorker:
     _waiting: dict[int, "_Reply"] = field(default_factory=dict[int, "_Reply"])
 
     async def prepare(self) -> UsageError | None:
-        """As in `Worker`: starts the process anew."""
+        """Restart the process and prepare its worker; see `Worker.prepare`."""
         await self.stop()
         try:
             await self._start()
@@ -103,11 +104,11 @@ class _ProcessWorker:
     async def play(
         self, key: EpisodeKey, versions: Versions, timeout_s: float | None
     ) -> Episode | PermanentFailure | UsageError:
-        """As in `Worker`."""
+        """Play one episode in the process; see `Worker.play`."""
         return await self._ask("play", key, versions, timeout_s)
 
     async def close(self) -> None:
-        """As in `Worker`."""
+        """Close the servers that the process started; see `Worker.close`."""
         await self._ask("close")
 
     async def stop(self) -> None:
@@ -123,7 +124,7 @@ class _ProcessWorker:
             self._errors = None
 
     def _ended(self) -> int:
-        """Wait until the process has ended, and kill it if that takes long; returns its exit code."""
+        """Wait for the process to end, kill it after a timeout, and return its exit code."""
         assert self._process is not None
         try:
             return self._process.wait(_END_S)
@@ -135,7 +136,7 @@ class _ProcessWorker:
         """Start the process.
 
         Raises:
-            OSError: The system has no process or no file left.
+            OSError: The limit of processes or open files is reached.
         """
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in stop
         ours, theirs = socket.socketpair()
@@ -146,7 +147,7 @@ class _ProcessWorker:
                     stdin=subprocess.DEVNULL,
                     stderr=self._errors,
                     pass_fds=[theirs.fileno()],
-                    # Ctrl-C on a terminal goes to the run alone, which then ends its workers.
+                    # A new session, so that Ctrl-C on a terminal reaches the parent only, which then ends its workers.
                     start_new_session=True,
                 )
             self._channel = await ProcessChannel.over(ours)
@@ -156,7 +157,7 @@ class _ProcessWorker:
         self.tasks.start_soon(self._read, self._channel)
 
     async def _read(self, channel: ProcessChannel) -> None:
-        """Give replies to those who wait for them, until the process ends."""
+        """Deliver each reply to its waiting request, until the process ends."""
         while (message := await channel.receive()) is not None:
             number, outcome = message
             self._waiting.pop(number).set(outcome)
@@ -175,7 +176,7 @@ class _ProcessWorker:
             case WorkerLost():
                 raise reply.outcome
             case Crash(trace):
-                # An error in our own code, or in an agent: playing again would only repeat it.
+                # A bug in this package or in an agent: a retry would fail in the same way.
                 raise RuntimeError(trace)
             case outcome:
                 return outcome
@@ -189,7 +190,7 @@ class _ProcessWorker:
 
 @dataclass(slots=True)
 class _Reply:
-    """What a request waits for."""
+    """The pending reply of one request."""
 
     there: anyio.Event = field(default_factory=anyio.Event)
     outcome: Any = None
@@ -208,15 +209,16 @@ async def process_workers(
     count: int,
     patience_s: float = _PATIENCE_S,
 ) -> AsyncGenerator[Play]:
-    """Workers on this machine.
+    """Start workers on this machine and yield the function that plays an episode on one of them.
 
     Args:
         config: The configuration of the run.
-        participants: The same, built here; their facts hold the limits of the providers, which the workers share.
+        participants: The participants of `config`. Their facts hold the concurrency limits of the providers, which are
+            divided among the workers.
         record: The record of the run.
-        count: How many workers; fewer are started if fewer episodes are played at a time, or a provider allows fewer
-            requests.
-        patience_s: How long a lost worker is waited for [s].
+        count: Number of workers. Fewer are started if fewer episodes are played at a time, or if a provider allows
+            fewer concurrent requests.
+        patience_s: Longest time for a lost worker to restart [s].
 
     Raises:
         UsageError: A worker cannot start.

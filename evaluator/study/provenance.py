@@ -1,4 +1,4 @@
-"""The record of a run that starts: what decides its result, and how the worlds of the run were made."""
+"""Creates the record of a run that starts, and compares its worlds with those of a stored run."""
 
 import hashlib
 import json
@@ -18,10 +18,10 @@ from scenes import PackFiles, WorldError, default_folder, is_world, one_world, p
 
 
 def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:
-    """Reference → how a world was made, for the worlds among packs that are made from records.
+    """Provenance of the generated worlds among packs, by reference.
 
     Raises:
-        UsageError: The record of one cannot be read.
+        UsageError: The record of a world cannot be read.
     """
     folder = scenes_dir or default_folder()
     kept = [files.scene_id for files in packs if is_world(files.scene_id) and files.folder.parent != folder]
@@ -29,10 +29,10 @@ def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[s
 
 
 def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
-    """Refuse to go on with a stored run if the worlds that are here were made otherwise.
+    """Refuse to continue a stored run if a world in the folder of packs differs from the recorded one.
 
     Raises:
-        UsageError: One of them was, or is not here.
+        UsageError: A world differs or is missing.
     """
     folder = scenes_dir or default_folder()
     here = {reference: _played(one_world(reference), folder) for reference in run.worlds}
@@ -41,7 +41,7 @@ def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
 
 
 def worlds_difference(stored: Mapping[str, PlayedWorld], here: Mapping[str, PlayedWorld]) -> str:
-    """The first world that was made otherwise, as a clause; empty if all are the same."""
+    """Describe the first world whose provenance differs, as a clause; empty if all are the same."""
     for reference in (*stored, *here):
         then, now = stored.get(reference), here.get(reference)
         if then is None or now is None:
@@ -69,7 +69,7 @@ def _played(scene: int, folder: Path) -> PlayedWorld:
 
 
 def _compared(then: PlayedWorld, now: PlayedWorld) -> tuple[str, str]:
-    """In what two worlds differ that makes all the rest another one."""
+    """Describe the first difference in provenance: a clause for the stored world and one for the present world."""
     if then.grammar != now.grammar:
         return f"by version {then.grammar} of the grammar", f"by version {now.grammar}"
     if then.commitment != now.commitment:
@@ -91,7 +91,7 @@ _PACKAGES = ("physment-mcp", "mcp", "mujoco", "pydantic", "numpy")
 
 
 async def server_record(client: Client, option: str) -> ServerRecord:
-    """What the server behind a client says about itself.
+    """Record the version, protocol and tools that a server reports.
 
     Args:
         client: A connected client.
@@ -120,10 +120,10 @@ def run_record(
 
     Args:
         plan: The matrix.
-        packs: The scenes.
-        server: The server it is played on.
-        agents: Agent → what decides its results besides its name.
-        shard: Which part of the plan is played, `i/n`; None if all of it.
+        packs: The packs of the scenes.
+        server: The server that the run is played on.
+        agents: Agent → settings that decide its results besides its name.
+        shard: The part of the plan to play, `i/n`; None for all of it.
     """
     return RunRecord(
         created_at=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -149,7 +149,7 @@ def _version(name: str) -> str | None:
 
 
 def _git_revision() -> str | None:
-    """Revision of the checkout that this code runs from; None if it is none."""
+    """Git revision of the checkout that contains this module; None outside a checkout."""
     command = ["git", "rev-parse", "HEAD"]
     try:
         done = subprocess.run(  # noqa: S603 - a fixed command

@@ -1,6 +1,6 @@
 """`--executor ray`: workers on a Ray cluster play the episodes, for operators who need more than one machine.
 
-Knows Ray and no run folders. Ray itself is loaded when workers are started, and not before.
+Knows no run folders. Ray is imported when the workers are started.
 """
 
 import contextlib
@@ -30,14 +30,14 @@ _KIND = "Ray worker"
 _CONNECT_S = 5.0
 """Longest time for a cluster to accept a connection [s]."""
 PATIENCE_S = 600.0
-"""How long a lost worker is waited for [s]. Ray starts it again as soon as a node has room."""
+"""Longest time for a lost worker to restart [s]. Ray restarts it as soon as a node has free resources."""
 
 
 def require_ray() -> None:
-    """Check that Ray is installed, without loading it.
+    """Check that Ray is installed, without importing it.
 
     Raises:
-        UsageError: It is not.
+        UsageError: Ray is not installed.
     """
     if find_spec("ray") is None:
         raise UsageError(f"--executor ray needs Ray, which is not installed: pip install '{EXTRA}'")
@@ -45,25 +45,25 @@ def require_ray() -> None:
 
 @dataclass(frozen=True, slots=True)
 class _RayWorker:
-    """An actor, which stays the same when Ray starts it again on another node."""
+    """A `Worker` in a Ray actor. Its handle stays valid when Ray restarts the actor on another node."""
 
     ray: Any
     actor: Any
 
     async def prepare(self) -> UsageError | None:
-        """As in `Worker`."""
+        """Prepare the worker in the actor; see `Worker.prepare`."""
         with self._lost():
             return await self.actor.prepare.remote()
 
     async def play(
         self, key: EpisodeKey, versions: Versions, timeout_s: float | None
     ) -> Episode | PermanentFailure | UsageError:
-        """As in `Worker`."""
+        """Play one episode in the actor; see `Worker.play`."""
         with self._lost():
             return await self.actor.play.remote(key, versions, timeout_s)
 
     async def close(self) -> None:
-        """As in `Worker`."""
+        """Close the servers that the actor started; see `Worker.close`."""
         with self._lost():
             await self.actor.close.remote()
 
@@ -72,7 +72,7 @@ class _RayWorker:
         try:
             yield
         except self.ray.exceptions.RayTaskError:
-            # An error in our own code on the worker: playing again would only repeat it.
+            # A bug in this package, raised on the worker: a retry would fail in the same way.
             raise
         except self.ray.exceptions.RayError as error:
             raise WorkerLost from error
@@ -86,13 +86,16 @@ async def ray_workers(
     *,
     patience_s: float = PATIENCE_S,
 ) -> AsyncGenerator[Play]:
-    """Workers on the cluster at `RAY_ADDRESS` or on this machine, one for each processor.
+    """Start one worker per processor of the cluster at `RAY_ADDRESS`, or of this machine if it is not set.
+
+    Yields the function that plays an episode on one of them.
 
     Args:
         config: The configuration of the run; every node must be able to build its agents.
-        participants: The same, built here; their facts hold the limits of the providers, which the workers share.
+        participants: The participants of `config`. Their facts hold the concurrency limits of the providers, which are
+            divided among the workers.
         record: The record of the run.
-        patience_s: How long a lost worker is waited for [s].
+        patience_s: Longest time for a lost worker to restart [s].
 
     Raises:
         UsageError: Ray is not installed, no cluster is at that address, or a worker lacks something.
@@ -106,7 +109,7 @@ async def ray_workers(
         shared = replace(config, lanes={provider: max(1, limit // count) for provider, limit in lanes.items()})
         packs = record.packs if config.server in {"stdio", "host"} else {}
         for places in shares(config.concurrency, count):
-            # Two calls more than episodes: `prepare` and `close`. Ray must not repeat calls: attempts are counted here.
+            # `prepare` and `close` need two calls besides the episodes. Ray must not retry: attempts are counted here.
             actor = ray.remote(EpisodeWorker).options(
                 num_cpus=1,
                 max_concurrency=places + 2,
@@ -126,7 +129,7 @@ async def ray_workers(
 
 def _connected() -> Any:
     require_ray()
-    # Ray reports its use to its makers by default; a laboratory may not want that.
+    # Ray sends usage statistics to its developers by default; this opts out.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     ray: Any = importlib.import_module("ray")
     address = os.environ.get(ADDRESS_VARIABLE)
@@ -141,7 +144,7 @@ def _connected() -> Any:
 
 
 def _try_to_connect(address: str) -> None:
-    """Check that a program listens at the address: Ray itself would try for minutes.
+    """Check that a program listens at the address, because Ray's own attempts take minutes to fail.
 
     Raises:
         OSError: Nothing listens there.

@@ -1,7 +1,7 @@
-"""Replay: recorded episodes are played again, and what the laboratory returns is compared with the record.
+"""Replay: the calls of recorded episodes are repeated, and their results are compared with the record.
 
-Where the tool contract is that of the record, every field must be equal. Where it is another one, every field of the
-record must be equal; fields that were added since, and opening prompts that changed with it, are only counted.
+If the tool contract has not changed since the recording, every field must be equal. Otherwise every recorded field must
+be equal; fields that the record lacks and changed opening prompts are counted and not reported as differences.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ from evaluator.records.episode import Episode, EpisodeKey, Exchange, Outcome, Re
 from evaluator.study.provenance import server_record
 
 REL_TOL = 1e-9
-"""Two numbers count as the same up to this difference, relative to the larger one."""
+"""Largest difference between numbers that count as equal, relative to the larger one."""
 
 
 class Difference(Record):
@@ -44,8 +44,8 @@ class Replayed:
     """Calls compared."""
     differences: tuple[Difference, ...] = ()
     added: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Tool and field, such as `get_velocity: speed`, or the opening prompt → in how many places it was added since the
-    record."""
+    """Number of occurrences of each addition that the record lacks. A key is a tool and a field, such as
+    `get_velocity: speed`, or the opening prompt."""
     failure: str = ""
     """Why the episode could not be played; empty if it was."""
 
@@ -59,19 +59,19 @@ async def replay(
     concurrency: int = 1,
     on_end: Callable[[Replayed], None] = lambda _: None,
 ) -> list[Replayed]:
-    """Play all episodes of an agent again.
+    """Replay all episodes of an agent.
 
     Args:
         agent: The recorded episodes.
-        laboratory: Where to play.
-        contracts: Hashes of the tool contracts that the episodes were recorded under. If there are none, or only the
-            present one, every field must be equal.
-        rel_tol: Largest difference between numbers that count as the same, relative to the larger one; 0 for none.
-        concurrency: Episodes played at a time.
+        laboratory: Connector to the laboratory on which the episodes are replayed.
+        contracts: Hashes of the tool contracts that the episodes were recorded under. If it is empty or holds only the
+            present contract, every field must be equal.
+        rel_tol: Largest difference between numbers that count as equal, relative to the larger one; 0 for none.
+        concurrency: Number of episodes played at a time.
         on_end: Called after each episode.
 
     Returns:
-        The result of each, in the order in which they are stored.
+        The result of each episode, in the order of the record.
     """
     results: dict[EpisodeKey, Replayed] = {}
     waiting = iter(agent.episodes)
@@ -104,9 +104,9 @@ async def _replay_episode(
 
 
 def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]:
-    """A replay without the fields that its record does not have, and in how many places each of them was.
+    """Remove from a replayed episode the fields that its record lacks, and count them.
 
-    The opening prompt describes the tools, so with another tool contract it may be another text: it counts as added.
+    The opening prompt describes the tools, so it may change with the tool contract. A changed prompt is counted too.
     """
     added = Counter[str]()
     if now.prompt != stored.prompt:
@@ -124,7 +124,7 @@ def without_added(stored: Episode, now: Episode) -> tuple[Episode, Counter[str]]
 
 
 def _recorded_part(old: JsonValue, new: JsonValue, path: str, added: Counter[str]) -> JsonValue:
-    """The part of a new value that an old one has too; counts the fields that are left out."""
+    """Restrict a replayed value to the fields of the recorded one; adds the removed fields to `added`."""
     if isinstance(old, dict) and isinstance(new, dict):
         added.update(f"{path}{name}" for name in new if name not in old)
         return {
@@ -138,7 +138,7 @@ def _recorded_part(old: JsonValue, new: JsonValue, path: str, added: Counter[str
 
 
 def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iterator[Difference]:
-    """The places where two plays of the same calls differ; for each call only the first.
+    """Yield the differences between a stored and a replayed episode; for each call only the first.
 
     Times, notes and usage do not come from the laboratory and are not compared.
     """
@@ -162,5 +162,5 @@ def differences(stored: Episode, now: Episode, rel_tol: float = REL_TOL) -> Iter
         words = ["answered" if ended else "not answered" for ended in answered]
         yield Difference(key=key, turn=0, call=0, what="outcome", stored=words[0], now=words[1])
     elif stored.answer != now.answer:
-        # The recorded answer is what is graded; it must be the one that was given in a call.
+        # Grading reads the recorded answer, so it must equal the argument of the recorded `answer` call.
         yield Difference(key=key, turn=0, call=0, what="answer", stored=stored.answer, now=now.answer)

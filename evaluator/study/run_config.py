@@ -1,4 +1,4 @@
-"""What a run is asked to be and where it stops: one record, from the command line, a study file or Python."""
+"""The configuration of a run and its limits, built from the command line, a study file or Python."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -18,7 +18,7 @@ from scenes import PackFiles
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a run may use; None for no limit."""
+    """Limits of what a run may use; None for no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None
@@ -29,26 +29,29 @@ class Limits:
 
 @dataclass(slots=True)
 class Meter:
-    """Adds up what a run uses. For a resumed run, money and tokens of earlier starts count, but not their wall time."""
+    """Adds up the cost, tokens and wall time of a run.
+
+    In a resumed run, cost and tokens include those of earlier starts; wall time does not.
+    """
 
     limits: Limits = Limits()
     clock: Callable[[], float] = time.monotonic
     cost_usd: float = 0.0
     tokens: int = 0
     unpriced: int = 0
-    """Tokens with an unknown price."""
+    """Number of tokens with an unknown price."""
     started: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.started = self.clock()
 
     def add_all(self, usages: Iterable[Usage | None]) -> None:
-        """Add what several episodes used."""
+        """Add the usage of several episodes."""
         for usage in usages:
             self.add(usage)
 
     def add(self, usage: Usage | None) -> None:
-        """Add what an episode used; None for nothing."""
+        """Add the usage of an episode; None adds nothing."""
         if usage is None:
             return
         used = usage.input_tokens + usage.output_tokens
@@ -64,7 +67,7 @@ class Meter:
         return self.clock() - self.started
 
     def reached(self) -> str:
-        """Which limit is reached, as a clause; empty if none is."""
+        """The limit that is reached, as a clause; empty if none is."""
         limits = self.limits
         if limits.cost_usd is not None and self.unpriced:
             return "--max-cost cannot be kept: the price of a model is not known"
@@ -79,37 +82,37 @@ class Meter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunConfig:
-    """The configuration of a run. It can be pickled, and makes the same agents on every machine."""
+    """The configuration of a run. It can be pickled, and creates the same agents on every machine."""
 
     # Who plays
     agents: tuple[str, ...] = ("reference",)
     """Value of each `--agent`."""
     server: str = "stdio"
-    """As `--server` says."""
+    """Value of `--server`."""
     scenes_dir: Path | None = None
     """Folder of scene packs; None for the suite."""
     observations: str = "text"
-    """`text`, or `rgb` for results with pictures."""
+    """`text`, or `rgb` for results with images."""
     model_options: Options = field(default_factory=Options)
     """Options of all models."""
     base_url: str | None = None
-    """Where models are asked, instead of the provider's own address."""
+    """Base URL of the models' API, instead of the provider's own."""
     lanes: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Provider → most requests at a time."""
+    """Provider → largest number of concurrent requests."""
     patience: Patience = field(default_factory=Patience)
-    """How long and how often a model is asked."""
+    """Timeouts and number of retries of requests to models."""
     stopping: str = "always"
     """When agents are advised to answer."""
     command: tuple[str, ...] = ()
-    """Words after `--`: the program of an external agent."""
+    """Arguments after `--`: the program of an external agent."""
     max_calls: int | None = None
-    """Most tool calls of an external agent in an episode."""
+    """Largest number of tool calls of an external agent in an episode."""
     max_wall_s: float = 1800.0
-    """Most wall time of an external agent for an episode [s]."""
+    """Time limit of an external agent for an episode, as wall time [s]."""
     home: Path | None = None
-    """Folder whose content each home of an external agent starts with."""
+    """Template folder that is copied to the home directory of an external agent."""
     sealed: bool = False
-    """The operator vouches that an external agent cannot read the packs."""
+    """Whether the operator declares that an external agent cannot read the packs."""
     users: tuple[str, ...] = ()
     """System users that a sealed agent runs as."""
     seed_key: SeedKey | None = None
@@ -123,40 +126,44 @@ class RunConfig:
     seeds: tuple[int, ...] = (0,)
     epochs: int = 1
     same_seeds: bool = False
-    """Whether also programs that play by themselves meet the same seeds at each repetition."""
+    """Whether external agents get the same seeds at each repetition, as other agents do."""
     promptings: tuple[str, ...] = ("zero-shot",)
     protocols: tuple[str, ...] = ("native",)
     shard: Shard = WHOLE
-    """Which part of the matrix is played here."""
+    """The part of the matrix that this process plays."""
 
-    # How it is played
+    # Execution
     limits: Limits = field(default_factory=Limits)
     concurrency: int = 1
-    """Episodes played at a time."""
+    """Number of episodes played at a time."""
     executor: str = "local"
     """`local` or `ray`."""
     workers: int | None = None
-    """Processes that play; None for as many as are worth their start."""
+    """Number of worker processes; None for the default of `usual_workers`."""
     episode_timeout_s: float | None = 7200.0
-    """Wall time of one attempt at an episode [s]; None for no limit."""
+    """Time limit of one attempt at an episode, as wall time [s]; None for no limit."""
     out: Path | None = None
-    """Run folder, or folder of the shards; None for a new one below `runs`."""
+    """Run folder, or parent folder of the shards; None for a new folder below `runs`."""
     resume: bool = False
     allow_modified: bool = False
-    """Go on with records that do not fit to their seal."""
+    """Whether to accept records that do not match their seal."""
     dry_run: bool = False
     otel: bool = False
-    """Export spans of OpenTelemetry."""
+    """Whether to export OpenTelemetry spans."""
     as_json: bool = False
-    """Print the summary as JSON on stdout, and everything else on stderr."""
+    """Whether to print the summary to stdout as JSON, and everything else to stderr."""
 
     @property
     def seed_of(self) -> SeedOf:
-        """What turns the seeds of episodes into those that variants are drawn from."""
+        """The function that maps the seed in an episode's key to the seed that its variant is drawn from."""
         return seed_as_recorded if self.seed_key is None else self.seed_key.seed
 
     def plan(self, participants: Mapping[str, Participant]) -> Plan:
-        """The matrix with these agents, by name."""
+        """The matrix of the run.
+
+        Args:
+            participants: Name → participant.
+        """
         programs = tuple(name for name, participant in participants.items() if isinstance(participant, ExternalAgent))
         return Plan(
             scenes=tuple(files.scene_id for files in self.packs),

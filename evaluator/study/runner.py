@@ -1,4 +1,4 @@
-"""Plays episodes, a few at a time, again if the infrastructure fails. Each is on disk before it counts."""
+"""Plays episodes concurrently, retries them after infrastructure errors, and writes each to disk when it ends."""
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.run_config import Meter
 
 MAX_ATTEMPTS = 3
-"""How often an episode is opened before an infrastructure error is recorded."""
+"""Number of attempts at an episode before an infrastructure error is recorded."""
 _PAUSE_S = 0.5
 """Pause before the second attempt [s]; it doubles for each further attempt."""
 
@@ -29,11 +29,11 @@ class LocalPlay:
 
     laboratory: EpisodeConnector
     participants: Mapping[str, Participant]
-    """By name, as in the keys."""
+    """Agent name in the episode keys → participant."""
     versions: Callable[[int], Versions]
-    """Scene → versions to record."""
+    """Function of the scene id that returns the versions to record."""
     timeout_s: float | None = None
-    """Wall time of one attempt [s]; None for no limit."""
+    """Time limit of one attempt, as wall time [s]; None for no limit."""
 
     async def __call__(self, key: EpisodeKey) -> Episode:
         """Play an episode; raises as `play_key` does."""
@@ -51,11 +51,12 @@ async def play_key(
     """Play an episode until it has an outcome, or until all attempts have failed.
 
     Args:
-        participant: Who plays.
-        laboratory: Where.
-        key: Which episode.
-        versions: Recorded with it.
-        timeout_s: Wall time of one attempt [s]; None for no limit. An attempt that takes longer has failed.
+        participant: The participant that plays the episode.
+        laboratory: Connector to the laboratory.
+        key: Key of the episode.
+        versions: Versions to record with the episode.
+        timeout_s: Time limit of one attempt, as wall time [s]; None for no limit. An attempt that exceeds it has
+            failed.
 
     Raises:
         UsageError: The participant cannot play in this laboratory.
@@ -90,10 +91,10 @@ def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | N
     """The record of an episode of which every attempt ended in an infrastructure error.
 
     Args:
-        key: Which episode.
+        key: Key of the episode.
         failure: The last error, as a sentence.
-        versions: Recorded with it.
-        usage: What the attempts used, if known.
+        versions: Versions to record with the episode.
+        usage: Usage of all attempts, if known.
     """
     return Episode(
         key=key,
@@ -121,18 +122,18 @@ class Runner:
     play: Play
     folder: RunFolder
     concurrency: int = 1
-    """Most episodes at a time."""
+    """Largest number of episodes played at a time."""
     meter: Meter = field(default_factory=Meter)
-    """Adds up what the episodes use, and knows the limits."""
+    """Adds up the usage of the episodes and checks the limits."""
     on_start: Callable[[EpisodeKey], None] = field(default=lambda _key: None)
     on_end: Callable[[Episode], None] = field(default=lambda _episode: None)
-    """Called when an episode is on disk."""
+    """Called after an episode has been written to disk."""
 
     async def run(self, keys: Sequence[EpisodeKey]) -> str:
-        """Play these episodes in their order.
+        """Play episodes in the order given.
 
         Returns:
-            Why some were left out, as a clause: agents that cannot be asked, a limit; empty if none were.
+            Why some episodes were not played, as a clause: a failed provider or a reached limit. Empty if all were.
 
         Raises:
             StoreError: A record could not be written; what was written before is kept.

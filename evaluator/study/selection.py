@@ -12,11 +12,11 @@ from scenes.splits import HELD_BACK, Split, splits
 SUITE = "all"
 """Selects every scene but the open worlds, which are a track of their own."""
 USUAL_SEEDS = 20
-"""Seeds of a split that are played if `--seeds` names none; of worlds alone, one."""
+"""Default number of seeds of a split. A split of open worlds alone is played at one seed."""
 
 
 class Selected(NamedTuple):
-    """What is to be played."""
+    """The selected scenes and seeds."""
 
     split: str
     """Name and version of the split; empty if none is named."""
@@ -27,16 +27,16 @@ class Selected(NamedTuple):
 def select(
     split: str | None = None, scenes: str | None = None, seeds: str | None = None, scenes_dir: Path | None = None
 ) -> Selected:
-    """What `--split`, `--scenes` and `--seeds` select; without any, the suite at seed 0.
+    """Select scenes and seeds; by default the suite at seed 0.
 
     Args:
-        split: Name of a split, among whose scenes and seeds the two others choose.
+        split: Name of a split; `scenes` and `seeds` then select from it.
         scenes: Ids, ranges, rungs and categories, such as `7,9,20-30`, `easy` or `category:easy-single`.
-        seeds: Numbers and ranges, such as `0,3-5`; of a split, its first twenty by default.
+        seeds: Numbers and ranges, such as `0,3-5`; by default the first twenty seeds of a split.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
-        UsageError: One is malformed, selects nothing or contradicts another one.
+        UsageError: An argument is malformed, selects nothing or contradicts another one.
     """
     if split is None:
         return Selected("", tuple(parse_scenes(scenes or SUITE, scenes_dir)), parse_numbers(seeds or "0", "--seeds", 0))
@@ -81,7 +81,7 @@ def _worlds(part: str, scenes_dir: Path | None) -> list[PackFiles]:
 
 
 def find_split(name: str) -> Split:
-    """A split of the suite.
+    """Find a split of the suite by name.
 
     Raises:
         UsageError: There is no such split, or only its publisher knows its seeds.
@@ -119,11 +119,11 @@ def seeds_in_split(split: Split, seeds: str | None, usual: int = USUAL_SEEDS) ->
 
     Args:
         split: The split.
-        seeds: What `--seeds` says.
-        usual: How many are played if it says nothing.
+        seeds: Value of `--seeds`; None if it was not given.
+        usual: Number of seeds if `seeds` is None.
 
     Raises:
-        UsageError: A part is malformed, or is no seed of the split.
+        UsageError: A part is malformed or is not a seed of the split.
     """
     if seeds is None:
         return tuple(split.seeds[:usual])
@@ -162,7 +162,7 @@ def _rung(files: PackFiles) -> Rung | None:
 
 
 def parse_numbers(text: str, option: str, least: int) -> tuple[int, ...]:
-    """Whole numbers and ranges separated by commas, such as `0,3-5`, in the order written, each number once.
+    """Parse whole numbers and ranges separated by commas, such as `0,3-5`. Keeps their order and drops duplicates.
 
     Raises:
         UsageError: A part is not a whole number or range, or is below `least`.

@@ -1,4 +1,4 @@
-"""Shards: a stable hash divides a run among machines; their run folders are merged into one."""
+"""Shards: a stable hash of the episode key divides a run among machines; `merge` joins their run folders."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,7 +14,7 @@ from evaluator.study.provenance import worlds_difference
 from scenes import reference_of
 
 COUNT_VARIABLE = "PHYSMENT_SHARDS"
-"""Environment variable with the number of shards, for schedulers that do not set it."""
+"""Environment variable with the number of shards, for schedulers that do not report it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,17 +22,17 @@ class Shard:
     """One of several parts of a run."""
 
     index: int
-    """From 1 to `count`."""
+    """Number of this shard, from 1 to `count`."""
     count: int
 
     def takes(self, key: EpisodeKey) -> bool:
-        """Whether an episode belongs to this part. The result is the same on every machine."""
+        """Whether an episode belongs to this shard. The result is the same on every machine."""
         digest = hashlib.sha256(key.model_dump_json().encode()).digest()
         return int.from_bytes(digest[:8], "big") % self.count == self.index - 1
 
     @property
     def name(self) -> str:
-        """Name of its folder in the folder of the run. Names sort in the order of the shards."""
+        """Name of the shard's folder in the folder of the run. Names sort in the order of the shards."""
         width = len(str(self.count))
         return f"shard-{self.index:0{width}}-of-{self.count}"
 
@@ -44,7 +44,7 @@ def parse_shard(text: str) -> Shard:
     """Read `i/n`.
 
     Raises:
-        UsageError: These are not two whole numbers, the first from 1 to the second.
+        UsageError: `text` is not two whole numbers with 1 ≤ i ≤ n.
     """
     index, slash, count = text.partition("/")
     if not slash or not index.isdecimal() or not count.isdecimal() or not 1 <= int(index) <= int(count):
@@ -87,7 +87,7 @@ def _checked(index: int, count: int) -> Shard:
 
 
 def expand(folders: Iterable[Path]) -> list[RunFolder]:
-    """The run folders that were named; for a folder that holds shards, the shards.
+    """Replace each folder that holds shards by the run folders of its shards.
 
     Raises:
         UsageError: A folder holds neither a run nor shards.
@@ -108,16 +108,17 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
     """Write the episodes of all parts into a new run folder, and return them.
 
     An episode that was played replaces the record of an infrastructure error. If two parts played the same episode,
-    their records must be equal: nothing says which of two different records counts. The whole is sealed anew.
+    their records must be equal, because there is no rule to choose between different ones. The merged run gets a new
+    seal.
 
     Args:
-        parts: The run folders.
-        target: The new one.
-        trust: Go on with records that do not fit to their seal; the seal of the whole says so.
+        parts: The run folders to merge.
+        target: The folder of the merged run.
+        trust: Accept records that do not match their seal; the seal of the merged run says so.
 
     Raises:
         UsageError: The parts do not belong together.
-        StoreError: A record is damaged or does not fit to its seal, or the target holds a run already.
+        StoreError: A record is damaged or does not match its seal, or the target holds a run already.
     """
     records = [part.read_run() for part in parts]
     for part, record in zip(parts, records, strict=True):
@@ -153,7 +154,7 @@ def merge(parts: Sequence[RunFolder], target: RunFolder, *, trust: bool = False)
 
 
 def _merged(parts: Sequence[RunFolder], records: Sequence[RunRecord]) -> RunRecord:
-    """The record of the first part, as that of the whole, with the start of each part."""
+    """The first part's run record, with every part's start added."""
     merged = tuple(
         MergedPart(folder=part.path.name, shard=record.shard, resumed=record.resumed, **dict(record.start()))
         for part, record in zip(parts, records, strict=True)

@@ -1,6 +1,6 @@
-"""A submission: what a run claims, in one file that anyone can check against the run folder.
+"""A submission: the results of a run in one file that anyone can check against the run folder.
 
-Everything in it follows from the folder, so it is checked by making it again. Knows neither displays nor sessions.
+Every field is computed from the folder, so a check computes it again and compares.
 """
 
 import hashlib
@@ -77,10 +77,10 @@ def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
 
 
 def read_submission(file: Path) -> Submission:
-    """A submission from its file.
+    """Read a submission from its file.
 
     Raises:
-        UsageError: It cannot be read or is no submission.
+        UsageError: The file cannot be read or is not a submission.
     """
     try:
         return Submission.model_validate_json(file.read_bytes())
@@ -91,10 +91,14 @@ def read_submission(file: Path) -> Submission:
 
 
 def first_difference(claimed: Submission, found: Submission) -> str:
-    """Where a submission differs from the one that its run folder gives, as a clause; empty if it does not.
+    """Describe the first difference between two submissions of a run as a clause; empty if there is none.
 
-    Numbers may differ by one part in 10⁹, since libraries of statistics differ in last digits. A summary of another
-    scoring version keeps its numbers, which are then not compared; the verdicts are.
+    Numbers may differ by one part in 10⁹, because versions of the statistics libraries differ in the last digits. If
+    the scoring versions differ, the verdicts are compared and the numbers of the summary are not.
+
+    Args:
+        claimed: The submission to check.
+        found: The submission computed from the run folder.
     """
     rescored = claimed.summary.scoring_version != found.summary.scoring_version
     left_out = {"summary"} if rescored else set[str]()
@@ -120,7 +124,7 @@ def _intact_seal(folder: RunFolder) -> Seal:
 
 
 def _check_whole(folder: RunFolder, record: RunRecord) -> None:
-    """Refuse a run that lacks episodes: those that went badly could have been left out."""
+    """Refuse a run that lacks episodes, because unfavourable ones could have been left out."""
     episodes = folder.episodes()
     wanted = record.plan.matrix()
     unplayed = [key for key in wanted if key not in episodes or episodes[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
@@ -150,7 +154,7 @@ def _check_packs(record: RunRecord, scenes_dir: Path | None) -> None:
 
 
 def _check_frames(folder: RunFolder) -> None:
-    """Refuse a frame that is missing or is not the one that the records name: its name is its hash."""
+    """Refuse a frame that is missing or whose content does not have the hash in its name."""
     names = {
         frame.name
         for episode in folder.episodes().values()
@@ -169,7 +173,7 @@ def _check_frames(folder: RunFolder) -> None:
 
 
 def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
-    """Refuse stored grades that grading again does not give."""
+    """Refuse stored grades that differ from newly computed ones."""
     stored: Mapping[EpisodeKey, GradeRecord] = folder.grades()
     for row in rows:
         if row.key not in stored:
@@ -185,7 +189,7 @@ def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
 
 
 def _verdict(record: GradeRecord) -> str:
-    """What counts of a grade. Its key and its reason are withheld while seeds are held back."""
+    """The part of a grade that is hashed. Omits the answer key and the reason, which runs with held-back seeds omit."""
     grade = record.grade
     return f"{record.key.model_dump_json()} {grade.strict.value} {grade.normalised.value} {grade.graded}"
 

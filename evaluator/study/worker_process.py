@@ -1,6 +1,6 @@
-"""The process of a worker that `--workers` starts, and the channel over which the run asks it to play.
+"""The worker process that `--workers` starts, and the channel between it and the process of the run.
 
-The process ends when nobody asks any more.
+The worker process ends when the other end of the channel is closed.
 """
 
 import asyncio
@@ -18,25 +18,25 @@ import anyio
 from evaluator.study.workers import EpisodeWorker
 
 _LENGTH = 8
-"""Bytes before each message, which hold its length."""
+"""Size of the length prefix of a message [bytes]."""
 
 
 @dataclass(slots=True)
 class ProcessChannel:
-    """Objects over a socket between two processes of one run, which trust each other."""
+    """Sends pickled objects over a socket between two processes of one run, which trust each other."""
 
     reader: asyncio.StreamReader
     writer: asyncio.StreamWriter
     closed: bool = False
-    """Whether the other end is gone."""
+    """Whether the other end has closed the connection."""
 
     @classmethod
     async def over(cls, connection: socket.socket) -> Self:
-        """A channel over a connected socket."""
+        """Create a channel over a connected socket."""
         return cls(*await asyncio.open_connection(sock=connection))
 
     async def receive(self) -> Any:
-        """The next object; None if the other end is gone."""
+        """Receive the next object; None if the other end has closed the connection."""
         try:
             length = int.from_bytes(await self.reader.readexactly(_LENGTH))
             return pickle.loads(await self.reader.readexactly(length))  # noqa: S301 - from our own process
@@ -45,26 +45,26 @@ class ProcessChannel:
             return None
 
     def send(self, message: object) -> None:
-        """Send an object. Nothing is sent if the other end is gone."""
+        """Send an object. Does nothing if the other end has closed the connection."""
         written = pickle.dumps(message)
         with contextlib.suppress(OSError):
             self.writer.write(len(written).to_bytes(_LENGTH) + written)
 
     def close(self) -> None:
-        """Tell the other end that this one is gone."""
+        """Close the connection."""
         self.closed = True
         self.writer.close()
 
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """An error that nobody expected."""
+    """An unexpected exception in the worker, with its traceback."""
 
     trace: str
 
 
 async def serve(connection: socket.socket) -> None:
-    """Play until the run says that it is over, or is gone itself."""
+    """Serve requests until the parent sends `close` or closes the connection."""
     channel = await ProcessChannel.over(connection)
     worker: EpisodeWorker | None = None
     last: int | None = None
@@ -99,6 +99,6 @@ async def serve(connection: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    # As in the process of the run, whose limit of open files this one has inherited.
+    # GC thresholds for a process with many long-lived objects. The limit of open files is inherited from the parent.
     gc.set_threshold(10_000, 20, 20)
     anyio.run(serve, socket.socket(fileno=int(sys.argv[1])))

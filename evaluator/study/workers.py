@@ -1,7 +1,7 @@
-"""Workers: processes that play episodes, on this machine or on a cluster, and how episodes are handed out to them.
+"""Workers: processes that play episodes, on this machine or on a cluster, and the assignment of episodes to them.
 
-Knows neither how a worker is started nor how it is spoken to. Knows no run folders: the process that the operator
-started hands episodes out, takes their records back and writes them.
+The executors (`process_executor`, `ray_executor`) start workers and communicate with them. Workers know no run folders:
+they return records to the process that the operator started, which writes them.
 """
 
 import contextlib
@@ -27,9 +27,9 @@ from evaluator.study.runner import MAX_ATTEMPTS, Play, play_key, unplayed
 from scenes import find_pack, reference_of, same_pack
 
 _AGAIN_S = 0.5
-"""Pause before a worker that did not reply is asked again whether it is ready [s]."""
+"""Pause between attempts to prepare a lost worker [s]."""
 _CLOSE_S = 5.0
-"""Longest time for workers to end the servers they started [s]."""
+"""Longest time for workers to close the servers that they started [s]."""
 
 
 class WorkerLost(Exception):
@@ -37,54 +37,54 @@ class WorkerLost(Exception):
 
 
 class Worker(Protocol):
-    """A worker as the run sees it. It stays the same when its process is started again, here or on another machine."""
+    """A worker as seen by the run. The object stays the same when its process is restarted, also on another machine."""
 
     async def prepare(self) -> UsageError | None:
-        """Get ready to play; returns a problem that only the operator can solve.
+        """Prepare to play; returns a problem that only the operator can solve, or None.
 
         Raises:
-            WorkerLost: It did not get that far; it may be asked again.
+            WorkerLost: The worker ended before it was ready. The call may be repeated.
         """
         ...
 
     async def play(
         self, key: EpisodeKey, versions: Versions, timeout_s: float | None
     ) -> Episode | PermanentFailure | UsageError:
-        """Play one episode. Errors that end more than this episode are returned.
+        """Play one episode. Errors that affect further episodes are returned, not raised.
 
         Raises:
-            WorkerLost: It ended before the episode did.
+            WorkerLost: The worker ended before the episode did.
         """
         ...
 
     async def close(self) -> None:
-        """End the servers that it started.
+        """Close the servers that the worker started.
 
         Raises:
-            WorkerLost: It ended before.
+            WorkerLost: The worker had ended already.
         """
         ...
 
 
 @dataclass(slots=True)
 class EpisodeWorker:
-    """What runs in the process of a worker: plays episodes, several at a time, in a laboratory of its own."""
+    """The part of a worker that runs in its process: plays several episodes at a time in its own laboratory."""
 
     config: RunConfig
     folder: Path
-    """Where the run was started: relative paths in options start here, on machines that share the folder."""
+    """Working directory of the run, to which relative paths in options refer. Machines of a cluster share it."""
     version: str
     """Version of this package where the run was started."""
     packs: Mapping[str, str]
-    """Scene → hash of the pack that the run is recorded with; empty if a host of others has the packs."""
+    """Scene → hash of its pack in the run's record; empty if a host that the run did not start holds the packs."""
     kind: str
-    """What problems call it, such as `Ray worker`."""
+    """Name of this kind of worker in error messages, such as `Ray worker`."""
     _participants: Mapping[str, Participant] = field(default_factory=dict[str, Participant])
     _laboratory: EpisodeConnector | None = None
     _open: contextlib.AsyncExitStack = field(default_factory=contextlib.AsyncExitStack)
 
     async def prepare(self) -> UsageError | None:
-        """Get ready to play. A problem is returned and not raised, since Ray wraps raised errors."""
+        """Prepare to play. A problem is returned and not raised, because Ray wraps raised errors."""
         if self._laboratory is not None:
             return None
         where = f"a {self.kind} on {platform.node()}"
@@ -108,7 +108,7 @@ class EpisodeWorker:
     async def play(
         self, key: EpisodeKey, versions: Versions, timeout_s: float | None
     ) -> Episode | PermanentFailure | UsageError:
-        """Play one episode. Errors that end more than this episode are returned."""
+        """Play one episode. Errors that affect further episodes are returned, not raised."""
         assert self._laboratory is not None
         try:
             return await play_key(self._participants[key.agent], self._laboratory, key, versions, timeout_s)
@@ -116,49 +116,49 @@ class EpisodeWorker:
             return error
 
     async def close(self) -> None:
-        """End the servers that were started and close connections."""
+        """Close connections and the servers that this worker started."""
         await self._open.aclose()
 
 
 @dataclass(slots=True, eq=False)
 class WorkerSlot:
-    """A worker, and what it has to do."""
+    """A worker and its capacity."""
 
     worker: Worker
     places: int
-    """Episodes it plays at a time."""
+    """Number of episodes that the worker plays at a time."""
     ready: bool = False
     life: int = 0
-    """How often it was lost. A place that was given out in an earlier life is void."""
+    """How often the worker was lost. Places that were offered before the last loss are discarded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What is the same for every episode of a run."""
+    """Settings shared by all episodes of a run."""
 
     record: RunRecord
     timeout_s: float | None
-    """Wall time of one attempt [s]."""
+    """Time limit of one attempt, as wall time [s]; None for no limit."""
     patience_s: float
-    """How long a lost worker is waited for [s]."""
+    """Longest time for a lost worker to restart [s]."""
     kind: str
-    """What problems call a worker."""
+    """Name of this kind of worker in error messages."""
 
 
 class Workers:
-    """Hands episodes out to workers. An episode whose worker was lost is played again."""
+    """Assigns episodes to workers. An episode whose worker was lost is played again."""
 
     def __init__(self, slots: Sequence[WorkerSlot], terms: Terms) -> None:
         self._slots = list(slots)
         self._terms = terms
         self._tasks = anyio.create_task_group()
         self._decided = anyio.Event()
-        """Set when a worker is ready, or when all have been given up."""
+        """Set when a worker is ready, or when none has become ready in time."""
         self._give, self._take = anyio.create_memory_object_stream[tuple[WorkerSlot, int]](math.inf)
 
     @contextlib.asynccontextmanager
     async def at_work(self) -> AsyncGenerator[Play]:
-        """Prepare the workers, wait for the first one, and close all of them at the end.
+        """Prepare the workers, wait for the first to be ready, and close all of them on exit.
 
         Raises:
             UsageError: A worker has a problem that only the operator can solve.
@@ -200,14 +200,14 @@ class Workers:
         return unplayed(key, f"{MAX_ATTEMPTS} {kind}s were lost while they played it", versions)
 
     def _lose(self, slot: WorkerSlot, life: int) -> None:
-        """Count a worker as lost. Each of its episodes reports the loss; the first report counts."""
+        """Mark a worker as lost. Each of its episodes reports the loss; only the first report has an effect."""
         if life == slot.life:
             slot.life += 1
             slot.ready = False
             self._tasks.start_soon(self._wait_for, slot)
 
     async def _wait_for(self, slot: WorkerSlot) -> None:
-        """Ask a worker until it is ready, then give out its places.
+        """Prepare a worker, retrying until it is ready or the patience runs out, then offer its places.
 
         Raises:
             UsageError: The worker has a problem that only the operator can solve.
@@ -237,12 +237,12 @@ class Workers:
 
 
 def shares(concurrency: int, count: int) -> list[int]:
-    """Places of each worker, which add up to the episodes at a time."""
+    """Split the number of concurrent episodes evenly among workers."""
     return [concurrency // count + (number < concurrency % count) for number in range(count)]
 
 
 def lanes_of(config: RunConfig, participants: Mapping[str, Participant]) -> dict[str, int]:
-    """Provider → most requests at a time, for every provider that is asked."""
+    """Largest number of concurrent requests to each provider that the run uses."""
     lanes = dict(config.lanes)
     for participant in participants.values():
         match participant.facts():
