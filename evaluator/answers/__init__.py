@@ -1,1 +1,1 @@
-"""Answers: how they are read, compared with the key, and where the key comes from."""
+"""Answers: parsing, answer keys, and grading."""

@@ -1,11 +1,11 @@
-"""The one privileged door to the physics engine: everything in the evaluator that needs it goes through this module.
+"""Privileged access of the evaluator to the physics engine.
 
-Only three may import it: `answers/keys`, to compute a key that has no closed form; `certify/`, to prove scenes; and
-`commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which an episode and the grading of a scene
-with `theory` never need.
+Only three rooms may import this module: `answers/keys`, for keys without a closed form; `certify/`, to certify scenes;
+and `commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which are not needed to play an episode
+or to grade a scene that has a `theory`.
 
-`Engine` bypasses permissions, budgets and hiding. The other functions use a session and its tools, so they read
-what an agent would read.
+`Engine` bypasses permissions, budgets and hiding. The other functions use a session and its tools, and so return what
+an agent would read.
 """
 
 from collections.abc import Collection, Mapping
@@ -27,18 +27,18 @@ from scenes.protocol import Call, Reading
 READING_TOOLS = tuple(tool for tool in TOOLS if tool.reads_only)
 TOOL_NAMES = tuple(tool.name for tool in TOOLS)
 _LOOK_ONLY = {"elastic_response": False}
-"""Arguments with which `detect_collision` reads and changes nothing."""
+"""Arguments with which `detect_collision` does not change the state."""
 
 
 class Engine(World):
-    """The world of a drawn scene at its start, without permissions, limits and the resolution of instruments."""
+    """The world of a sampled scene in its initial state, without permissions, limits or instrument resolution."""
 
     def __init__(self, mjcf: str, timestep: float | None = None) -> None:
-        """Set up.
+        """Compile the model.
 
         Args:
-            mjcf: The model with the drawn values in it.
-            timestep: Replaces the scene's time step [s], to measure the discretisation error.
+            mjcf: The MJCF model with the sampled values.
+            timestep: Replaces the scene's time step, to measure the discretisation error [s].
         """
         super().__init__(mjcf, timestep)
         self._mjcf, self._halved = mjcf, timestep
@@ -46,12 +46,12 @@ class Engine(World):
     def changed(
         self, changes: Mapping[str, Scalar | tuple[Scalar, ...]] | None = None, without: Collection[str] = ()
     ) -> "Engine":
-        """The same scene at its start with a changed apparatus, such as one that an agent cannot build.
+        """Return the scene in its initial state with a modified apparatus, which may be one that no agent could build.
 
         Args:
-            changes: Target as in the `apply` of a pack, such as `joint[rail].frictionloss` → its new value. Whoever
-                adds a mass names the element that has it, such as `body[object_1]/inertial.mass`.
-            without: Elements to leave out, such as `joint[stop]`.
+            changes: Target as in `apply` of a pack, such as `joint[rail].frictionloss` → new value. A mass must name
+                the element that holds it, such as `body[object_1]/inertial.mass`.
+            without: Elements to remove, such as `joint[stop]`.
 
         Raises:
             ValueError: A target does not name exactly one element.
@@ -61,12 +61,12 @@ class Engine(World):
 
 
 def session_of(files: PackFiles, mjcf: str, *, any_calls: bool = False) -> Session:
-    """A new session of a pack with this model.
+    """Start a session of a pack with a given model.
 
     Args:
         files: The pack.
-        mjcf: The model with the drawn values in it.
-        any_calls: Whether the session takes any number of calls, whatever the scene says.
+        mjcf: The MJCF model with the sampled values.
+        any_calls: Whether to ignore the scene's limit on calls.
     """
     scene = replace(load_scene(files.scene_id, 0, files.folder.parent), mjcf=mjcf)
     limits = scene.public.limits
@@ -79,17 +79,17 @@ def session_of(files: PackFiles, mjcf: str, *, any_calls: bool = False) -> Sessi
 def prompt_of(
     files: PackFiles, mjcf: str, prompting: str = "zero-shot", protocol: str = "native", budget: int | None = None
 ) -> str:
-    """The opening prompt of a pack with this model.
+    """Return the opening prompt of a pack with a given model.
 
     Args:
         files: The pack.
-        mjcf: The model with the drawn values in it.
-        prompting: As in `run --prompting`.
-        protocol: As in `run --protocol`.
-        budget: Iterations that the prompt names; None if it names none.
+        mjcf: The MJCF model with the sampled values.
+        prompting: Value of `run --prompting`.
+        protocol: Value of `run --protocol`.
+        budget: Number of iterations stated in the prompt; None to state none.
 
     Raises:
-        UsageError: The laboratory refuses the pack or the model.
+        UsageError: The server rejects the pack or the model.
     """
     try:
         session = session_of(files, mjcf)
@@ -99,18 +99,18 @@ def prompt_of(
 
 
 def is_intervention(tool: str, arguments: Mapping[str, Any]) -> bool:
-    """Whether a call changes the world. Reading tools and `answer` do not."""
+    """Whether a call changes the state of the world. Reading tools and `answer` do not."""
     only_looks = tool == "detect_collision" and arguments.get("elastic_response") is False
     return not (only_looks or tool == "answer" or any(tool == reading.name for reading in READING_TOOLS))
 
 
 async def run(session: Session, asked: Call, refused: Collection[str] = ()) -> Reading:
-    """Run a call as if an agent had made it; returns its result, or `{"error": …}` if it is refused.
+    """Run a call with an agent's permissions; return its result, or `{"error": …}` if it is refused.
 
     Args:
-        session: The episode.
-        asked: The call.
-        refused: Tools that are refused even if the scene allows them.
+        session: Session of the episode.
+        asked: The call to run.
+        refused: Tools to refuse even if the scene allows them.
     """
     if asked.tool in refused:
         return {"error": f"{asked.tool} is refused"}
@@ -121,7 +121,7 @@ async def run(session: Session, asked: Call, refused: Collection[str] = ()) -> R
 
 
 async def all_readings(session: Session) -> list[tuple[str, Reading]]:
-    """The result of every reading tool for every known object and pair of objects, with the call that gave it."""
+    """Return the result of every reading tool for every known object and pair of objects, each with its call."""
     known = [listed.object_id for listed in session.known()]
     calls: list[Call] = []
     for tool in READING_TOOLS:

@@ -1,7 +1,8 @@
-"""Normalised grading: a strictly wrong answer is forgiven for one of four documented reasons, and no other.
+"""Normalised grading: accepts a strictly wrong answer for one of four documented reasons.
 
-The reasons: equivalent object notation, trivial rounding, conceptual description, partial answer format. Each part of
-the answer must be strictly right or have exactly one reason; reasons do not combine, so `3.1 N` is not also rounded.
+The reasons are equivalent object notation, trivial rounding, conceptual description and partial answer format. Each
+part of the answer must be strictly right or have exactly one reason. Reasons do not combine: `3.1 N` is not also
+accepted as rounded.
 """
 
 import re
@@ -42,14 +43,14 @@ from evaluator.records.episode import NormalisationClass
 from scenes import AnswerKind
 
 _MAX_PATTERN_CHARS = 300
-"""Longer answers are not matched against a pack's patterns, which may be slow on long text."""
+"""Longest answer that is matched against a pack's patterns, because matching long text may be slow."""
 _MOST_ROUNDED = Fraction(1, 10)
-"""Largest relative error of a rounded answer that is trivial: twice the tolerance of the paper."""
+"""Largest relative error accepted as trivial rounding: twice the tolerance of the paper."""
 _ANSWER_LABEL = frozenset({"the", "my", "final", "answer", "result"})
 
 
 def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """The finding that forgives a strictly wrong answer; None if nothing forgives it."""
+    """Return the finding that accepts a strictly wrong answer; None if no reason applies."""
     listed = isinstance(key.value, tuple)
     while isinstance(answer, list) and len(answer) == 1 and (not listed or isinstance(answer[0], list)):
         answer = answer[0]
@@ -59,7 +60,7 @@ def forgive(answer: JsonValue, key: AnswerKey) -> Finding | None:
 
 
 def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """Forgive each part by its form. The answer gets the first class, in the documented order, that a part needed."""
+    """Accept each part by its form. The answer gets the first reason, in the documented order, that a part needed."""
     findings: list[Finding] = []
     items = labelled_items(answer, key.spec.labels) or lenient_items(answer, len(key.parts)) or ()
     for index, item in enumerate(items):
@@ -76,7 +77,7 @@ def _forgive_form(answer: JsonValue, key: AnswerKey) -> Finding | None:
 
 
 def _forgive_wording(answer: JsonValue, key: AnswerKey) -> Finding | None:
-    """Forgive a wording that the scene accepts. The pattern must match the whole answer."""
+    """Accept a wording that the scene lists. The pattern must match the whole answer."""
     item = as_item(answer)
     text = "" if item is None else str(item).strip()
     if not 0 < len(text) <= _MAX_PATTERN_CHARS:
@@ -89,7 +90,7 @@ def _forgive_wording(answer: JsonValue, key: AnswerKey) -> Finding | None:
 
 
 def _right_part(item: Item, key: AnswerKey, index: int) -> Finding | None:
-    """Why one part is right, strictly or forgiven; None if it is wrong."""
+    """Explain why one part is right, strictly or by normalisation; None if it is wrong."""
     finding = strict_finding(item, key, index)
     if finding.right:
         return finding
@@ -103,9 +104,9 @@ def _right_part(item: Item, key: AnswerKey, index: int) -> Finding | None:
 
 
 def _forgive_rounding(got: PlainNumber, wanted: PlainNumber) -> Finding | None:
-    """Forgive the key rounded to the digits written, up to 10 % off.
+    """Accept the key rounded to the digits that the answer shows, with an error of at most 10 %.
 
-    A number needs a decimal point or two significant digits, so that a guessed small whole number is not forgiven.
+    The number needs a decimal point or two significant digits, so that a guessed small whole number is not accepted.
     """
     is_rounded = got.significant_digits > 1 or "." in got.text
     allowed = min(got.half_unit, _MOST_ROUNDED * abs(wanted.value))
@@ -138,19 +139,19 @@ def _forgive_quantity(item: Item, wanted: PlainNumber, key: AnswerKey, index: in
 
 
 def _forgive_formula(text: str, key: AnswerKey) -> Finding | None:
-    """Forgive a left side, as in `F = 2 x`, an answer's label, LaTeX, and variables that are run together."""
+    """Accept a left side as in `F = 2 x`, a label, LaTeX, and variables without a space between them."""
     right, reason = compare_formulas(one_side(text, key.spec.variables), str(key.value), key.spec, run_together=True)
     return Finding(right=True, reason=reason, forgiven=NormalisationClass.ANSWER_FORMAT) if right else None
 
 
 def _is_mislabelled(label: str, labels: Sequence[str], index: int) -> bool:
-    """Whether a part carries the label of another part."""
+    """Whether a part has the label of another part."""
     names = [name.strip().lower() for name in labels]
     return label in names and index < len(names) and names[index] != label
 
 
 def _forgive_words(text: str, key: AnswerKey, index: int) -> Finding | None:
-    """Forgive a label, brackets or full stop around the right words, and other names of the right object."""
+    """Accept the right words with a label, brackets or a full stop, and other notations of the right object."""
     whole = unwrap(plain_text(text))
     label, rest = unlabel(whole)
     # Drop only labels such as "the answer is": `object_1 = object_2` does not answer object_2.

@@ -29,10 +29,10 @@ _PLAIN = re.compile(rf"[+-]?{_DIGITS}(?:[eE][+-]?[0-9]{{1,4}})?")
 
 
 class PlainNumber(NamedTuple):
-    """A number written without unit, label or other notation."""
+    """A number written without a unit, label or other notation."""
 
     value: Fraction
-    """The exact written decimal, so that an answer exactly on the tolerance bound is right."""
+    """Exact value of the written decimal, so that an answer exactly on the tolerance bound is right."""
     text: str
     """The number as written."""
 
@@ -68,7 +68,7 @@ def is_too_long(answer: JsonValue) -> bool:
 
 
 def as_item(value: JsonValue) -> Item | None:
-    """The value as one part of an answer; None for booleans, null, lists, objects and numbers too large for a float."""
+    """Return a value as one part of an answer; None for booleans, null, containers and too large numbers."""
     if isinstance(value, bool) or (isinstance(value, int) and abs(value) > _MAX_INTEGER):
         return None
     return value if isinstance(value, (str, int, float)) else None
@@ -89,7 +89,7 @@ def plain_number(item: Item) -> PlainNumber | None:
 
 
 def strict_items(answer: JsonValue) -> list[Item] | None:
-    """Parts of a JSON list, of a JSON list in a string, or of a comma-separated string; None for anything else."""
+    """Split a JSON list, a JSON list in a string, or a comma-separated string into parts; None for anything else."""
     if isinstance(answer, list):
         return _all_items(as_item(part) for part in answer)
     if not isinstance(answer, str):
@@ -170,7 +170,7 @@ _NUMBERS = (
 
 
 def plain_text(text: str) -> str:
-    """The text without LaTeX commands, with ASCII signs and single spaces; line breaks become semicolons."""
+    """Normalise a text: no LaTeX commands, ASCII signs, single spaces, and semicolons for line breaks."""
     for command, meaning in _LATEX:
         text = command.sub(meaning, text)
     lines = [" ".join(line.split()) for line in text.translate(_SIGNS).splitlines()]
@@ -178,7 +178,7 @@ def plain_text(text: str) -> str:
 
 
 def unwrap(text: str) -> str:
-    """The text without surrounding brackets, quotes, stars and full stop."""
+    """Remove surrounding brackets, quotes, asterisks and a final full stop."""
     for _ in range(4):
         text = text.strip().removesuffix(".")
         for left, right in _PAIRS:
@@ -208,13 +208,13 @@ def unlabel(text: str, known: Sequence[str] = ()) -> tuple[str, str]:
 
 
 def _label_words(label: str) -> list[str]:
-    """The words of a label. A hyphen is a bullet or joins two words; in `-v` and `x-v` it stays, as a minus sign."""
+    """Split a label into words. A hyphen is a bullet or joins two words; in `-v` and `x-v` it is a minus sign."""
     words = re.sub(r"\bobject[_ ]?[0-9]{1,3}\b", "object", label).replace("_", " ")
     return re.sub(r"^- |(?<=[a-z]{2})-(?=[a-z]{2})", " ", words).split()
 
 
 def lenient_number(item: Item, known_labels: Sequence[str] = ()) -> LenientNumber | None:
-    """Parse one number in a common notation; None if any character has no meaning."""
+    """Parse one number in a common notation; None if any character is left over."""
     label, text = unlabel(unwrap(plain_text(str(item))), known_labels)
     text = unwrap(text)
     for form in _NUMBERS:
@@ -270,9 +270,10 @@ def lenient_items(answer: JsonValue, count: int) -> list[Item] | None:
 
 
 def labelled_items(answer: JsonValue, labels: Sequence[str]) -> list[Item] | None:
-    """Parts of a JSON object, or of one in a string, whose names are the labels; in the order of the labels.
+    """Return the values of a JSON object whose names are the labels, in the order of the labels.
 
-    A label such as `A: speed under 40 N` may be shortened to `A`. None if a name is missing, strange or there twice.
+    The object may be a string. A label such as `A: speed under 40 N` may be shortened to `A`. None if a name is
+    missing, unknown or repeated.
     """
     named = _read_object(answer)
     if named is None or not labels or len(named) != len(labels):
@@ -285,7 +286,7 @@ def labelled_items(answer: JsonValue, labels: Sequence[str]) -> list[Item] | Non
 
 
 def _read_object(answer: JsonValue) -> list[tuple[str, JsonValue]] | None:
-    """The names and values of a JSON object, each as often as it is written."""
+    """Return the names and values of a JSON object, including repeated names."""
     if isinstance(answer, str):
         try:
             # Python would silently keep the last of several values of one name.
@@ -301,7 +302,7 @@ def _folded(name: str) -> str:
 
 
 def _common_unit(text: str) -> tuple[str, str]:
-    """Split `(3, 4) m/s` into the list and the unit shared by its parts."""
+    """Split `(3, 4) m/s` into the list and the unit that its parts share."""
     close = max(text.rfind("]"), text.rfind(")"))
     unit = text[close + 1 :].strip()
     if text.startswith(("[", "(")) and close > 0 and unit and parse_unit(unit):

@@ -1,11 +1,11 @@
-"""Reads a formula that an agent wrote, computes its values, and compares them with those of the key.
+"""Parses formulas that agents write, evaluates them, and compares their values with those of the key.
 
-A formula has numbers, the variables of the scene, `pi`, the signs + - * / ^ (or **), brackets and the functions below.
-Factors may stand side by side (`2 x`), except after a division, where `1/2 x` could mean two things. Everything is
-computed in floating point, so no power can grow into a huge integer.
+A formula consists of numbers, the variables of the scene, `pi`, the operators + - * / ^ (or **), brackets and the
+functions below. Factors may be written side by side (`2 x`), except after a division, because `1/2 x` is ambiguous.
+Everything is computed in floating point, so no power can become a huge integer.
 
-A remark beside the verdict, which the values alone decide, so that verdicts are the same with and without SymPy. The
-algebra runs in a process of its own with a time limit, because simplifying an unlucky formula may take for ever.
+The values alone decide the verdict, so verdicts are the same with and without SymPy. SymPy only adds the remark that
+two formulas are identical. It runs in a child process with a time limit, because simplification may not terminate.
 """
 
 import functools
@@ -28,7 +28,7 @@ from scenes import AnswerSpec
 from scenes.answer_spec import Variable
 
 MAX_CHARS = 300
-"""Longer formulas are not read."""
+"""Longest formula that is parsed."""
 _POINTS = 64
 _NAMES = {"sqrt", "exp", "log", "ln", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "abs"}
 _FORMULAS = Language(
@@ -56,9 +56,9 @@ _ARGUMENTS = re.compile(r"^([^\W\d]\w{0,12}) ?\([\w, ]*\) ?=")
 
 
 def one_side(text: str, variables: Collection[str]) -> str:
-    """What stands on the right of `F = 2 x` or `The answer is 2 x`, with the usual LaTeX as plain text.
+    """Return the right side of `F = 2 x` or `The answer is 2 x`, with common LaTeX converted to plain text.
 
-    A text whose left side is a variable of the scene is an equation, and stays as it is.
+    If the left side is a variable of the scene, the text is an equation and is returned whole.
     """
     text = text.strip().removesuffix(".")
     for mark in ("**", "`", "$$", "$"):
@@ -72,15 +72,15 @@ def one_side(text: str, variables: Collection[str]) -> str:
 
 
 def parse_formula(text: str, variables: Collection[str], *, run_together: bool = False) -> Node:
-    """Read a formula.
+    """Parse a formula.
 
     Args:
         text: The formula.
-        variables: The names of the variables.
-        run_together: Whether `xv` is read as `x v`, if it is no variable itself and there is only one way to read it.
+        variables: Names of the variables.
+        run_together: Whether `xv` is read as `x v`, if `xv` is no variable and there is only one way to split it.
 
     Raises:
-        ExpressionError: It is none, has another name in it, or is too long.
+        ExpressionError: The text is not a formula, contains an unknown name, or is too long.
     """
     if len(text) > MAX_CHARS:
         raise ExpressionError(f"longer than {MAX_CHARS} characters")
@@ -89,11 +89,11 @@ def parse_formula(text: str, variables: Collection[str], *, run_together: bool =
 
 
 def _divided(tokens: Sequence[Token], variables: Collection[str]) -> list[Token]:
-    """The tokens with each unknown name replaced by the variables of which it consists."""
+    """Split each unknown name into the variables of which it consists, if there is only one way."""
     found: list[Token] = []
     in_exponent = False
     for kind, text in tokens:
-        # `2^xv` could be 2^(x v) as well as 2^x v, so a name is not divided in an exponent.
+        # `2^xv` could mean 2^(x v) or (2^x) v, so a name in an exponent is not split.
         is_known = text in variables or text in _FORMULAS.functions or text == "pi" or in_exponent
         ways = [] if kind != "name" or is_known else _ways(text, {*variables, "pi"})
         found += [("name", part) for part in ways[0]] if len(ways) == 1 else [(kind, text)]
@@ -102,7 +102,7 @@ def _divided(tokens: Sequence[Token], variables: Collection[str]) -> list[Token]
 
 
 def _ways(text: str, names: Collection[str]) -> list[tuple[str, ...]]:
-    """At most two ways to write a text as names one after the other."""
+    """Return at most two ways to write a text as a sequence of names."""
     ways: list[list[tuple[str, ...]]] = [[()], *([] for _ in text)]
     for end in range(1, len(text) + 1):
         for name in names:
@@ -113,7 +113,7 @@ def _ways(text: str, names: Collection[str]) -> list[tuple[str, ...]]:
 
 
 def value_of(formula: Node, values: Mapping[str, float]) -> float | None:
-    """The value of a formula; None if it has no finite real value there."""
+    """Evaluate a formula; None if it has no finite real value at these values of the variables."""
     try:
         (value,) = _FORMULAS.compiled([*values], [formula])(*values.values())
     except (ArithmeticError, ValueError):
@@ -122,7 +122,7 @@ def value_of(formula: Node, values: Mapping[str, float]) -> float | None:
 
 
 def points_of(variables: Mapping[str, Variable]) -> list[dict[str, float]]:
-    """The points at which two formulas are compared: the corners' diagonal, and uniform draws; always the same."""
+    """Return the fixed points at which formulas are compared: the lowest and highest corner, and uniform samples."""
     source = random.Random("formula")  # noqa: S311 - reproducible points, not a secret
     low, high = ({name: variable.range[end] for name, variable in variables.items()} for end in (0, 1))
     drawn = [
@@ -132,17 +132,17 @@ def points_of(variables: Mapping[str, Variable]) -> list[dict[str, float]]:
 
 
 LIMIT_S = 10
-"""Processor time for one comparison [s]; wall time would let a grade depend on what else the machine does."""
+"""Limit on the processor time of one comparison [s]. A wall-time limit would make grades depend on other load."""
 _WALL_S = 300.0
-"""Wall time after which a comparison is given up although it used no processor [s]."""
+"""Wall time after which a comparison that used no processor time is abandoned [s]."""
 
 
 def are_identical(first: Node, second: Node, limit_s: int = LIMIT_S) -> bool | None:
-    """Whether two formulas are equal for all values; None without SymPy, or if it does not find out in time."""
+    """Whether two formulas are algebraically equal; None without SymPy, or if it reaches no result within the limit."""
     if importlib.util.find_spec("sympy") is None:
         return None
     try:
-        ended = subprocess.run(  # noqa: S603 - this module, which reads a tree and runs no text
+        ended = subprocess.run(  # noqa: S603 - runs this module, which parses a syntax tree and executes no text
             [sys.executable, "-m", __name__, str(limit_s)],
             input=json.dumps([first, second]),
             capture_output=True,
@@ -178,7 +178,7 @@ _OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "**": "pow", "
 
 
 def _function_name(head: str) -> str:
-    """What SymPy calls a function."""
+    """Return SymPy's name of a function."""
     return {"ln": "log", "abs": "Abs"}.get(head, head)
 
 
@@ -187,14 +187,14 @@ if __name__ == "__main__":
 
 
 ROUNDING = 1e-9
-"""Relative difference that two ways of writing one formula may have, by rounding alone."""
+"""Largest relative difference between equal formulas that is attributed to rounding."""
 
 
 def check_key(key: str, variables: dict[str, Variable]) -> None:
-    """Refuse a key that cannot be compared with.
+    """Check that answers can be compared with a key.
 
     Raises:
-        ValueError: The key is no formula in these variables, or has no value somewhere in their ranges.
+        ValueError: The key is not a formula in these variables, or is undefined somewhere in their ranges.
     """
     if not variables:
         raise ValueError("a formula needs variables")
@@ -205,10 +205,10 @@ def check_key(key: str, variables: dict[str, Variable]) -> None:
 
 
 def compare_formulas(answer: str, key: str, spec: AnswerSpec, *, run_together: bool = False) -> tuple[bool, str]:
-    """Whether a formula is within the tolerance of the key everywhere in the ranges of the variables, and why.
+    """Whether a formula agrees with the key throughout the ranges of the variables, and the reason.
 
-    At each point |answer - key| <= abs_tol + rel_tol |key|, with at least 1e-9 |key| for rounding. `run_together` is
-    that of `parse_formula`.
+    At each point, |answer - key| <= abs_tol + max(rel_tol, 1e-9) |key|, where 1e-9 allows for rounding. For
+    `run_together` see `parse_formula`.
     """
     try:
         formula = parse_formula(answer, spec.variables, run_together=run_together)
@@ -231,7 +231,7 @@ def compare_formulas(answer: str, key: str, spec: AnswerSpec, *, run_together: b
 
 @functools.lru_cache(maxsize=1000)
 def _identical(first: Node, second: Node) -> bool:
-    """Whether algebra shows that they are the same; asked only of formulas with the same values."""
+    """Whether two formulas with the same values are algebraically equal."""
     return first == second or bool(are_identical(first, second))
 
 

@@ -1,7 +1,7 @@
-"""Grades an answer against its key, with a reason. Pure functions; knows no files, agents or engine.
+"""Grades an answer against its key, with a reason. Pure functions, without files, agents or engine.
 
 An answer gets three verdicts. *Strict*: it has the requested form and is within tolerance. *Graded*: the share of its
-parts that are strictly right. *Normalised*: it is strictly right, or forgiven for one of four documented reasons. No
+parts that are strictly right. *Normalised*: it is strictly right, or accepted for one of four documented reasons. No
 rule searches an answer for the key, so an answer with several values, or none, is wrong.
 """
 
@@ -27,11 +27,11 @@ from evaluator.records.episode import Episode, Grade, Outcome, Verdict
 from scenes import AnswerKind, AnswerSpec, Scalar
 
 REL_TOL = 0.05
-"""Relative tolerance of every step."""
+"""Relative tolerance of every intermediate quantity."""
 
 
 def stated_steps(episode: Episode) -> Mapping[str, Any]:
-    """What the accepted answer states in `steps`, verbatim; empty if it states nothing, or if there is no answer."""
+    """Return `steps` of the accepted answer, unchanged; empty if it has none, or if there is no accepted answer."""
     if episode.outcome is not Outcome.ANSWERED:
         return {}
     accepted = (
@@ -45,14 +45,14 @@ def stated_steps(episode: Episode) -> Mapping[str, Any]:
 
 
 def grade_steps(episode: Episode, values: Mapping[str, float]) -> dict[str, bool] | None:
-    """Whether each quantity that the scene names is stated and within 5 % of its value.
+    """Whether each intermediate quantity of the scene is stated and within 5 % of its value.
 
     Args:
-        episode: As recorded.
-        values: The quantities that the scene names, with their values.
+        episode: The recorded episode.
+        values: Intermediate quantity → value.
 
     Returns:
-        None if the scene names none, or if the episode says nothing about the agent.
+        Quantity → whether it is right; None if the scene names none, or if an infrastructure error ended the episode.
     """
     if not values or episode.outcome is Outcome.INFRASTRUCTURE_ERROR:
         return None
@@ -68,13 +68,13 @@ def _is_right(stated: Any, value: float) -> bool:
 
 
 GRADER_VERSION = "4"
-"""Stored with each grade; raised whenever a verdict can change."""
+"""Version of the grading rules, stored with each grade; incremented whenever a verdict can change."""
 
 _NUMERIC_TYPES = frozenset({"calculation", "computation"})
 
 
 def listed_numbers(answer: Scalar | tuple[Scalar, ...]) -> Scalar | tuple[Scalar, ...]:
-    """A published key with several numbers in one string, such as `4.0, 79.6`, as a list; any other key as it is."""
+    """Convert a published key with several numbers in one string, such as `4.0, 79.6`, to a tuple."""
     if not isinstance(answer, str) or "," not in answer:
         return answer
     parts = tuple(part.strip() for part in answer.strip().removeprefix("[").removesuffix("]").split(","))
@@ -82,11 +82,11 @@ def listed_numbers(answer: Scalar | tuple[Scalar, ...]) -> Scalar | tuple[Scalar
 
 
 def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> AnswerSpec:
-    """Infer the answer type of a published pack, which declares none.
+    """Infer the answer specification of a published pack, which declares none.
 
     A whole number is a quantity only in a `calculation` or `computation`. In every other problem type it is the number
-    of an object or of an option in the task's text: a choice, compared exactly. Since no unit is declared, units cannot
-    be checked, and a number with a unit is not forgiven.
+    of an object or of an option in the task, and is compared exactly as a choice. Without a declared unit, units cannot
+    be checked, and normalised grading rejects a number with a unit.
     """
     parts = answer if isinstance(answer, tuple) else (answer,)
     listed = isinstance(answer, tuple)
@@ -104,7 +104,7 @@ def infer_spec(answer: Scalar | tuple[Scalar, ...], problem_type: str) -> Answer
 
 
 def _is_whole(answer: Scalar | tuple[Scalar, ...]) -> bool:
-    """Whether a key is written as a whole number; 2.0 is a measured quantity."""
+    """Whether a key is written as a whole number; 2.0 counts as a measured quantity."""
     return isinstance(answer, int) or (isinstance(answer, str) and answer.strip().lstrip("+-").isdecimal())
 
 
@@ -130,7 +130,7 @@ def grade_missing(outcome: Outcome) -> Grade:
 
 
 def grade(answer: JsonValue, key: AnswerKey) -> Grade:
-    """Grade an answer, exactly as submitted, against its key. Never raises."""
+    """Grade an answer, unchanged from its submission, against its key. Never raises."""
     if is_too_long(answer):
         return _wrong(f"longer than {MAX_CHARS} characters or parts")
     findings = _findings(answer, key)
@@ -151,7 +151,7 @@ def grade(answer: JsonValue, key: AnswerKey) -> Grade:
 
 
 def right_parts(answer: JsonValue, key: AnswerKey) -> tuple[bool, ...]:
-    """For each part of the key, whether the answer gives it strictly right; all False for an answer of another shape.
+    """Whether each part of the key is answered strictly right; all False if the answer has another shape.
 
     `grade` counts the same parts. Never raises.
     """
@@ -161,7 +161,7 @@ def right_parts(answer: JsonValue, key: AnswerKey) -> tuple[bool, ...]:
 
 
 def _findings(answer: JsonValue, key: AnswerKey) -> list[Finding]:
-    """What is found of each part of an answer; one finding if it has another shape than the key."""
+    """Compare each part of an answer with the key; one finding if the answer has another shape than the key."""
     items = strict_parts(answer, key)
     if items is None:
         return [Finding(right=False, reason=_wrong_shape(key))]

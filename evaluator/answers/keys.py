@@ -1,4 +1,4 @@
-"""Gives the answer key for a scene and a seed. The only module that reads the private half of a pack."""
+"""Provides the answer key of a scene and seed. The only module that reads the private half of a pack."""
 
 import functools
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from scenes.protocol import AnswerValue, load_solution
 
 @dataclass(frozen=True, slots=True)
 class SceneFacts:
-    """What reports show about a scene besides its verdicts."""
+    """Facts about a scene that reports and scores need."""
 
     name: str
     task: str
@@ -26,11 +26,11 @@ class SceneFacts:
 
 
 _KEPT = 20_000
-"""Keys that are kept [about 1 kB each]: a referee of a training run meets new seeds without end."""
+"""Number of cached keys of about 1 kB each; a training run requests an unbounded number of seeds."""
 
 
 class KeyRing:
-    """Answer keys for one folder of packs. A key is computed once, unless 20 000 others were asked for meanwhile."""
+    """Answer keys for one folder of packs. The 20,000 most recently used keys are cached."""
 
     def __init__(self, scenes_dir: Path | None = None, seed_of: SeedOf = seed_as_recorded) -> None:
         self.folder = scenes_dir
@@ -47,13 +47,13 @@ class KeyRing:
             raise UsageError(str(error)) from error
 
     def _key(self, scene: int, seed: int) -> AnswerKey:
-        """The answer key of a scene at a seed, as episodes record it.
+        """Return the answer key of a scene and a recorded seed.
 
-        The pack stores the key for seed 0. For other seeds, `theory` computes it from the drawn values, or `measure`
+        The pack stores the key for seed 0. For other seeds, `theory` computes it from the sampled values, or `measure`
         from a privileged engine run if there is no closed form. A key never comes from an agent's readings.
 
         Raises:
-            UsageError: The pack is malformed, or gives no key for this seed.
+            UsageError: The pack is malformed, or provides no key for this seed.
         """
         files, pack = self._open(scene)
         seed = self._seed_of(scene, seed)
@@ -88,7 +88,7 @@ def _drawn_value(files: PackFiles, pack: Pack, seed: int) -> AnswerValue:
         if solution.theory is not None:
             return solution.theory(knobs)
         if solution.measure is not None:
-            from evaluator.answers.engine import Engine  # noqa: PLC0415 - only keys without theory need the engine
+            from evaluator.answers.engine import Engine  # noqa: PLC0415 - only keys without `theory` need the engine
 
             return solution.measure(Engine(drawn_mjcf(files, pack, knobs, canonical=False)), knobs)
     except PackError as error:

@@ -1,7 +1,7 @@
-"""What an answer is worth to a trainer, and how likely a blind guess is right. Pure functions of an answer and its key.
+"""Rewards for training, and the probability that a blind guess is right. Pure functions of an answer and its key.
 
-The guess is that of the agent `blind`: one of the options, each as likely as the others, or for each number that is
-asked for a size between 0.01 and 100, log-uniform.
+A blind guess is that of the agent `blind`: a uniformly random option, or for each requested number a log-uniform
+random value between 0.01 and 100.
 """
 
 import math
@@ -17,35 +17,35 @@ from evaluator.records.episode import Verdict
 from scenes import AnswerKind, AnswerSpec
 
 GUESS_RANGE = (0.01, 100.0)
-"""Range in which numbers are guessed."""
+"""Range of numeric guesses."""
 
 
 class Chance(NamedTuple):
-    """What a blind guess is worth on average."""
+    """Expected scores of a blind guess."""
 
     strict: float
-    """Probability that it is right."""
+    """Probability that it is strictly right."""
     graded: float
     """Expected share of its parts that are right."""
 
 
 def chance_at(form: AnswerKey, value: JsonValue) -> Chance:
-    """What a blind guess is worth against a stored key.
+    """Return the expected scores of a blind guess against a stored key.
 
     Args:
-        form: A key of the same scene.
-        value: The stored key; None while it is withheld, which leaves the other key of the scene.
+        form: The key of the same scene at some other seed.
+        value: The stored key; None if it is withheld, in which case `form` is used.
     """
     if value is None:
         return blind_chance(form)
     try:
         return blind_chance(replace(form, value=tuple(value) if isinstance(value, list) else value))
     except ValueError:
-        return blind_chance(form)  # the scene has asked for an answer of another form since
+        return blind_chance(form)  # the scene has changed its answer form since the key was stored
 
 
 def blind_chance(key: AnswerKey) -> Chance:
-    """What a blind guess is worth against a key."""
+    """Return the expected scores of a blind guess against a key."""
     options = key.spec.options
     if options:
         grades = [grade(option, key) for option in options]
@@ -59,10 +59,10 @@ def blind_chance(key: AnswerKey) -> Chance:
 
 
 def chance_of_form(spec: AnswerSpec) -> float:
-    """Probability that a blind guess is strictly right, from the form of the answer alone.
+    """Return the probability that a blind guess is strictly right, computed from the form of the answer alone.
 
-    It tells nothing of a key, so a trainer may know it. `blind_chance` differs from it where a key lies near the ends
-    of the range of guesses, or where an absolute tolerance is the wider one.
+    It reveals nothing about a key, so a trainer may know it. `blind_chance` differs from it where a key lies near the
+    ends of the guessing range, or where the absolute tolerance exceeds the relative one.
     """
     if spec.options:
         return 1 / len(spec.options)
@@ -89,42 +89,42 @@ def _share(key: AnswerKey, index: int) -> float:
 
 
 class Worth(StrEnum):
-    """Which number of an `AnswerReward` counts."""
+    """The value of an `AnswerReward` that counts as the reward."""
 
     STRICT = "strict"
     """1 if the answer is strictly correct, otherwise 0."""
     GRADED = "graded"
     """The share of sub-answers within tolerance, from 0 to 1."""
     CHANCE_CORRECTED = "chance-corrected"
-    """1 if the answer is strictly correct, otherwise so far below 0 that blind guesses earn 0 on average."""
+    """1 if the answer is strictly correct; otherwise negative, so that blind guesses earn 0 on average."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerReward:
-    """What an answer is worth, in the three ways that a trainer may count it."""
+    """The value of an answer in each of the three ways that a trainer may count it."""
 
     strict: float
     """1 if the answer is strictly correct, otherwise 0."""
     graded: float
     """The share of the parts of the key that are right, from 0 to 1."""
     parts: tuple[bool, ...]
-    """For each part of the key, whether the answer gives it right; all False for an answer of another shape."""
+    """Whether each part of the key is answered right; all False for an answer of another shape."""
     chance: float
     """Probability that a blind guess is strictly correct: 1/n for a choice of n, 1 % for a number to within 5 %.
 
-    It follows from the form of the answer, not from the key.
+    It depends on the form of the answer and not on the key.
     """
 
     @property
     def chance_corrected(self) -> float:
         """(strict - chance) / (1 - chance): 1 for a right answer, 0 on average for blind guesses.
 
-        A task that a blind guess always solves has the value `strict`.
+        If every blind guess is right (chance 1), the value is `strict`.
         """
         return self.strict if self.chance >= 1 else (self.strict - self.chance) / (1 - self.chance)
 
     def of(self, worth: Worth) -> float:
-        """The number that counts."""
+        """Return the value that counts as the reward."""
         match worth:
             case Worth.STRICT:
                 return self.strict
@@ -137,11 +137,11 @@ class AnswerReward:
 
 
 def answer_reward(answer: JsonValue, key: AnswerKey) -> AnswerReward:
-    """What an answer is worth against its key. Never raises.
+    """Compute the reward of an answer. Never raises.
 
     Args:
-        answer: Exactly as submitted; None for an episode without an answer, which is worth as much as a wrong one.
-        key: Its key.
+        answer: The answer, unchanged from its submission; None for an episode without one, which counts as wrong.
+        key: The answer key.
     """
     found = grade(answer, key)
     return AnswerReward(
@@ -154,23 +154,23 @@ def answer_reward(answer: JsonValue, key: AnswerKey) -> AnswerReward:
 
 @dataclass(frozen=True, slots=True)
 class RewardRule:
-    """How the reward of an episode follows from its answer and its cost."""
+    """How the reward of an episode is computed from its answer and its cost."""
 
     worth: Worth = Worth.STRICT
     per_iteration: float = 0.0
-    """Taken off for each iteration."""
+    """Deducted for each iteration."""
     per_call: float = 0.0
-    """Taken off for each tool call, refused ones included."""
+    """Deducted for each tool call, including refused calls."""
 
     def cost(self, iterations: int, calls: int) -> float:
-        """What is taken off.
+        """Return the deduction.
 
         Args:
-            iterations: Replies of the agent.
-            calls: Tool calls that reached the laboratory.
+            iterations: Number of replies of the agent.
+            calls: Number of tool calls that the server received.
         """
         return self.per_iteration * iterations + self.per_call * calls
 
     def reward(self, answer: AnswerReward, iterations: int, calls: int) -> float:
-        """The reward of one episode; below 0 if it cost more than its answer is worth."""
+        """Return the reward of one episode; negative if the deduction exceeds the value of the answer."""
         return answer.of(self.worth) - self.cost(iterations, calls)

@@ -1,6 +1,6 @@
-"""Answer keys, and strict comparison with them: the answer must have the requested form and be within tolerance.
+"""Answer keys, and strict grading: the answer must have the requested form and be within tolerance.
 
-A free text, which only published packs ask for, is right if it is the key or consists of words of the key.
+Free text, which only published packs request, is right if it equals the key or consists of consecutive words of it.
 """
 
 import re
@@ -45,7 +45,7 @@ _TWO_NAMES = re.compile(r"(?P<first>[^()]+) \((?P<second>[^()]+)\)")
 
 
 def words_of(text: str) -> list[str]:
-    """The words of a text in lower case, without punctuation; a hyphenated word is one word."""
+    """Split a text into lower-case words without punctuation; a hyphenated word is one word."""
     return [word for word in _WORD.findall(text.lower()) if word != "_"]
 
 
@@ -56,9 +56,9 @@ def _negations(words: Sequence[str]) -> int:
 def is_contained(answer: str, key: str, options: Sequence[str] = ()) -> bool:
     """Whether the answer's words occur in the key as a contiguous sequence with a content word.
 
-    A content word has letters and is neither a function word nor a negation. Three further rules keep different answers
-    apart: every number in the key must be in the answer (`ball` is not `ball 2`); both must have as many negations
-    (`oscillates` does not match `no longer oscillates`); and the words must not occur in another of the options.
+    A content word has letters and is neither a function word nor a negation. Three further conditions separate
+    different answers: every number in the key must be in the answer (`ball` is not `ball 2`); both must have equally
+    many negations (`oscillates` does not match `no longer oscillates`); and the words must not occur in another option.
     """
     said, meant = words_of(answer), words_of(key)
     if not _occurs_in(said, meant) or _negations(said) != _negations(meant):
@@ -85,7 +85,7 @@ def is_object_id(text: str) -> bool:
 
 
 def named_object(text: str, objects: Mapping[str, str]) -> str | None:
-    """Id of the object that a text names; None if it names no object or could mean several.
+    """Return the id of the object that a text names; None if it names no object, or more than one.
 
     Args:
         text: A number (`2`, `#2`), an id (`object_2`, `Object 2`, `object_02`), a public name (`cart_2`), or two of
@@ -116,9 +116,9 @@ def _folded(text: str) -> str:
 
 
 def named_option(text: str, options: Sequence[str]) -> str | None:
-    """The option that `case 7`, `option 7`, `#7` or `7th` names, by its own name; None if it names none.
+    """Return the option that `case 7`, `option 7`, `#7` or `7th` refers to; None if it refers to none.
 
-    An ordinal names an option only where the options are numbered 1, 2, …: the second of `0, 1, 2` is 1.
+    An ordinal is accepted only if the options are numbered 1, 2, …, because the second of `0, 1, 2` is 1.
     """
     if (found := _OPTION.fullmatch(text)) is not None:
         return found[1]
@@ -146,7 +146,7 @@ _NOUNS = {AnswerKind.NUMBERS: "list of numbers", AnswerKind.OBJECTS: "list of ob
 
 @dataclass(frozen=True, slots=True)
 class AnswerKey:
-    """The right answer of one episode, and how to compare with it.
+    """The right answer of one episode, and how answers are compared with it.
 
     Raises:
         ValueError: The value does not match its specification.
@@ -157,7 +157,7 @@ class AnswerKey:
     objects: Mapping[str, str] = field(default_factory=dict[str, str])
     """Object id, such as `object_2` → public name."""
     steps: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Intermediate quantity → its value; not part of the answer."""
+    """Intermediate quantity → value. These are not part of the answer."""
 
     def __post_init__(self) -> None:
         listed = isinstance(self.value, tuple)
@@ -168,7 +168,7 @@ class AnswerKey:
             number = plain_number(part)
             if isinstance(part, bool) or not str(part).strip() or (number is None and not isinstance(part, str)):
                 raise ValueError(f"{part!r} cannot be the key of any answer")
-            # A published list may hold the id of an object beside numbers.
+            # A published list may contain an object id among its numbers.
             is_named = self.spec.kind is AnswerKind.NUMBERS and is_object_id(str(part).strip().lower())
             if number is None and self.spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} and not is_named:
                 raise ValueError(f"the key {part!r} is no number")
@@ -199,12 +199,12 @@ class Finding(NamedTuple):
 
 
 def joined_reasons(findings: Sequence[Finding]) -> str:
-    """The reasons of the findings, without repetition."""
+    """Join the reasons of the findings, without repetition."""
     return "; ".join(dict.fromkeys(finding.reason for finding in findings))
 
 
 def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
-    """The parts of an answer that has as many parts as the key; None otherwise."""
+    """Split an answer into its parts; None if their number is not that of the key."""
     if isinstance(key.value, tuple):
         items = strict_items(answer)
         return items if items is not None and len(items) == len(key.value) else None
@@ -213,7 +213,7 @@ def strict_parts(answer: JsonValue, key: AnswerKey) -> list[Item] | None:
 
 
 def strict_finding(item: Item, key: AnswerKey, index: int) -> Finding:
-    """Compare one part of an answer with its key, strictly."""
+    """Compare one part of an answer strictly with its part of the key."""
     if key.spec.kind is AnswerKind.FORMULA:
         right, reason = compare_formulas(str(item), str(key.value), key.spec)
         return Finding(right, reason)
@@ -237,12 +237,12 @@ def _compare_words(item: Item, key: AnswerKey, index: int) -> Finding:
 
 
 def wanted_number(key: AnswerKey, index: int) -> PlainNumber | None:
-    """A part of the key as a number; None if the part is not compared as a number."""
+    """Return a part of the key as a number; None if the part is not compared as a number."""
     return plain_number(key.parts[index]) if key.spec.kind in {AnswerKind.NUMBER, AnswerKind.NUMBERS} else None
 
 
 def _is_numbered_object(key: AnswerKey, meant: str) -> bool:
-    """Whether the key is the bare number of an object, while the prompt asks for the form `object_2`."""
+    """Whether the key is the bare number of an object, while the prompt requests the form `object_2`."""
     return key.spec.kind is AnswerKind.OBJECTS and f"object_{meant}" in key.objects
 
 
@@ -256,9 +256,9 @@ def compare_numbers(got: Fraction, wanted: PlainNumber, key: AnswerKey) -> Findi
 
 
 def tolerance(wanted: PlainNumber, key: AnswerKey) -> Fraction:
-    """How far an answer may be from a part of the key, in the unit of the answer.
+    """Return the largest accepted distance from a part of the key, in the unit of the answer.
 
-    Where the key is 0 and the pack states no absolute tolerance, it is `ZERO_ABS_TOL`.
+    If the key is 0 and the pack states no absolute tolerance, it is `ZERO_ABS_TOL`.
     """
     return allowed_distance(wanted.value, key.spec.rel_tol, key.spec.abs_tol)
 
@@ -270,7 +270,7 @@ def allowed_distance(wanted: Fraction, rel_tol: float, abs_tol: float) -> Fracti
 
 
 def exact_text(item: Item) -> str:
-    """The text that is compared for an answer in words; a whole JSON number is written without a decimal point."""
+    """Return the text to compare for an answer in words. A whole JSON number is written without a decimal point."""
     if isinstance(item, str):
         return item.strip().lower()
     number = plain_number(item)
@@ -289,6 +289,6 @@ def _short(number: Fraction) -> str:
 
 
 def quoted(item: Item) -> str:
-    """An item in quotes, shortened, for use in a reason."""
+    """Quote an item for use in a reason, truncated."""
     text = str(item)[:60] if isinstance(item, str) else exact_text(item)
     return f"{text!r}"

@@ -1,1 +1,1 @@
-"""One episode: the contracts of participants and players, the loop, the tools, the connection to a laboratory."""
+"""One episode: the protocols of participants and players, the loop, the tools, and the connection to a server."""

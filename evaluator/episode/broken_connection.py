@@ -1,4 +1,4 @@
-"""What a broken connection to a server means: an error of our own inside it, or a failed server with its last words."""
+"""Translates connection failures into errors: an error of our own that was wrapped, or the server's last output."""
 
 import socket
 import ssl
@@ -20,16 +20,16 @@ _WORDED: tuple[tuple[type[Exception], str], ...] = (
     ),
     (httpx2.TimeoutException, "it did not answer in time"),
 )
-"""What errors of Python and its libraries mean, the most special first: their own words name no server."""
+"""Wordings for exceptions of Python and its libraries, most specific first, because their messages name no server."""
 
 
 def server_failure(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
-    """The error for a server process that failed, with the last line that it wrote.
+    """Build the error for a server process that failed, with the last line that it wrote.
 
     Args:
         what: What failed, as a clause.
-        error: What the client noticed.
-        errors: What the process wrote to stderr.
+        error: Exception that the client raised.
+        errors: Captured stderr of the process.
     """
     errors.seek(0)
     lines = [line.strip() for line in errors.read().splitlines() if line.strip()]
@@ -37,27 +37,27 @@ def server_failure(what: str, error: Exception, errors: IO[str]) -> Infrastructu
 
 
 def reason(error: BaseException) -> str:
-    """Why there is no connection to a server, as a clause for the operator."""
+    """Explain in a clause why a server cannot be reached."""
     causes = list(_causes(error))
     worded = (clause for kind, clause in _WORDED if any(isinstance(cause, kind) for cause in causes))
     return next(worded, str(error) or repr(error))
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An error, what it was raised from, and so on."""
+    """Yield an error and its chain of causes."""
     while error is not None:
         yield error
         error = error.__cause__
 
 
 def own_error(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
-    """An error of one of these kinds that a connected client wrapped; None if the error is of another kind."""
+    """Return the wrapped error if it is of one of these kinds, otherwise None."""
     first = first_error(error)
     return first if isinstance(first, kinds) else None
 
 
 def first_error(error: BaseException) -> BaseException:
-    """The first error inside exception groups that is not itself a group."""
+    """Return the first error inside nested exception groups."""
     if isinstance(error, BaseExceptionGroup):
         parts = cast(BaseExceptionGroup[BaseException], error).exceptions
         return first_error(parts[0])
@@ -65,11 +65,11 @@ def first_error(error: BaseException) -> BaseException:
 
 
 def without_seed(error: EvaluatorError, drawn: int, seed: int) -> EvaluatorError:
-    """An error for the records, which must not hold the seed that a held-back variant was drawn from.
+    """Remove a held-back seed from an error message, because records must not contain it.
 
     Args:
-        error: What went wrong.
-        drawn: The seed that the variant was drawn from.
+        error: The error.
+        drawn: The secret seed from which the variant was sampled.
         seed: The seed as recorded.
     """
     if drawn == seed or str(drawn) not in str(error):

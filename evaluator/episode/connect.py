@@ -1,4 +1,4 @@
-"""From the value of `--server` to connected MCP clients, with a session for each episode."""
+"""Turns the value of `--server` into connected MCP clients, with one session per episode."""
 
 import contextlib
 import functools
@@ -35,25 +35,25 @@ from evaluator.errors import EvaluatorError, InfrastructureError, PermanentFailu
 from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 _CALL_TIMEOUT_S = 300.0
-"""A call that takes longer [s] counts as a failure of the server."""
+"""A call that takes longer counts as a failure of the server [s]."""
 _START_TIMEOUT_S = 60.0
 
 TEXT = "text"
-"""Observations without pictures."""
+"""The value of `--observations` for results without images."""
 TOKEN_VARIABLE = "PHYSMENT_HOST_TOKEN"  # noqa: S105 - a name, not a token
-"""Environment variable with the token that a host requires for opening episodes."""
+"""Environment variable with the token that an episode server requires to open episodes."""
 
 
 class EpisodeConnector(Protocol):
-    """Where sessions are opened."""
+    """Opens sessions on a laboratory server."""
 
     @property
     def toolboxes(self) -> Toolboxes | None:
-        """The tools of its server, which its episodes share; None if each session has its own server."""
+        """Cached tools of the server; None if each session has a server of its own."""
         ...
 
     def open(self, scene: int, seed: int) -> AbstractAsyncContextManager[Client]:
-        """A connected client of a new episode; closing it ends the episode.
+        """Return a connected client of a new episode; closing it ends the episode.
 
         Raises:
             InfrastructureError: The server cannot be reached or died.
@@ -71,7 +71,7 @@ class ProcessConnector:
     command: tuple[str, ...]
     seed_of: SeedOf = seed_as_recorded
     declared: Sequence[ClientExtension] = ()
-    """Extensions of MCP that clients declare."""
+    """MCP extensions that the clients declare."""
 
     @property
     def toolboxes(self) -> None:
@@ -90,7 +90,7 @@ class ProcessConnector:
                 async with _client(transport, self.declared) as client:
                     yield client
             except Exception as error:
-                # If a call did not return, the last line that the server wrote says more than the client knows.
+                # The last line that the server wrote is more specific than the client's exception.
                 failure = server_failure(f"the server command {shlex.join(line)!r} failed", error, errors)
                 found = own_error(error, PermanentFailure, UsageError) or failure
                 raise without_seed(found, drawn, seed) from error
@@ -98,17 +98,17 @@ class ProcessConnector:
 
 @dataclass(frozen=True, slots=True)
 class HostConnector:
-    """Opens episodes on a host: over HTTP, or over sockets if this process started it."""
+    """Opens episodes on an episode server: over HTTP, or over sockets if this process started the server."""
 
     base_url: str
     token: str | None = field(default=None, repr=False)
-    """Required to open episodes; None if anybody may open them."""
+    """Token required to open episodes; None if the server requires none."""
     toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
     sockets: HostSockets | None = field(default=None, repr=False, compare=False)
-    """Opens episodes without HTTP, on a host that we started; None for other hosts."""
+    """Opens episodes without HTTP on a server that this process started; None for other servers."""
     seed_of: SeedOf = seed_as_recorded
     declared: Sequence[ClientExtension] = ()
-    """Extensions of MCP that clients declare."""
+    """MCP extensions that the clients declare."""
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
@@ -139,17 +139,17 @@ class HostConnector:
                     await http.delete(f"/episodes/{opened['episode_id']}", headers=self._authorization(self.base_url))
 
     async def request_episode(self, http: httpx2.AsyncClient, wanted: Mapping[str, int]) -> dict[str, str]:
-        """Ask for an episode.
+        """Request a new episode.
 
         Args:
-            http: A client whose base is the address of this host.
-            wanted: Body of the request, with the seed as recorded.
+            http: A client whose base URL is the address of this server.
+            wanted: Request body, with the seed as recorded.
 
         Returns:
-            The reply of the host, with at least the id and the MCP address of the episode.
+            The server's reply, with at least the id and the MCP address of the episode.
 
         Raises:
-            InfrastructureError: The host cannot be reached, or did not open an episode.
+            InfrastructureError: The server cannot be reached, or did not open an episode.
         """
         drawn = self.seed_of(wanted["scene"], wanted["seed"])
         try:
@@ -176,17 +176,17 @@ class HostConnector:
         )
 
     def _authorization(self, url: str) -> dict[str, str]:
-        """The headers with the token, for a URL of this host. No other host may see the token."""
+        """Return the authorization header for a URL of this server; no header for any other server."""
         own, other = httpx2.URL(self.base_url), httpx2.URL(url)
         ours = (own.scheme, own.host, own.port) == (other.scheme, other.host, other.port)
         return {"Authorization": f"Bearer {self.token}"} if self.token is not None and ours else {}
 
 
 def http_client(base_url: str) -> httpx2.AsyncClient:
-    """A client for one episode, which is opened, played and closed over one connection.
+    """Create an HTTP client for one episode, which is opened, played and closed over one connection.
 
     Args:
-        base_url: Address of the host.
+        base_url: Address of the episode server.
     """
     patience = httpx2.Timeout(_START_TIMEOUT_S, read=_CALL_TIMEOUT_S)
     return httpx2.AsyncClient(base_url=base_url, verify=_trust(), timeout=patience)
@@ -196,42 +196,42 @@ def http_client(base_url: str) -> httpx2.AsyncClient:
 async def mcp_client(
     url: str, http: httpx2.AsyncClient, declared: Sequence[ClientExtension] = ()
 ) -> AsyncGenerator[Client]:
-    """A client connected to the MCP endpoint of an episode."""
+    """Connect a client to the MCP endpoint of an episode."""
     async with _client(streamable_http_client(url, http_client=http), declared) as client:
         yield client
 
 
 def _client(transport: Transport, declared: Sequence[ClientExtension]) -> Client:
-    """A client without a cache, since nothing is asked twice."""
+    """Create a client without a response cache, because no request is repeated."""
     return Client(transport, read_timeout_seconds=_CALL_TIMEOUT_S, cache=None, extensions=declared)
 
 
 @functools.cache
 def _trust() -> ssl.SSLContext:
-    """The certificate authorities that HTTP clients trust. Reading them takes 20 ms, so they are read once."""
+    """Load the trusted certificate authorities. Cached, because loading them takes 20 ms."""
     return httpx2.create_ssl_context()
 
 
 @dataclass(slots=True)
 class LocalHost:
-    """A host process of our own, which runs as long as the context is open."""
+    """An episode server in a child process, which runs as long as the context is open."""
 
     scenes_dir: Path | None = None
     max_episodes: int = 100_000
-    """How many may be open. Only we open episodes on it, so the concurrency of the run is the limit."""
+    """Limit on open episodes. Only this evaluator opens episodes, so its own concurrency is the effective limit."""
     token: str | None = field(default=None, repr=False)
-    """Required to open episodes; None if anybody on this machine may open them."""
+    """Token required to open episodes; None if any program on this machine may open them."""
     observations: str = TEXT
-    """`text`, or `rgb` for results with pictures."""
+    """`text`, or `rgb` for results with images."""
     _process: subprocess.Popen[str] | None = None
     _control: ControlSocket | None = None
     _errors: IO[str] | None = field(default=None)
 
     async def __aenter__(self) -> HostConnector:
-        """Start the host on a free port.
+        """Start the server on a free port.
 
         Raises:
-            UsageError: It does not start.
+            UsageError: The server does not start.
         """
         try:
             process = self._start()
@@ -256,7 +256,7 @@ class LocalHost:
         """Start the process, which prints the address that it listens on.
 
         Raises:
-            OSError: The system has no process or no file left.
+            OSError: The operating system cannot create another process or file.
         """
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed below
         options = ["--max-episodes", str(self.max_episodes)]
@@ -266,7 +266,7 @@ class LocalHost:
         return self._process
 
     async def __aexit__(self, *_: object) -> None:
-        """Stop the host."""
+        """Stop the server."""
         assert self._process is not None
         self._process.terminate()
         with anyio.CancelScope(shield=True):
@@ -292,17 +292,17 @@ async def connect(
     seed_of: SeedOf = seed_as_recorded,
     declared: Sequence[ClientExtension] = (),
 ) -> AsyncGenerator[EpisodeConnector]:
-    """The laboratory that `--server` names.
+    """Open the laboratory that `--server` names.
 
     Args:
-        server: `stdio` (a process for each episode), `host` (one local host for all), the URL of a host, or a command.
-        scenes_dir: Folder of packs for servers that we start.
-        observations: `text`, or `rgb` for results with pictures, from servers that we start.
-        seed_of: Turns the seeds of episodes into those that variants are drawn from.
-        declared: Extensions of MCP that clients of episodes declare, such as `views.shows_views`.
+        server: `stdio` (a process per episode), `host` (one local episode server), the URL of one, or a command.
+        scenes_dir: Folder of packs, for servers that this process starts.
+        observations: `text`, or `rgb` for results with images, for servers that this process starts.
+        seed_of: Maps recorded seeds to the seeds from which variants are sampled.
+        declared: MCP extensions that the clients declare, such as `toolbox.shows_views`.
 
     Raises:
-        UsageError: `server` is none of these, or is not started by us and pictures are asked for.
+        UsageError: `server` has none of these forms, or images are requested from a server that is already running.
     """
     if observations != TEXT and server not in {"stdio", "host"}:
         raise UsageError(
@@ -318,7 +318,7 @@ async def connect(
         else:
             yield ProcessConnector((sys.executable, "-m", "physment_mcp", *words), seed_of, declared)
     elif server == "host":
-        # An agent that knows the address of its episode must not open other episodes, where it could practise unseen.
+        # The token keeps an agent that knows its address from opening other episodes, where it could practise.
         async with LocalHost(scenes_dir, token=secrets.token_urlsafe(24), observations=observations) as laboratory:
             yield replace(laboratory, seed_of=seed_of, declared=declared)
     elif re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", server):

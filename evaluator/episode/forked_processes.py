@@ -1,7 +1,7 @@
-"""Sessions on stdio in processes that are forked from one of ours, which has loaded the engine once.
+"""Sessions on stdio in processes forked from one process that has already loaded the engine.
 
-As with a command, each episode has a process of its own, with its own stdin, stdout and stderr. Starting one takes a
-fiftieth of the processor time. POSIX only.
+Each episode has a process of its own, with its own stdin, stdout and stderr. A fork takes a fiftieth of the processor
+time that a new process takes. POSIX only.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from evaluator.errors import PermanentFailure, UsageError
 from evaluator.records.seed_key import SeedOf, seed_as_recorded
 
 _END_S = 10.0
-"""Longest wall time for the process and its forks to end [s]."""
+"""Longest wall time for the fork server and its forks to exit [s]."""
 
 
 @dataclass(slots=True)
@@ -31,34 +31,34 @@ class ForkedConnector:
     """Forks a server process on stdio for each episode, as long as the context is open."""
 
     words: tuple[str, ...]
-    """Options of `physment-mcp` for every episode."""
+    """`physment-mcp` options of every episode."""
     timeout_s: float
     """Longest wall time of a call [s]."""
     seed_of: SeedOf = seed_as_recorded
     declared: Sequence[ClientExtension] = ()
-    """Extensions of MCP that clients declare."""
+    """MCP extensions that the clients declare."""
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
     _control: ControlSocket | None = field(default=None, repr=False)
     _told: IO[str] | None = field(default=None, repr=False)
-    """What the process that forks wrote to stderr, which is nothing unless it cannot load."""
+    """Captured stderr of the fork server; empty unless it fails to load."""
 
     @property
     def toolboxes(self) -> None:
         """None: each session has its own server."""
 
     def __enter__(self) -> Self:
-        """Start the process that forks, so that it loads while the run is prepared."""
-        with contextlib.suppress(OSError):  # `open` tries again and says why
+        """Start the fork server now, so that it loads while the run is prepared."""
+        with contextlib.suppress(OSError):  # `open` tries again and reports the error
             self._running()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it, and every fork that has not ended yet."""
+        """Stop the fork server, which ends every fork that is still running."""
         self._let_go()
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
-        """Fork a process and connect to it."""
+        """Fork a server process and connect to it."""
         drawn = self.seed_of(scene, seed)
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             try:
@@ -67,18 +67,18 @@ class ForkedConnector:
                     async with messages.client(self.timeout_s, self.declared) as client:
                         yield client
             except Exception as error:
-                # The last line that the server wrote says more than the client knows, or that of the process that
-                # should have forked it.
+                # The last line of the forked process is more specific than the client's exception. If there is none,
+                # use that of the fork server.
                 wrote = errors if errors.seek(0, os.SEEK_END) else self._told or errors
                 failure = server_failure(f"the server process of scene {scene} failed", error, wrote)
                 found = own_error(error, PermanentFailure, UsageError) or failure
                 raise without_seed(found, drawn, seed) from error
 
     def _running(self) -> ControlSocket:
-        """The control socket of the process that forks. If it has died, another one is started; its forks live on.
+        """Return the control socket of the fork server. If it has died, start a new one; running forks are unaffected.
 
         Raises:
-            OSError: The system has no process or no file left.
+            OSError: The operating system cannot create another process or file.
         """
         if self._control is not None and self._process is not None and self._process.poll() is None:
             return self._control
@@ -94,9 +94,9 @@ class ForkedConnector:
                     stdout=subprocess.DEVNULL,
                     stderr=self._told,
                     pass_fds=[theirs.fileno()],
-                    # Forking is for processes of one thread.
+                    # A process must have a single thread to fork safely.
                     env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-                    start_new_session=True,  # Ctrl-C is for us; we end it
+                    start_new_session=True,  # Ctrl-C must reach only this process, which stops the fork server itself
                 )
             except BaseException:
                 ours.close()

@@ -1,4 +1,4 @@
-"""Starting a host process of our own, which ends with this process however that ends."""
+"""Starts an episode server as a child process that ends when this process ends, for whatever reason."""
 
 import contextlib
 import socket
@@ -13,19 +13,19 @@ from evaluator.episode.passed_sockets import AVAILABLE, ControlSocket
 def start_host(
     options: Sequence[str], token: str | None, errors: IO[str]
 ) -> tuple[subprocess.Popen[str], ControlSocket | None]:
-    """Start a host on a free port, whose address it prints as its first line.
+    """Start an episode server on a free port. It prints its address as the first line.
 
     Args:
         options: Options of `physment-mcp serve`.
-        token: Required to open episodes over HTTP; None if anybody on this machine may open them.
-        errors: Where it writes what goes wrong.
+        token: Token required to open episodes over HTTP; None if any program on this machine may open them.
+        errors: File that captures its stderr.
 
     Returns:
-        The process, whose stdin is our pipe: the operating system closes it even if this process is killed. And the
-        control socket that opens episodes on it; None if the system passes no sockets.
+        The process, whose stdin is a pipe that the operating system closes even if this process is killed; and the
+        control socket that opens episodes on it, None if the system cannot pass sockets between processes.
 
     Raises:
-        OSError: The system has no process or no file left.
+        OSError: The operating system cannot create another process or file.
     """
     command = [sys.executable, "-m", "physment_mcp", "serve", "--port", "0", "--end-with-stdin", *options]
     if not AVAILABLE:
@@ -54,8 +54,8 @@ def _started(
     )
     assert process.stdin is not None
     if token:
-        # Not by the environment: other programs of this user could read it there.
-        with contextlib.suppress(BrokenPipeError):  # it has ended; its last line says why
+        # Not in an environment variable, which other programs of this user could read.
+        with contextlib.suppress(BrokenPipeError):  # the process has exited; its last output line is reported
             process.stdin.write(f"{token}\n")
             process.stdin.flush()
     return process

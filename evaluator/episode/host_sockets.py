@@ -1,8 +1,8 @@
-"""Episodes on a host that this process started: each over a Unix socket of its own.
+"""Episodes on an episode server that this process started, each over its own Unix socket.
 
-This process holds one end of a control socket, and the host the other. For each episode, this process makes a pair of
-sockets and sends one of them through the control socket. The first line is the request for the episode; after the reply
-to it, all lines are MCP messages. An episode is closed with its socket.
+This process and the server hold the two ends of a control socket. For each episode, this process creates a socket pair
+and sends one end through the control socket. The first line on the new socket is the request for the episode. After
+the server's reply, every line is an MCP message. Closing the socket closes the episode.
 """
 
 import contextlib
@@ -19,12 +19,12 @@ from evaluator.episode.passed_sockets import ControlSocket, Messages, passed
 from evaluator.errors import InfrastructureError
 
 _OPEN_S = 60.0
-"""Longest wall time for the opening of an episode [s]."""
+"""Longest wall time for opening an episode [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HostSockets:
-    """Opens episodes through the control socket of a host."""
+    """Opens episodes through the control socket of an episode server."""
 
     control: ControlSocket
 
@@ -32,15 +32,15 @@ class HostSockets:
     async def episode(
         self, wanted: dict[str, int], timeout_s: float, declared: Sequence[ClientExtension] = ()
     ) -> AsyncGenerator[Client]:
-        """A connected client of a new episode, which is closed afterwards.
+        """Open an episode and return its client; the episode is closed afterwards.
 
         Args:
-            wanted: What `POST /episodes` takes.
+            wanted: Request body of `POST /episodes`.
             timeout_s: Longest wall time of a call [s].
-            declared: Extensions of MCP that the client declares.
+            declared: MCP extensions that the client declares.
 
         Raises:
-            InfrastructureError: The host is gone, or opens no episode.
+            InfrastructureError: The server is gone, or did not open the episode.
         """
         async with contextlib.AsyncExitStack() as stack:
             try:
@@ -52,10 +52,10 @@ class HostSockets:
 
 
 async def _request(messages: Messages, wanted: dict[str, int]) -> None:
-    """Ask for an episode.
+    """Request an episode.
 
     Raises:
-        InfrastructureError: The host did not open it.
+        InfrastructureError: The server did not open it.
     """
     reply: Any = None
     with anyio.move_on_after(_OPEN_S), contextlib.suppress(OSError, ValueError):

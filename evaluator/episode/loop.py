@@ -1,7 +1,7 @@
-"""Plays one episode: an agent takes turns within a budget. Participants: who plays the episodes of a run, and how.
+"""Plays one episode: an agent takes turns within a budget. Defines the participants of a run.
 
-Two kinds exist. An agent takes turns in the loop (`AgentParticipant`). A program drives itself and is watched from
-outside (`evaluator.agents.external`).
+There are two kinds of participants. `AgentParticipant` plays an agent turn by turn in this loop.
+`evaluator.agents.external` runs a program that plays by itself and is observed through the server's log.
 """
 
 import base64
@@ -41,7 +41,7 @@ from physment_mcp.contract.names import GONE, SCENE_URI
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    """The calls of one turn with their returns."""
+    """The calls of one turn and their results."""
 
     exchanges: tuple[Exchange, ...]
     note: str
@@ -59,12 +59,12 @@ async def play_episode(
     """Let an agent play one episode to its end.
 
     Args:
-        agent: Who plays.
+        agent: The agent that plays.
         client: A client connected to a fresh session of the scene.
-        key: Which episode this is; gives the iteration budget.
+        key: Key of the episode, with its iteration budget.
         versions: Recorded with the episode.
-        toolboxes: The tools of the server, if its episodes share them; by default the server is asked for them.
-        used: Receives what each reply used, also if the episode fails. It may hold what earlier attempts used.
+        toolboxes: Cached tools of the server; None to request them for this episode.
+        used: Receives the usage of each reply, even if the episode fails. It may already hold that of earlier attempts.
 
     Raises:
         InfrastructureError: The server failed; the episode has no outcome and may be played again.
@@ -107,7 +107,7 @@ async def play_episode(
 async def _take_turn(
     player: Player, feedback: Feedback | None, client: Client, toolbox: Toolbox, used: list[Usage]
 ) -> tuple[Turn, bool]:
-    """Play one iteration. Returns its turn, and whether it ended with the answer."""
+    """Play one iteration; return its turn, and whether an answer was accepted."""
     asked = time.perf_counter()
     reply = bounded(await player.act(feedback))
     replied = time.perf_counter()
@@ -127,12 +127,12 @@ async def _take_turn(
 
 
 async def opening_prompt(client: Client, key: EpisodeKey, budget: int | None) -> str:
-    """The opening prompt of an open episode.
+    """Request the opening prompt of an open episode.
 
     Args:
-        client: A client connected to it.
-        key: Gives prompting and protocol.
-        budget: Iterations that the prompt names; None if it names none.
+        client: A client connected to the episode.
+        key: Key of the episode, with prompting and protocol.
+        budget: Number of iterations stated in the prompt; None to state none.
 
     Raises:
         MCPError: The server refused the request.
@@ -157,9 +157,9 @@ async def _scene_resource(client: Client) -> Mapping[str, Any]:
 
 
 async def _run_batch(client: Client, reply: Reply, toolbox: Toolbox) -> _Batch:
-    """Run the calls of a turn in order, until one does not fit its schema or the answer is accepted.
+    """Run the calls of a turn in order, until one does not fit its schema or an answer is accepted.
 
-    A call that the laboratory refuses does not stop the others. The prompt states both rules, for each protocol.
+    A call that the server refuses does not stop the following calls. The prompt states both rules, for each protocol.
     """
     if reply.malformed:
         return _Batch((), f"{UNREAD}: {reply.malformed}", answered=False)
@@ -204,10 +204,10 @@ async def _run(client: Client, call: ToolCall, toolbox: Toolbox) -> Exchange:
 
 
 def _frames(result: types.CallToolResult) -> Iterator[Frame]:
-    """The frames that came with a result.
+    """Yield the camera frames of a result.
 
     Raises:
-        InfrastructureError: One of them cannot be decoded.
+        InfrastructureError: A frame cannot be decoded.
     """
     for part in result.content:
         if isinstance(part, types.ImageContent) and part.mime_type == "image/png":
@@ -226,19 +226,19 @@ def _answer_of(exchanges: Sequence[Exchange]) -> JsonValue:
 
 
 class Participant(Protocol):
-    """Plays the episodes of a run under one name."""
+    """A player of a run's episodes, under one name."""
 
     @property
     def name(self) -> str:
-        """Name in records and tables, different from that of every other participant of the run."""
+        """Name in records and tables, unique among the participants of the run."""
         ...
 
     def facts(self) -> Mapping[str, JsonValue]:
-        """What decides its results besides its name, for `run.json`. Holds no secrets; often empty."""
+        """Settings besides the name that determine the results, for `run.json`. They contain no secrets."""
         ...
 
     def running(self) -> AbstractAsyncContextManager[object]:
-        """The context in which it plays. Leaving it closes what its episodes share, such as connections."""
+        """Context that is open while the participant plays. Leaving it closes shared resources, such as connections."""
         ...
 
     async def play(
@@ -247,14 +247,14 @@ class Participant(Protocol):
         """Play one episode once.
 
         Args:
-            laboratory: Where to open the episode.
-            key: Which episode.
-            versions: Recorded with it.
-            used: Receives what each reply of a model used, also if the episode fails.
+            laboratory: Connector that opens the episode.
+            key: Key of the episode.
+            versions: Recorded with the episode.
+            used: Receives the usage of each reply of a model, even if the episode fails.
 
         Raises:
-            InfrastructureError: Something that the episode needs failed; it has no outcome and may be played again.
-            PermanentFailure: No episode of this participant can be played.
+            InfrastructureError: A service failed; the episode has no outcome and may be played again.
+            PermanentFailure: This participant cannot play any episode.
             UsageError: The participant cannot play in this laboratory.
         """
         ...
@@ -262,13 +262,13 @@ class Participant(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class AgentParticipant:
-    """An agent whose turns the loop plays."""
+    """A participant whose agent the loop plays turn by turn."""
 
     agent: Agent
     decisive: Mapping[str, JsonValue] = field(default_factory=dict[str, JsonValue])
-    """Its `facts`."""
+    """The value of `facts`."""
     owned: AbstractAsyncContextManager[object] = field(default_factory=nullcontext[None])
-    """What is closed when it has stopped playing, such as the HTTP client of a model."""
+    """Context of the agent's resources, such as the HTTP client of a model."""
 
     @property
     def name(self) -> str:
@@ -276,11 +276,11 @@ class AgentParticipant:
         return self.agent.name
 
     def facts(self) -> Mapping[str, JsonValue]:
-        """What it was made with."""
+        """The settings that were given for the agent."""
         return self.decisive
 
     def running(self) -> AbstractAsyncContextManager[object]:
-        """The context of what it owns."""
+        """The context of the agent's resources."""
         return self.owned
 
     async def play(
@@ -291,5 +291,5 @@ class AgentParticipant:
             return await play_episode(self.agent, client, key, versions, laboratory.toolboxes, used)
 
     def wrapped(self, wrap: Callable[[Agent], Agent]) -> "AgentParticipant":
-        """The same participant with its agent wrapped: facts and what is owned stay those of the inner agent."""
+        """Return this participant with its agent wrapped. Facts and resources stay those of the inner agent."""
         return replace(self, agent=wrap(self.agent))

@@ -1,4 +1,4 @@
-"""Sockets that are passed to a process of our own, one for each episode, with one JSON line a message. POSIX only."""
+"""Sockets passed to a child process, one per episode, that carry one JSON message per line. POSIX only."""
 
 import asyncio
 import contextlib
@@ -14,28 +14,28 @@ from mcp.client.extension import ClientExtension
 from physment_mcp.contract.line_stream import LineStream
 
 AVAILABLE = hasattr(socket, "send_fds")
-"""Whether this system passes sockets between processes; Windows does not."""
+"""Whether this system can pass sockets between processes; Windows cannot."""
 _MAX_LINE = 64 * 2**20
-"""Longest accepted line [bytes]: results may hold pictures."""
+"""Longest accepted line [bytes]; results may contain images."""
 _CLOSE_S = 5.0
-"""Longest wall time for the other process to let go of an episode [s]."""
+"""Longest wall time for the other process to close an episode [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlSocket:
-    """Our end of the socket through which sockets are passed to a process. It is closed by whoever made it."""
+    """Our end of the socket through which sockets are passed to a process. The creator closes it."""
 
     socket: socket.socket
-    """It does not block."""
+    """A non-blocking socket."""
     _turn: anyio.Lock = field(default_factory=anyio.Lock)
 
     async def send(self, descriptors: Sequence[int]) -> None:
-        """Pass sockets and files; waits while the process has not taken earlier ones.
+        """Pass sockets and files to the process; waits while the socket's buffer is full.
 
         Raises:
-            OSError: The process is gone, or too many files are open.
+            OSError: The process is gone, or the limit on open files is reached.
         """
-        async with self._turn:  # only one task may wait for a socket
+        async with self._turn:  # anyio allows only one task to wait for a socket
             while True:
                 try:
                     socket.send_fds(self.socket, [b"\n"], descriptors)
@@ -45,20 +45,20 @@ class ControlSocket:
                     return
 
     def close(self) -> None:
-        """Close it, which tells the process that no more will come."""
+        """Close the socket, which tells the process that no more sockets will come."""
         self.socket.close()
 
 
 class Messages(LineStream):
-    """A socket that was passed, as the streams of an MCP client."""
+    """A passed socket, as the streams of an MCP client."""
 
     @contextlib.asynccontextmanager
     async def client(self, timeout_s: float, declared: Sequence[ClientExtension] = ()) -> AsyncGenerator[Client]:
-        """An MCP client that is connected over this socket.
+        """Connect an MCP client over this socket.
 
         Args:
             timeout_s: Longest wall time of a call [s].
-            declared: Extensions of MCP that it declares.
+            declared: MCP extensions that the client declares.
         """
         streams: TransportStreams = (self, self)
         transport = contextlib.nullcontext(streams)
@@ -68,14 +68,14 @@ class Messages(LineStream):
 
 @contextlib.asynccontextmanager
 async def passed(control: ControlSocket, *more: int) -> AsyncGenerator[Messages]:
-    """A new connection to the process at the other end of a control socket, which is closed afterwards.
+    """Open a connection to the process at the other end of a control socket, and close it afterwards.
 
     Args:
-        control: Our end of the socket that reaches it.
-        more: Descriptors that are sent along.
+        control: Our end of the control socket.
+        more: File descriptors to send along with the socket.
 
     Raises:
-        OSError: The process is gone, or too many files are open.
+        OSError: The process is gone, or the limit on open files is reached.
     """
     ours, theirs = socket.socketpair()
     try:
@@ -90,7 +90,7 @@ async def passed(control: ControlSocket, *more: int) -> AsyncGenerator[Messages]
     finally:
         with contextlib.suppress(OSError):
             writer.write_eof()
-        # The other process closes its end once it has let go of the episode, so the next one has room.
+        # Wait until the other process has closed the episode, so that its place is free for the next one.
         with anyio.move_on_after(_CLOSE_S, shield=True), contextlib.suppress(OSError):
             while await reader.read(_MAX_LINE):
                 pass

@@ -1,7 +1,7 @@
-"""The contract of agents, and bounds on what they say.
+"""The protocols that agents implement, and limits on the size of their replies.
 
-An agent makes a player for each episode; the player takes the turns. Bounds keep an episode from filling the memory,
-the disk or a report.
+An agent creates a player for each episode, and the player takes the turns. The limits keep one episode from filling
+the memory, the disk or a report.
 """
 
 import json
@@ -34,21 +34,21 @@ class Briefing:
     """The opening prompt: the task and what is known about the scene."""
     tools: tuple[ToolDescription, ...]
     budget: int
-    """Iterations it may use."""
+    """Number of iterations that the agent may use."""
     scene: Mapping[str, Any]
-    """The facts of the prompt as data: the server's resource of the open scene; empty if it publishes none."""
+    """Content of the server's resource for the open scene; empty if there is none. The prompt states the same facts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """What an agent learns after a turn."""
+    """What an agent receives after a turn."""
 
     exchanges: Sequence[Exchange]
-    """Its calls, and what each returned."""
+    """The calls of the turn with their results."""
     note: str
-    """What was wrong with the turn as a whole, or other advice; often empty."""
+    """A problem of the whole turn, or advice; often empty."""
     remaining: int
-    """Iterations left, including the next one."""
+    """Remaining iterations, including the next one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +57,13 @@ class Reply:
 
     reasoning: str = ""
     calls: tuple[ToolCall, ...] = ()
-    """Run in this order; `answer` ends the episode."""
+    """Calls, run in this order; an accepted `answer` ends the episode."""
     malformed: str = ""
-    """Why the reply could not be read; if set, no call is run."""
+    """Why the reply could not be parsed; if not empty, no call is run."""
     usage: Usage | None = None
     thought_chars: int = 0
-    """Characters at the start of `reasoning` that are not the reply, but what the provider shows of the model's own
-    reasoning."""
+    """Number of characters at the start of `reasoning` that are the model's own reasoning as the provider shows it, and
+    not part of the reply."""
 
 
 class Player(Protocol):
@@ -73,17 +73,17 @@ class Player(Protocol):
         """Take a turn.
 
         Args:
-            feedback: The returns of the previous turn; None at the first turn.
+            feedback: Results of the previous turn; None at the first turn.
 
         Raises:
-            AgentError: The agent cannot continue. The episode ends and counts.
-            InfrastructureError: Something that the agent needs failed. The episode is played again.
+            AgentError: The agent cannot continue. The episode ends and counts as a failure.
+            InfrastructureError: A service that the agent needs failed. The episode is played again.
         """
         ...
 
 
 class Agent(Protocol):
-    """Plays episodes turn by turn."""
+    """Plays episodes turn by turn. Creates one player per episode."""
 
     @property
     def name(self) -> str:
@@ -91,10 +91,10 @@ class Agent(Protocol):
         ...
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> Player:
-        """A new player for one episode.
+        """Create a player for one episode.
 
         Args:
-            key: Which episode. Randomness must follow from it, so that the episode can be played again.
+            key: Key of the episode. Random numbers must be seeded from it, so that the episode can be repeated.
             briefing: Everything that is known before the first turn.
 
         Raises:
@@ -104,24 +104,24 @@ class Agent(Protocol):
 
 
 MAX_NESTING = 64
-"""Most levels of lists and objects in a call. JSON readers fail at 200 levels, and a record must be readable."""
+"""Deepest nesting of lists and objects in a call. JSON parsers fail at 200 levels, and records must be readable."""
 MAX_CALL_BYTES = 20_000
-"""Most arguments of a call [bytes of JSON]; the laboratory refuses larger ones too."""
+"""Largest size of a call's arguments [bytes of JSON]; the server has the same limit."""
 MAX_CALLS = 500
-"""Most calls in a reply."""
+"""Largest number of calls in a reply."""
 MAX_REPLY_BYTES = 200_000
-"""Most arguments of all calls in a reply [bytes of JSON]."""
+"""Largest total size of the arguments in a reply [bytes of JSON]."""
 MAX_REASONING = 200_000
-"""Most characters of reasoning that are recorded of a reply."""
+"""Largest number of characters recorded of a reply's reasoning."""
 _MAX_SENTENCE = 1000
-"""Most characters of a sentence that says what was wrong with a reply, which may repeat some of it."""
+"""Largest number of characters of an error message about a reply, which may quote the reply."""
 
 
 def bounded(reply: Reply) -> Reply:
-    """The reply as it is recorded and run.
+    """Return the reply as it is recorded and run.
 
-    Its reasoning is cut, with a remark, if it is too long. If a record could not hold its calls and be read again, or
-    if they are too many or too large, then the reply counts as malformed and none of them is run.
+    Reasoning that is too long is truncated with a remark. If a record could not hold the calls, or if they are too many
+    or too large, the reply counts as malformed and none of them is run.
     """
     problem = reply.malformed or _problem(reply.calls)
     return replace(
@@ -134,7 +134,7 @@ def bounded(reply: Reply) -> Reply:
 
 
 def unrecordable(call: ToolCall) -> str:
-    """Why a record cannot hold a call; empty if it can."""
+    """Explain why a record cannot hold a call; empty if it can."""
     if _nests_deeper(call.arguments, MAX_NESTING):
         return f"a call nests more than {MAX_NESTING} levels"
     try:
@@ -148,12 +148,12 @@ def unrecordable(call: ToolCall) -> str:
 
 
 def as_text(text: str) -> str:
-    """Text that UTF-8 can hold: half surrogate pairs become question marks."""
+    """Replace lone surrogates, which UTF-8 cannot encode, by question marks."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _problem(calls: Sequence[ToolCall]) -> str:
-    """Why the calls of a reply cannot be run and recorded; empty if they can."""
+    """Explain why the calls of a reply cannot be run and recorded; empty if they can."""
     if len(calls) > MAX_CALLS:
         return f"a reply has at most {MAX_CALLS} calls, not {len(calls)}"
     for call in calls:

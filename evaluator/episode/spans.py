@@ -1,7 +1,8 @@
-"""Spans of OpenTelemetry: what an evaluation does and how long it takes. They record nothing unless spans are exported.
+"""OpenTelemetry spans of episodes, turns and calls. Nothing is recorded unless an exporter is configured.
 
-Attribute names are those of the semantic conventions for GenAI and MCP; ours begin with `physment.`. Spans hold names,
-numbers and types of errors: no prompt, argument, return, answer or text of an error, which could quote one of them.
+Attribute names follow the semantic conventions for GenAI and MCP; other names begin with `physment.`. Spans hold names,
+numbers and error types. They never hold a prompt, an argument, a result, an answer or an error message, because an
+error message could quote one of these.
 """
 
 import contextlib
@@ -16,7 +17,7 @@ _TRACER = get_tracer("physment-eval")
 
 @contextlib.contextmanager
 def _span(name: str, attributes: Mapping[str, str | int]) -> Generator[Span]:
-    """A span that tells the type of an error and not its text."""
+    """Start a span that records the type of an exception but not its message."""
     with _TRACER.start_as_current_span(
         name,
         kind=SpanKind.INTERNAL,
@@ -32,14 +33,14 @@ def _span(name: str, attributes: Mapping[str, str | int]) -> Generator[Span]:
 
 
 def episode_span(key: EpisodeKey) -> contextlib.AbstractContextManager[Span]:
-    """The span of an episode with all its attempts: an agent is invoked."""
+    """Start the span of an episode with all its attempts, as an `invoke_agent` operation."""
     attributes = {f"physment.{name}": value for name, value in key.model_dump().items() if name != "agent"}
     agent = {"gen_ai.operation.name": "invoke_agent", "gen_ai.agent.name": key.agent}
     return _span(f"invoke_agent {key.agent}", attributes | agent)
 
 
 def end_episode(span: Span, episode: Episode) -> None:
-    """Note how an episode ended."""
+    """Record how an episode ended."""
     span.set_attributes(
         {
             "physment.outcome": episode.outcome.value,
@@ -55,28 +56,28 @@ def end_episode(span: Span, episode: Episode) -> None:
 
 
 def turn_span(number: int) -> contextlib.AbstractContextManager[Span]:
-    """The span of a turn.
+    """Start the span of a turn.
 
     Args:
-        number: From 1.
+        number: Number of the turn, from 1.
     """
     return _span("turn", {"physment.turn": number})
 
 
 def call_span(tool: str) -> contextlib.AbstractContextManager[Span]:
-    """The span of a tool call. The MCP library adds one of its own for the request."""
+    """Start the span of a tool call. The MCP library adds a span of its own for the request."""
     attributes = {"gen_ai.operation.name": "execute_tool", "gen_ai.tool.name": tool, "mcp.method.name": "tools/call"}
     return _span(f"execute_tool {tool}", attributes)
 
 
 def end_call(span: Span, exchange: Exchange) -> None:
-    """Note that a call was refused, if it was."""
+    """Mark the span of a refused call as failed."""
     if exchange.is_error:
         _fail(span, "tool_error")
 
 
 def are_recorded() -> bool:
-    """Whether the current span is recorded, so that it is worth making more of them."""
+    """Whether the current span is recorded; if not, further spans are not worth creating."""
     return get_current_span().is_recording()
 
 

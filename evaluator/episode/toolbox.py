@@ -1,6 +1,7 @@
-"""What a server publishes: tools with their schemas, calls that fit them, and views of what may be seen.
+"""The tools that a server publishes, the validation of calls and results, and the views attached to results.
 
-It travels beside the text of results, which is all that is recorded. Reading it is no call.
+A view says what may be seen of the scene. It is attached to the result of a call; records hold only the result's text
+and content. Reading a view does not count as a call.
 """
 
 import json
@@ -23,16 +24,16 @@ from evaluator.records.episode import ToolCall
 from physment_mcp.contract.names import APP_TYPE, APPS, VIEW, VIEW_URI
 
 _LONGEST = 300
-"""Most characters of a problem that are repeated."""
+"""Largest number of characters quoted from a validation error."""
 
 
 def schema_validator(schema: Mapping[str, Any]) -> Draft202012Validator:
-    """A validator for one schema, which may refer to parts of itself and to nothing else."""
+    """Build a validator for one schema. References outside the schema are not resolved."""
     return Draft202012Validator(dict(schema), registry=Registry())
 
 
 def first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
-    """What is wrong with a value, and where; empty if nothing is."""
+    """Return the first validation error of a value and its location; empty if the value is valid."""
     problems: Iterator[ValidationError] = validator.iter_errors(value)  # pyright: ignore[reportUnknownMemberType] - partly typed
     problem = next(problems, None)
     if problem is None:
@@ -42,24 +43,24 @@ def first_problem(validator: Draft202012Validator, value: JsonValue) -> str:
 
 
 _SHOWN = 64
-"""Most characters of an unknown name that a sentence repeats."""
+"""Largest number of characters quoted from an unknown tool name."""
 _Schemas = Mapping[str, Draft202012Validator]
 Look = Callable[[types.CallToolResult], None]
-"""Receives each result as it came, for who shows more of it than is recorded."""
+"""Callback with the unmodified result of a call, for viewers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Toolbox:
-    """The tools of a server. Many episodes share one toolbox: the schemas of 26 tools are thousands of objects."""
+    """The tools of a server. Episodes share one toolbox, because the schemas of 26 tools are thousands of objects."""
 
     tools: tuple[ToolDescription, ...]
     _arguments: _Schemas
     _results: _Schemas
-    """Empty for a server of this package, which makes its results and their schemas from the same classes."""
+    """Validators of results; empty for a server of this package, whose results and schemas have the same source."""
     _look: Look | None = None
 
     def misfit(self, call: ToolCall) -> str:
-        """Why a call does not fit the published schema of its tool; empty if it fits."""
+        """Explain why a call does not fit the published schema of its tool; empty if it fits."""
         validator = self._arguments.get(call.tool)
         if validator is None:
             return f"there is no tool {call.tool[:_SHOWN]!r}"
@@ -71,9 +72,9 @@ class Toolbox:
         return f"{call.tool}: {problem}" if problem else ""
 
     async def run(self, client: Client, call: ToolCall) -> types.CallToolResult:
-        """Let the server run a call, and check its result against the schema, unless the server is ours.
+        """Run a call on the server, and validate its result unless the server is trusted.
 
-        The MCP client could check it too, but would compile the schema again for each connection.
+        The MCP client could validate it too, but would compile the schema again for each connection.
 
         Raises:
             MCPError: The server refused the request.
@@ -93,24 +94,24 @@ class Toolbox:
 
 @dataclass(slots=True)
 class Toolboxes:
-    """Asks a server for its tools, and keeps them as long as the server allows for all its clients.
+    """Requests the tools of one server, and caches them for all its clients as long as the server allows.
 
-    Each host has its own, since two hosts may differ.
+    Each server needs its own instance, because two servers may publish different tools.
     """
 
     clock: Callable[[], float] = time.monotonic
-    """[s]."""
+    """Monotonic clock [s]."""
     trusted: bool = False
-    """Whether results need no check: the server is of this package, and we started it."""
+    """Whether results are not validated, because this process started the server from this package."""
     look: Look | None = None
     _lock: anyio.Lock = field(default_factory=anyio.Lock, repr=False)
     _alike: bool = True
-    """Whether the server has given every client the same tools so far."""
+    """Whether the server's replies allowed sharing the tools between clients so far."""
     _kept: Toolbox | None = None
     _fresh_until: float = 0.0
 
     async def of(self, client: Client) -> Toolbox:
-        """The tools of the server that `client` is connected to.
+        """Return the tools of the server that a client is connected to.
 
         Raises:
             MCPError: The server refused to list them.
@@ -144,24 +145,24 @@ def _toolbox(tools: Sequence[types.Tool], look: Look | None, *, checked: bool) -
 
 
 def shows_views() -> ClientExtension:
-    """What a client declares that shows what may be seen, as chat clients do (MCP Apps)."""
+    """Return the extension that a client declares if it shows views, as chat clients do (MCP Apps)."""
     return advertise(APPS, {"mimeTypes": [APP_TYPE]})
 
 
 def view_in(result: types.CallToolResult) -> dict[str, Any] | None:
-    """The view that came with a result; None if none did."""
+    """Return the view attached to a result; None if there is none."""
     found: object = (result.meta or {}).get(VIEW)
     return cast(dict[str, Any], found) if isinstance(found, dict) else None
 
 
 def joined(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """The later of two views; its motion begins with that of the earlier one if it goes on from there."""
+    """Return the later of two views. Its motion starts with that of the earlier view if the two are contiguous."""
     first, second = before.get("motion"), after.get("motion")
     if not first or not second or first["times"][-1] != second["times"][0]:
         return after
     poses: dict[str, Any] = {}
     for name in first["poses"] | second["poses"]:
-        # An object that rested is not listed in a motion.
+        # A motion lists only the objects that moved.
         early = first["poses"].get(name) or [second["poses"][name][0]] * len(first["times"])
         late = second["poses"].get(name) or [early[-1]] * len(second["times"])
         poses[name] = [*early, *late[1:]]
@@ -169,7 +170,7 @@ def joined(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
 
 
 async def view_now(client: Client) -> dict[str, Any] | None:
-    """What may be seen now; None if the server does not tell."""
+    """Read the current view from the server; None if it publishes none."""
     try:
         (content,) = (await client.read_resource(VIEW_URI)).contents
     except MCPError:

@@ -1,1 +1,1 @@
-"""Formats in which calls are written: JSON in prose, and typed commands of a person."""
+"""Formats of calls: JSON lists in prose, written by models, and commands typed by a person."""

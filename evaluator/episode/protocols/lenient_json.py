@@ -1,8 +1,8 @@
-"""Finds JSON values in prose, as models write them, and reports where a broken value breaks. Knows no calls.
+"""Parses JSON values in prose that a model wrote, and locates syntax errors. Knows nothing about calls.
 
-It accepts some deviations from the standard, each with only one possible meaning: comments, trailing commas, a missing
-comma between two objects or lists, single quotes, Python's True, False and None, and numbers such as `+1`, `.5` and
-`1.`. It rejects NaN and infinities, unquoted keys, arithmetic, repeated keys, and strings with line breaks.
+It accepts deviations from the standard that have only one possible meaning: comments, trailing commas, a missing comma
+between two objects or lists, single quotes, Python's True, False and None, and numbers such as `+1`, `.5` and `1.`. It
+rejects NaN and infinities, unquoted keys, arithmetic, repeated keys, and strings with line breaks.
 """
 
 import re
@@ -14,7 +14,7 @@ from pydantic import JsonValue
 MAX_NESTING = 64
 """Deepest accepted nesting of lists and objects."""
 
-# No pattern here may backtrack: the parser must take linear time, also for a megabyte of any text.
+# No pattern here may backtrack, so that the parser takes linear time for any text.
 _START = re.compile(r"""\[(?=\s*+\{)|\{(?=\s*+(?:["']|tool\b|name\b|function\b))""")
 _GAP = re.compile(r"(?:\s++|//[^\n]*+|/\*[^*\n]*+\*/)*+")
 _NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])", re.ASCII)
@@ -34,25 +34,25 @@ class JsonSpan:
     end: int
     value: JsonValue = None
     problem: str = ""
-    """What is wrong at `problem_at`; empty if there is a value."""
+    """Description of the syntax error at `problem_at`; empty if there is a value."""
     problem_at: int = 0
 
 
 class _BrokenError(Exception):
-    """The text is not JSON from this position on."""
+    """A syntax error at a position of the text."""
 
     def __init__(self, at: int, problem: str) -> None:
         super().__init__(problem)
         self.at = at
         self.problem = problem
         self.open = 0
-        """Number of lists and objects that are open there."""
+        """Number of lists and objects that are open at the position."""
 
 
 def find_json(text: str, start: int = 0) -> Iterator[JsonSpan]:
     """Yield the outermost objects and lists of objects in a text from `start` on, valid or broken, in order.
 
-    Lists of numbers or words are left out. Takes linear time.
+    Lists of numbers or words are skipped. Takes linear time.
     """
     while (match := _START.search(text, start)) is not None:
         try:
@@ -130,7 +130,7 @@ def _object(text: str, at: int, depth: int) -> tuple[JsonValue, int]:
 
 
 def _after_item(text: str, at: int, closing: str, *, may_omit: bool) -> int:
-    """Position of the next item or of the closing bracket."""
+    """Return the position of the next item or of the closing bracket."""
     at = _skip(text, at)
     character = text[at : at + 1]
     if character == ",":
@@ -167,7 +167,7 @@ def _string(text: str, at: int) -> tuple[str, int]:
 
 
 def _joined(text: str) -> str:
-    """Join surrogate pairs that were written as two escapes."""
+    """Combine surrogate pairs that were written as two escapes."""
     if not any("\ud800" <= character <= "\udfff" for character in text):
         return text
     return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
@@ -196,7 +196,13 @@ def _number(written: str, at: int) -> int | float:
 
 
 def _end_of_broken(text: str, at: int, depth: int) -> int:
-    """End of a value that broke at `at` and nesting `depth`: its closing bracket, a blank line or a code fence."""
+    """Return the end of a broken value: its closing bracket, a blank line or a code fence.
+
+    Args:
+        text: The text.
+        at: Position of the syntax error.
+        depth: Number of lists and objects that are open there.
+    """
     while (match := _RECOVERY.search(text, at)) is not None:
         character, at = match.group(), match.end()
         if character in {"[", "{"}:
@@ -214,7 +220,7 @@ def _end_of_broken(text: str, at: int, depth: int) -> int:
 
 
 def _end_of_string(text: str, at: int) -> int:
-    """End of a string, or of its line if the string is not closed on it."""
+    """Return the end of a string, or of its line if the string is not closed on it."""
     try:
         return _string(text, at)[1]
     except _BrokenError:

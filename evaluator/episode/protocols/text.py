@@ -40,7 +40,7 @@ _NATIVE_SIGNS = re.compile(r"<\|tool_calls_section_(?:begin|end)\|>")
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """A part of a reply that contains calls, or broken calls."""
+    """A part of a reply that contains calls, valid or broken."""
 
     start: int
     end: int
@@ -50,7 +50,7 @@ class _Attempt:
 
 
 class _NotACallError(Exception):
-    """A JSON value among calls is not a call; the message says why."""
+    """A JSON value among the calls is not a call; the message says why."""
 
 
 def parse_reply(text: str) -> Reply:
@@ -85,7 +85,7 @@ def parse_reply(text: str) -> Reply:
 
 
 def feedback_text(feedback: Feedback) -> str:
-    """The text that the agent gets after a turn: each call with its result, the loop's note, the iterations left."""
+    """Format the feedback after a turn: each call with its result, the loop's note, and the remaining iterations."""
     lines = [f"{number}. {_exchange_text(exchange)}" for number, exchange in enumerate(feedback.exchanges, start=1)]
     blocks = ["Returns:\n" + "\n".join(lines)] if lines else []
     if feedback.note:
@@ -107,7 +107,7 @@ def _json(value: object) -> str:
 
 
 def _end_of_thought(text: str) -> int:
-    """Position after the last `</think>` that is not inside a call; 0 if there is none."""
+    """Return the position after the last `</think>` outside a call; 0 if there is none."""
     at = text.rfind(_END_OF_THOUGHT)
     if at < 0:
         return 0
@@ -120,7 +120,7 @@ def _end_of_thought(text: str) -> int:
 
 
 def _attempts(text: str, start: int) -> list[_Attempt]:
-    """All parts with calls; consecutive single call objects form one part."""
+    """Return all parts with calls. Consecutive single call objects form one part."""
     places: list[list[_Attempt]] = []
     for found in find_json(text, start):
         attempt = _attempt(text, found)
@@ -150,7 +150,7 @@ def _joined(text: str, place: Sequence[_Attempt]) -> _Attempt:
 
 
 def _attempt(text: str, found: JsonSpan) -> _Attempt | None:
-    """The calls of a JSON value, or its problem; None if it does not look like calls."""
+    """Convert a JSON value to calls or to a problem; None if it does not look like calls."""
     if found.problem:
         if not _NAMED.search(text, found.start, found.end):
             return None
@@ -169,7 +169,7 @@ def _line_and_column(text: str, at: int) -> str:
 
 
 def _calls(value: JsonValue) -> tuple[ToolCall, ...]:
-    """The calls in a value; none if it is other data.
+    """Convert a JSON value to calls; empty if it is other data.
 
     Raises:
         _NotACallError: Only some items are calls, or a call is incomplete.
@@ -229,9 +229,9 @@ def _arguments(value: JsonValue, whose: str) -> dict[str, JsonValue]:
 
 
 def _native(text: str, start: int) -> list[_Attempt]:
-    """Calls in a model's native markup, which names the tool and JSON arguments and so is unambiguous.
+    """Parse calls in a model's native markup, which delimits the tool's name and its JSON arguments unambiguously.
 
-    Calls with anything but markup and white space between them are different sets.
+    Calls separated by anything but markup and white space belong to different sets.
     """
     matches = list(_NATIVE.finditer(text, start))
     # If any markup is left over, a part of it is damaged and a call may be missing.
@@ -257,7 +257,7 @@ def _native_call(match: re.Match[str]) -> _Attempt:
 
 
 def _prose(text: str, chosen: _Attempt) -> str:
-    """The reply without its calls and the fences or markup around them."""
+    """Return the reply without its calls and the code fences or markup around them."""
     before, after = text[: chosen.start].rstrip(), text[chosen.end :].lstrip()
     opening = before.rfind("```")
     if opening >= 0 and _FENCE.fullmatch(before[opening:]):

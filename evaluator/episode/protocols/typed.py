@@ -1,6 +1,7 @@
 """Parses calls typed by a person: `step 0.5`, `apply_force object_1 [1,0,0]`; `;` separates several calls.
 
-Pure functions of the text and the published tools. A typing error raises one sentence, and no call is made.
+The functions depend only on the text and the published tools. A typing error raises an exception with one sentence,
+and no call is made.
 """
 
 import difflib
@@ -26,19 +27,19 @@ class TypingError(ValueError):
 def parse_line(line: str, tools: Sequence[ToolDescription]) -> tuple[ToolCall, ...]:
     """Parse the calls of a line, in order; an empty line has none.
 
-    A call is a tool's name and its arguments in the order of `signature`, or as `name=value`. A tool with only one
-    argument, and `answer` without `steps=`, take the rest of the line. A text needs quotes if it has `;`, or if it has
-    spaces and does not take the rest of the line.
+    A call is the name of a tool and its arguments, either in the order of `signature` or as `name=value`. If a tool has
+    only one argument, and for `answer` without `steps=`, that argument is the rest of the line. A text must be quoted
+    if it contains `;`, or if it contains spaces and is not the rest of the line.
 
     Raises:
-        TypingError: There is no such tool, or its arguments do not fit.
+        TypingError: The tool does not exist, or the arguments do not fit it.
     """
     by_name = {tool.name: tool for tool in tools}
     return tuple(_call(part, by_name) for part in _split(line, ";") if part)
 
 
 def signature(tool: ToolDescription) -> str:
-    """How to type a tool: `compute_force object_id mass`; optional arguments are in brackets with their default."""
+    """Return the typed form of a tool: `compute_force object_id mass`; `[name=default]` for optional arguments."""
     required = tool.input_schema.get("required", [])
     words = [
         name if name in required else f"[{name}={json.dumps(schema.get('default'))}]"
@@ -84,7 +85,7 @@ def _arguments(text: str, tool: ToolDescription) -> dict[str, Any]:
 
 
 def _value(text: str, schema: Mapping[str, Any]) -> Any:
-    """The value of a typed word, of a type that the schema allows."""
+    """Parse a word as a value of a type that the schema allows."""
     forms: list[Mapping[str, Any]] = schema.get("anyOf", [schema])
     kinds = {str(form.get("type")): form for form in forms}
     if text.startswith('"') or ("object" in kinds and text.startswith("{")):
