@@ -6,6 +6,7 @@ Handles JSON, XML text and random numbers. Depends on neither MCP nor MuJoCo, an
 from scenes.answer_spec import AnswerKind, AnswerSpec, Scalar
 from scenes.content import content_hash_of, pack_hash, same_pack, same_packs
 from scenes.draw import KnobValue, draw_knobs
+from scenes.errata import Effect, Erratum, read_errata
 from scenes.errors import PackError, WorldError
 from scenes.export import export_packs
 from scenes.finding import find_pack
@@ -25,6 +26,8 @@ __all__ = [
     "AnswerSpec",
     "Catch",
     "Category",
+    "Effect",
+    "Erratum",
     "Instruments",
     "KnobValue",
     "LabLimits",
@@ -53,6 +56,7 @@ __all__ = [
     "one_world",
     "pack_hash",
     "place_of",
+    "read_errata",
     "read_hosted",
     "read_pack",
     "read_public",

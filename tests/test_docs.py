@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 
 from evaluator.records.episode import Episode, EvidenceRecord, GradeRecord, Record
 from evaluator.records.run import RunRecord
@@ -16,7 +16,7 @@ from evaluator.scores.comparison import Comparison
 from evaluator.scores.metrics import RunSummary
 from evaluator.study.submission import Submission
 from physment_mcp.serving.server import published_tools
-from scenes import Instruments, LabLimits, Pack, Permissions, list_packs
+from scenes import Erratum, Instruments, LabLimits, Pack, Permissions, default_folder, list_packs
 from scenes.answer_spec import AnswerSpec
 from scenes.pack import Metadata
 from tests.builders.paths import DOCS, ROOT
@@ -125,7 +125,22 @@ def test_the_schemas_of_results_are_current(name: str, record: type[Record], upd
     assert file.read_text(encoding="utf-8") == text
 
 
-@pytest.mark.parametrize("part", [Pack, AnswerSpec, Metadata, Permissions, LabLimits, Instruments])
+def test_the_schema_of_errata_is_current(update_goldens: bool) -> None:
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": "Made from the code by `pytest tests/test_docs.py --update-goldens`; do not edit.",
+        "title": "Errata",
+        **TypeAdapter(tuple[Erratum, ...]).json_schema(),
+    }
+    text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    file = DOCS / "reference" / "errata.schema.json"
+    if update_goldens:
+        file.write_text(text, encoding="utf-8")
+    assert file.read_text(encoding="utf-8") == text
+    Draft202012Validator(schema).validate(json.loads((default_folder() / "errata.json").read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("part", [Erratum, Pack, AnswerSpec, Metadata, Permissions, LabLimits, Instruments])
 def test_the_page_of_the_format_names_every_field(part: type[BaseModel]) -> None:
     page = (DOCS / "reference" / "scene-format.md").read_text(encoding="utf-8")
     code = " ".join(re.findall(r"`[^`]*`", page))

@@ -1,6 +1,7 @@
 """Provides the answer key of a scene and seed. The only module that reads the private half of a pack."""
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +9,20 @@ from evaluator.answers.grading import infer_spec, listed_numbers
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.seed_key import SeedOf, seed_as_recorded
-from scenes import LabLimits, Pack, PackError, PackFiles, draw_knobs, drawn_mjcf, find_pack, read_pack
+from scenes import (
+    Erratum,
+    LabLimits,
+    Pack,
+    PackError,
+    PackFiles,
+    content_hash_of,
+    default_folder,
+    draw_knobs,
+    drawn_mjcf,
+    find_pack,
+    read_errata,
+    read_pack,
+)
 from scenes.draw import step_values
 from scenes.protocol import AnswerValue, load_solution
 
@@ -32,12 +46,41 @@ _KEPT = 20_000
 class KeyRing:
     """Answer keys for one folder of packs. The 20,000 most recently used keys are cached."""
 
-    def __init__(self, scenes_dir: Path | None = None, seed_of: SeedOf = seed_as_recorded) -> None:
+    def __init__(
+        self,
+        scenes_dir: Path | None = None,
+        seed_of: SeedOf = seed_as_recorded,
+        errata: Iterable[Erratum] | None = None,
+    ) -> None:
+        self._given = errata
         self.folder = scenes_dir
         """Folder of the packs; None for the packs that ship with the suite."""
         self._seed_of = seed_of
         self.key = functools.lru_cache(_KEPT)(self._key)
         self.facts = functools.cache(self._facts)
+
+    @functools.cached_property
+    def errata(self) -> dict[str, Erratum]:
+        """Content hash of a pack → its known fault: those that were given, or else those of the suite and the folder.
+
+        Raises:
+            UsageError: A file of errata is malformed.
+        """
+        if self._given is not None:
+            return {entry.pack: entry for entry in self._given}
+        folders = dict.fromkeys((default_folder(), self.folder or default_folder()))
+        try:
+            return {entry.pack: entry for folder in folders for entry in read_errata(folder)}
+        except PackError as error:
+            raise UsageError(str(error)) from error
+
+    def erratum(self, pack: str) -> Erratum | None:
+        """The known fault of a pack; None if none is known.
+
+        Args:
+            pack: Hash of the pack, as stored with an episode.
+        """
+        return self.errata.get(content_hash_of(pack))
 
     def _open(self, scene: int) -> tuple[PackFiles, Pack]:
         try:

@@ -173,6 +173,11 @@ def stored_run_options(command: argparse.ArgumentParser) -> None:
     allow_modified(command)
     seed_key(command)
     command.add_argument("--scenes-dir", type=Path, metavar="DIR", help="folder of scene packs of the run")
+    command.add_argument(
+        "--allow-other-packs",
+        action="store_true",
+        help="grade scenes that were played on another version of their pack with the key of the one here",
+    )
     command.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
 
 

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from evaluator.answers.keys import KeyRing
 from evaluator.calibration.model import features_of
 from evaluator.calibration.pages import calibration_page, calibration_text
 from evaluator.calibration.responses import responses
@@ -12,6 +13,7 @@ from evaluator.commands.base import Commands, folder_to_write
 from evaluator.commands.terminal import printable
 from evaluator.errors import StoreError, UsageError
 from evaluator.records.episode import GradeRecord
+from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.grouping import NO_RUNG
 from evaluator.scores.scoring import read_graded
 from evaluator.store.run_folder import RunFolder
@@ -61,7 +63,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _suite(folder: RunFolder, scenes_dir: Path | None, rungs: dict[int, str]) -> Sequence[GradeRecord]:
-    """The grades of a run on scenes of the suite, without open worlds.
+    """The grades of a run on scenes of the suite, without open worlds and withdrawn packs.
 
     Args:
         folder: The run folder.
@@ -69,12 +71,15 @@ def _suite(folder: RunFolder, scenes_dir: Path | None, rungs: dict[int, str]) ->
         rungs: Scene → rung; updated with the scenes of the run.
     """
     folder.read_run()
+    keys = KeyRing(scenes_dir)
     kept: list[GradeRecord] = []
     for episode, grade in read_graded(folder):
         if episode.unsealed is not None:
             raise UsageError(
                 f"{folder.path}: {grade.key.agent} could read the packs, so its results compare with nothing"
             )
+        if is_withdrawn(episode, keys.erratum(grade.pack_version)):
+            continue
         if grade.key.scene not in rungs:
             pack = _pack(grade, scenes_dir, folder)
             rungs[grade.key.scene] = pack.category.rung.value if pack.category else NO_RUNG

@@ -1,7 +1,7 @@
 """The last step of every command that plays or grades a run: grades, summary, report, results on the terminal."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -18,10 +18,18 @@ from evaluator.scores.scoring import grade_run
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.forking import line_hashes
 from evaluator.study.integrity import is_withheld, seal_note
+from scenes.folder import ranges
 
 
 def finish(
-    folder: RunFolder, keys: KeyRing, console: Console, *, as_json: bool, wanted: int | None = None, note: str = ""
+    folder: RunFolder,
+    keys: KeyRing,
+    console: Console,
+    *,
+    as_json: bool,
+    wanted: int | None = None,
+    note: str = "",
+    kept: Collection[int] = (),
 ) -> int:
     """Grade and score a run once; write its grades, summary and report; print the results.
 
@@ -32,13 +40,17 @@ def finish(
         as_json: Whether to print the summary to stdout as JSON.
         wanted: Expected number of episodes; None if the run is complete.
         note: Clause about the seal; by default the seal is checked.
+        kept: Scenes whose stored grades are kept, because they were played on other packs than those here.
 
     Returns:
         The exit code: 1 if episodes are missing or could not be played.
     """
-    graded = grade_run(folder, keys, withhold=is_withheld(folder))
+    graded = grade_run(folder, keys, withhold=is_withheld(folder), kept=kept)
     report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
+    if kept:
+        note = f"played on other packs than those here, so the stored grades are kept: scenes {ranges(sorted(kept))}"
+        print(f"physment-eval: {note}", file=sys.stderr)
     for line in graded.changes:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}   report: {folder.report_file}", highlight=False, soft_wrap=True)

@@ -10,11 +10,12 @@ from evaluator.commands.base import Commands, stored_run_options
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seal_note, seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.provenance import other_packs, refuse_other_worlds
 
 _DESCRIPTION = """\
-Grade a stored run again, after a change of the grader or of a pack, and write its summary and report. If a verdict
-changes, every change is listed and the previous grades are kept beside the new ones.
+Grade a stored run again, after a change of the grader or of the errata, and write its summary and report. If a verdict
+changes, every change is listed and the previous grades are kept beside the new ones. Scenes that were played on another
+version of their pack keep their grades. Episodes on a pack that is known to be faulty are withdrawn.
 """
 
 
@@ -28,7 +29,9 @@ def add(commands: Commands) -> None:
 
 def _grade(args: argparse.Namespace) -> int:
     folder = RunFolder(args.folder)
-    refuse_other_worlds(folder.read_run(), args.scenes_dir)
+    record = folder.read_run()
+    refuse_other_worlds(record, args.scenes_dir)
+    other = [] if args.allow_other_packs else other_packs(record, args.scenes_dir)
     note = seal_note(folder, trust=args.allow_modified)
     keys = KeyRing(args.scenes_dir, seeds_of(folder, args.seed_key))
-    return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note)
+    return finish(folder, keys, Console(stderr=args.json), as_json=args.json, note=note, kept=other)

@@ -10,7 +10,7 @@ from evaluator.commands.base import Commands, folder_to_write, stored_run_option
 from evaluator.commands.finishing import finish
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import pass_on_key, seeds_of
-from evaluator.study.provenance import refuse_other_worlds
+from evaluator.study.provenance import refuse_other_packs, refuse_other_worlds
 from evaluator.study.shards import expand, merge
 
 _DESCRIPTION = """\
@@ -33,6 +33,8 @@ def _merge(args: argparse.Namespace) -> int:
     parts = expand(args.folders)
     keys = KeyRing(args.scenes_dir, seeds_of(parts[0], args.seed_key))
     refuse_other_worlds(parts[0].read_run(), args.scenes_dir)
+    if not args.allow_other_packs:
+        refuse_other_packs(parts[0].read_run(), args.scenes_dir)
     merge(parts, folder, trust=args.allow_modified)
     pass_on_key(parts[0], folder)
     return finish(folder, keys, Console(stderr=args.json), as_json=args.json)

@@ -11,6 +11,7 @@ from evaluator.commands.finishing import attached_to, current_evidence
 from evaluator.errors import StoreError, UsageError
 from evaluator.report.agent_results import AgentResults, Run, agent_results, packs_of
 from evaluator.report.baselines import baseline_table
+from evaluator.report.errata import errata_table
 from evaluator.report.export import csv_text, latex, markdown
 from evaluator.report.notebook import pictures
 from evaluator.report.page import paper_page, write_report
@@ -151,8 +152,7 @@ def _export(target: RunFolder, results: Sequence[AgentResults], form: str, *, ba
     """Write the tables: CSV as one file per table, other formats as a single file."""
     found = tables(results)
     floors = baseline_table(packs_of(results)) if baselines else None
-    if floors is not None:
-        found.append(floors)
+    found += [table for table in (floors, errata_table(results)) if table is not None]
     if form == "csv":
         texts = {f"tables-{table.name}.csv": csv_text(table) for table in found}
     else:

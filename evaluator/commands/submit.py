@@ -13,7 +13,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
-from scenes import reference_of
+from scenes import Effect, reference_of
 
 _SUBMIT = """\
 Write the results of a whole run into one JSON file for a leaderboard: summary, provenance, hashes of the records, the
@@ -77,7 +77,14 @@ def _submit(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     folder, claimed = RunFolder(args.folder), read_submission(args.file)
     seed_of = seeds_of(folder, args.seed_key)
-    difference = first_difference(claimed, submission_of(folder, KeyRing(args.scenes_dir, seed_of)))
+    keys = KeyRing(args.scenes_dir, seed_of)
+    # An erratum that was published after the submission does not make its results false.
+    errata = [
+        entry for entry in keys.errata.values() if entry.effect is Effect.NOTED or entry.pack in claimed.withdrawn
+    ]
+    played = set(claimed.run.content_hashes().values())
+    later = [entry for entry in keys.errata.values() if entry not in errata and entry.pack in played]
+    difference = first_difference(claimed, submission_of(folder, KeyRing(args.scenes_dir, seed_of, errata)))
     if difference:
         raise UsageError(f"{args.file} does not state the results of {args.folder}: {difference}")
     agent, contracts = load_recorded(args.folder), claimed.run.tool_contracts()
@@ -92,6 +99,8 @@ def _check(args: argparse.Namespace) -> int:
         print(f"{args.file} cannot be confirmed: {_place(wrong)}")
         return 1
     calls = sum(one.calls for one in results)
+    for entry in later:
+        print(f"scene {reference_of(entry.scene)} was withdrawn after the submission: {entry.fault}")
     print(f"{args.file} is what {args.folder} gives: {len(results)} episodes graded again, {calls} calls replayed")
     return 0
 

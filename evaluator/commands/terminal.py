@@ -13,13 +13,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from evaluator.answers.grading import grade_episode
 from evaluator.answers.keys import KeyRing
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.scoring import GradedRun
-from evaluator.scores.wording import curve_sentence, decimal, dimension, floor_sentence, score_text, share
+from evaluator.scores.scoring import GradedRun, grade_record
+from evaluator.scores.wording import (
+    curve_sentence,
+    decimal,
+    dimension,
+    floor_sentence,
+    score_text,
+    share,
+    withdrawn_clause,
+)
 from evaluator.study.run_config import Meter
 from scenes import Rung, reference_of
 
@@ -45,7 +52,7 @@ class Tally:
 
     def add(self, episode: Episode) -> Verdict:
         """Count an episode that has just ended, and return its verdict."""
-        verdict = grade_episode(episode, self.keys.key(episode.key.scene, episode.key.seed)).strict
+        verdict = grade_record(episode, self.keys).grade.strict
         self.ended += 1
         self.scored[episode.key.agent] += verdict is not Verdict.UNSCORED
         self.correct[episode.key.agent] += verdict is Verdict.CORRECT
@@ -202,7 +209,16 @@ def summary_lines(summary: RunSummary, rows: Iterable[ScoredEpisode]) -> list[st
         group = summarise([row for row in played if row.key.agent == agent]).by_rung[Rung.OPEN]
         named = f"{agent}: " if len(agents) > 1 or len(summary.by_agent) > 1 else ""
         lines += [f"{named}{line}" for line in _open_lines(group)]
-    return lines
+    return [*lines, *_errata_lines(summary)]
+
+
+def _errata_lines(summary: RunSummary) -> list[str]:
+    """One line for each known fault of a pack that was played."""
+    return [
+        f"{found.erratum.effect.value}: scene {reference_of(found.erratum.scene)} as pack {found.erratum.pack},"
+        f" {found.n} episode{'' if found.n == 1 else 's'}: {found.erratum.fault}"
+        for found in summary.errata
+    ]
 
 
 def _open_lines(group: GroupSummary) -> list[str]:
@@ -211,7 +227,8 @@ def _open_lines(group: GroupSummary) -> list[str]:
 
 
 def _right(group: GroupSummary) -> str:
-    return f"{share(group.strict_accuracy)} ({group.n_correct}/{group.n_scored})"
+    withdrawn = withdrawn_clause(group)
+    return f"{share(group.strict_accuracy)} ({group.n_correct}/{group.n_scored}{withdrawn and f'; {withdrawn}'})"
 
 
 def _cost(group: GroupSummary) -> str:

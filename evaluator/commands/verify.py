@@ -23,7 +23,7 @@ from evaluator.certify.records import (
 from evaluator.commands.base import Commands, count_of, run_async, wide_console
 from evaluator.episode.connect import LocalHost
 from evaluator.study.selection import parse_scenes
-from scenes import PackError, PackFiles, default_folder, reference_of
+from scenes import PackError, PackFiles, default_folder, read_errata, reference_of
 from scenes.layout import lay_out, not_laid_out
 
 _VERIFY = """\
@@ -216,12 +216,24 @@ def _lint(args: argparse.Namespace) -> int:
             console.print(Text(f"scene {reference_of(files.scene_id)}: {sentence}"), soft_wrap=True)
         faulty += bool(faults)
         to_lay_out += bool(layout_notes) and not args.fix
+    malformed = _errata_fault(args.scenes_dir or default_folder())
+    if malformed:
+        console.print(Text(malformed), soft_wrap=True)
     console.print(f"{len(packs) - faulty} of {len(packs)} scenes without fault", highlight=False)
     if to_lay_out:
         folder = "" if args.scenes_dir is None else f" --scenes-dir {args.scenes_dir}"
         sentence = f"{to_lay_out} not laid out; run: physment-eval lint --fix{folder}"
         console.print(sentence, markup=False, highlight=False, soft_wrap=True)
-    return 1 if faulty else 0
+    return 1 if faulty or malformed else 0
+
+
+def _errata_fault(folder: Path) -> str:
+    """What is wrong with the errata of a folder; empty if nothing is."""
+    try:
+        read_errata(folder)
+    except PackError as error:
+        return str(error)
+    return ""
 
 
 def _layout(files: PackFiles, *, fix: bool) -> tuple[list[str], list[str]]:

@@ -188,7 +188,7 @@ class Verdict(StrEnum):
     CORRECT = "correct"
     INCORRECT = "incorrect"
     UNSCORED = "unscored"
-    """Ended by an infrastructure error: retried or counted apart, never wrong."""
+    """Ended by an infrastructure error, or played on a pack that is withdrawn: counted apart, never wrong."""
 
 
 class NormalisationClass(StrEnum):

@@ -188,9 +188,15 @@ def agent_results(runs: Sequence[Run]) -> list[AgentResults]:
 
 
 def packs_of(results: Sequence[AgentResults]) -> Mapping[str, str]:
-    """Scene → hash of its pack's content, for the scenes of the suite that these agents played."""
+    """Scene → hash of the content of its pack, for the scenes of the suite that some agents played.
+
+    Withdrawn packs are left out.
+    """
     return {
-        str(row.key.scene): content_hash_of(row.episode.versions.pack) for result in results for row in result.suite
+        str(row.key.scene): content_hash_of(row.episode.versions.pack)
+        for result in results
+        for row in result.suite
+        if not row.is_withdrawn
     }
 
 

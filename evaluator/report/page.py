@@ -23,6 +23,7 @@ from evaluator.report.attachments import own_folder, write_anew, write_player
 from evaluator.report.baselines import baseline_table
 from evaluator.report.call_rows import is_long
 from evaluator.report.charts import Chart, Point, Series, chart
+from evaluator.report.errata import errata_table
 from evaluator.report.evidence import evidence_table
 from evaluator.report.export import shown
 from evaluator.report.notebook import Entry, entries, laid_out, returned
@@ -107,6 +108,7 @@ def render(runs: Sequence[Run], inline: int = INLINE, *, baselines: bool = True)
         weights=WEIGHTS,
         baselines=baseline_table(packs_of(suite)) if baselines else None,
         floors=tables.floors(suite),
+        errata=errata_table(results),
         dimensions=tuple(tables.DIMENSIONS.values()),
         entries=found,
         beside=PAGES if beside else "",

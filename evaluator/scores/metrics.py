@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from evaluator.records.episode import Grade, NormalisationClass, Outcome, Record, Verdict
 from evaluator.scores.dimensions import SCORING_VERSION, MedianCost, median_cost
+from evaluator.scores.errata import AccuracyBounds, AppliedErratum, accuracy_bounds, applied_errata
 from evaluator.scores.failures.findings import FailureCount, FailureMode, failure_counts
 from evaluator.scores.grouping import (
     Condition,
@@ -44,6 +45,10 @@ class GroupSummary(Record):
     """Scenes of the scored episodes; if a scene has several episodes, the intervals take scenes as the sample."""
     n_correct: int
     """Strictly correct episodes."""
+    n_withdrawn: int = 0
+    """Episodes without verdict because their pack has a known fault; `RunSummary.errata` says which."""
+    accuracy_bounds: AccuracyBounds | None = None
+    """Between which values the strict accuracy lies if the withdrawn episodes count; None if there are none."""
     strict_accuracy: float | None
     """Share of strictly correct episodes, 0 to 1."""
     strict_interval: Interval | None
@@ -157,6 +162,8 @@ class RunSummary(Record):
     """One for each agent, prompting and protocol played at several budgets, on the episodes scored at all of them."""
     attempts: tuple[ConditionAttempts, ...]
     """One for each condition that played every scene more than once."""
+    errata: tuple[AppliedErratum, ...] = ()
+    """Known faults of the packs that were played, open worlds included."""
 
 
 class _Row(NamedTuple):
@@ -184,6 +191,7 @@ def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
         by_agent=_grouped(table, lambda row: row.key.agent),
         budget_curves=tuple(_budget_curves(suite)),
         attempts=tuple(_attempts(suite)),
+        errata=applied_errata(row.erratum for row in rows),
     )
 
 
@@ -257,11 +265,14 @@ def _summary(table: Sequence[_Row]) -> GroupSummary:
     )
     blind = scores.blind_accuracy
     turns = sum(len(row.episode.turns) for row in scored)
+    withdrawn = sum(row.source.is_withdrawn for row in table)
     return GroupSummary(
         n=len(table),
         n_scored=len(scored),
         n_scenes=strict.n_scenes if strict else 0,
         n_correct=strict.n_correct if strict else 0,
+        n_withdrawn=withdrawn,
+        accuracy_bounds=accuracy_bounds(strict.n_correct if strict else 0, len(scored), withdrawn),
         strict_accuracy=strict and strict.share,
         strict_interval=strict and strict.interval,
         normalised_accuracy=normalised and normalised.share,

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from evaluator.answers.rewards import Chance
 from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import EpisodeScores, ExperimentCost
+from evaluator.scores.errata import is_withdrawn
 from evaluator.scores.failures.findings import Failure
 from evaluator.scores.grounding import Grounding
 from evaluator.scores.grouping import rung
-from scenes import Rung, reference_of
+from scenes import Erratum, Rung, reference_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,8 @@ class ScoredEpisode:
     grounding: Grounding
     failures: tuple[Failure, ...]
     """Empty if the episode is unscored."""
+    erratum: Erratum | None = None
+    """Known fault of the pack that it was played on; None if none is known."""
 
     @property
     def key(self) -> EpisodeKey:
@@ -62,6 +65,11 @@ class ScoredEpisode:
     def is_scored(self) -> bool:
         """Whether it has a verdict; an episode ended by an infrastructure error has none."""
         return self.grade.strict is not Verdict.UNSCORED
+
+    @property
+    def is_withdrawn(self) -> bool:
+        """Whether it has no verdict because of a known fault of its pack."""
+        return is_withdrawn(self.episode, self.erratum)
 
     @property
     def is_correct(self) -> bool:

@@ -3,7 +3,7 @@
 Each episode is scored once. What is printed, reported or compared afterwards is taken from the result.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -15,6 +15,7 @@ from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
 from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
 from evaluator.scores.dimensions import cost_of, dimensions
+from evaluator.scores.errata import is_withdrawn, withdrawn_grade
 from evaluator.scores.failures.detect import failures_of
 from evaluator.scores.failures.findings import expected_form
 from evaluator.scores.grounding import grounding_of
@@ -41,12 +42,15 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
 
     Args:
         episode: As recorded.
-        record: Its grade.
+        record: Its grade. It is replaced if the pack of the episode was withdrawn since.
         keys: Answer keys of the packs that it was played on.
 
     Raises:
         UsageError: The pack is missing or malformed.
     """
+    erratum = keys.erratum(episode.versions.pack)
+    if is_withdrawn(episode, erratum):
+        record = grade_record(episode, keys)
     facts, grounding = keys.facts(episode.key.scene), grounding_of(episode)
     form = keys.key(episode.key.scene, 0)
     return ScoredEpisode(
@@ -60,10 +64,11 @@ def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> Score
         experiment_cost=cost_of(episode, facts.limits),
         grounding=grounding,
         failures=failures_of(episode, record.grade, expected_form(form, facts.task)),
+        erratum=erratum,
     )
 
 
-def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> GradedRun:
+def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept: Collection[int] = ()) -> GradedRun:
     """Grade and score all episodes of a run, and write its grades and its summary.
 
     If a verdict changed, the previous grades are kept in a second file.
@@ -72,12 +77,13 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> Gr
         folder: The run.
         keys: Answer keys of its scenes.
         withhold: Leave out of the grades what would tell a key, since the seeds of the run are held back.
+        kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
 
     Raises:
-        UsageError: A pack is malformed or gives no key.
+        UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read or written.
     """
-    rows = graded_rows(folder, keys, withhold=withhold)
+    rows = graded_rows(folder, keys, withhold=withhold, kept=kept)
     records = [row.record for row in rows]
     changes = _changes(folder.grades(), records)
     if changes:
@@ -88,22 +94,29 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> Gr
     return GradedRun(rows, summary, changes)
 
 
-def graded_rows(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> list[ScoredEpisode]:
+def graded_rows(
+    folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept: Collection[int] = ()
+) -> list[ScoredEpisode]:
     """The episodes of a run, graded and scored anew. Writes nothing.
 
     Args:
         folder: The run.
         keys: Answer keys of its scenes.
         withhold: Leave out of the grades what would tell a key.
+        kept: Scenes whose stored grades are kept.
 
     Raises:
-        UsageError: A pack is malformed or gives no key.
+        UsageError: A pack is malformed or gives no key, or an episode has no stored grade that could be kept.
         StoreError: The folder cannot be read.
     """
+    stored = folder.grades() if kept else {}
 
     def graded(episode: Episode) -> GradeRecord:
+        withdrawn = is_withdrawn(episode, keys.erratum(episode.versions.pack))
+        if episode.key.scene in kept and not withdrawn:
+            return _stored(episode, stored)
         record = grade_record(episode, keys)
-        if not withhold:
+        if withdrawn or not withhold:
             return record
         return record.model_copy(
             update={"answer_key": None, "grade": record.grade.model_copy(update={"reason": WITHHELD})}
@@ -112,13 +125,27 @@ def graded_rows(folder: RunFolder, keys: KeyRing, *, withhold: bool = False) -> 
     return [score_episode(episode, graded(episode), keys) for episode in folder.episodes().values()]
 
 
+def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> GradeRecord:
+    if episode.key not in stored:
+        raise UsageError(
+            f"scene {reference_of(episode.key.scene)} was played on another pack than the one here, whose key may be"
+            " another; name the folder of its pack by --scenes-dir, or grade with the pack here by --allow-other-packs"
+        )
+    return stored[episode.key]
+
+
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
-    """The grade of one episode, with the key that decided it."""
-    key = keys.key(episode.key.scene, episode.key.seed)
+    """The grade of one episode, with the key that decided it; without verdict and key if its pack is withdrawn."""
+    erratum = keys.erratum(episode.versions.pack)
+    if erratum is not None and is_withdrawn(episode, erratum):
+        grade, key = withdrawn_grade(erratum), None
+    else:
+        answer = keys.key(episode.key.scene, episode.key.seed)
+        grade, key = grade_episode(episode, answer), _plain(answer)
     return GradeRecord(
         key=episode.key,
-        grade=grade_episode(episode, key),
-        answer_key=_plain(key),
+        grade=grade,
+        answer_key=key,
         grader_version=GRADER_VERSION,
         pack_version=episode.versions.pack,
     )
@@ -156,6 +183,8 @@ def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[Grade
             )
             if before != after
         ]
+        if new.grade.strict is Verdict.UNSCORED:
+            reasons = [new.grade.reason]
         lines.append(
             f"scene {reference_of(new.key.scene)} seed {new.key.seed} {new.key.agent}: strict {verdicts[0][0].value} →"
             f" {verdicts[0][1].value}, normalised {verdicts[1][0].value} → {verdicts[1][1].value}"

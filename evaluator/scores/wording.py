@@ -45,6 +45,17 @@ def score_text(value: float | None) -> str:
     return "–" if value is None else f"{value:.1f}"
 
 
+def withdrawn_clause(group: GroupSummary) -> str:
+    """How many episodes of a group are withdrawn, and the bounds of its accuracy; empty if none is."""
+    bounds = group.accuracy_bounds
+    if bounds is None:
+        return ""
+    return (
+        f"{group.n_withdrawn} withdrawn: {share(bounds.all_wrong)} if all of these were wrong,"
+        f" {share(bounds.all_right)} if all were right"
+    )
+
+
 def counted(group: GroupSummary, name: str) -> str:
     """Of how much a dimension of a group is taken; empty if every scored episode defines it.
 

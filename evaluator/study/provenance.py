@@ -14,7 +14,19 @@ from pydantic import JsonValue
 
 from evaluator.errors import UsageError
 from evaluator.records.run import Plan, PlayedWorld, RunRecord, ServerRecord
-from scenes import PackFiles, WorldError, default_folder, is_world, one_world, pack_hash, place_of, reference_of
+from scenes import (
+    PackError,
+    PackFiles,
+    WorldError,
+    default_folder,
+    find_pack,
+    is_world,
+    one_world,
+    pack_hash,
+    place_of,
+    reference_of,
+    same_pack,
+)
 
 
 def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[str, PlayedWorld]:
@@ -38,6 +50,38 @@ def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
     here = {reference: _played(one_world(reference), folder) for reference in run.worlds}
     if clause := worlds_difference(run.worlds, here):
         raise UsageError(f"{clause}; name the folder with the worlds of the run by --scenes-dir")
+
+
+def other_packs(run: RunRecord, scenes_dir: Path | None) -> list[int]:
+    """Scenes that a stored run played on other packs than those that are here.
+
+    Worlds that are made from records are left out, because `refuse_other_worlds` compares these.
+
+    Raises:
+        UsageError: A pack is not here.
+    """
+    made = {one_world(reference) for reference in run.worlds}
+    try:
+        return [
+            scene
+            for scene, stored in ((int(name), stored) for name, stored in run.packs.items())
+            if scene not in made and not same_pack(stored, find_pack(scene, scenes_dir))
+        ]
+    except PackError as error:
+        raise UsageError(str(error)) from error
+
+
+def refuse_other_packs(run: RunRecord, scenes_dir: Path | None) -> None:
+    """Refuse to grade a stored run by other packs than those that it was played on.
+
+    Raises:
+        UsageError: A scene was played on another pack than the one here, or its pack is not here.
+    """
+    if other := other_packs(run, scenes_dir):
+        raise UsageError(
+            f"the run was played on another pack of scene {reference_of(other[0])} than the one here, which cannot"
+            " grade it; name the folder of its packs by --scenes-dir"
+        )
 
 
 def worlds_difference(stored: Mapping[str, PlayedWorld], here: Mapping[str, PlayedWorld]) -> str:

@@ -16,13 +16,15 @@ from evaluator.answers.keys import KeyRing
 from evaluator.errors import StoreError, UsageError, reason_of
 from evaluator.records.episode import FORMAT, EpisodeKey, Frame, GradeRecord, Outcome, Record, is_absent
 from evaluator.records.run import RunRecord
+from evaluator.scores.errata import WITHDRAWN
 from evaluator.scores.metrics import RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
 from evaluator.scores.scoring import graded_rows
 from evaluator.store.run_folder import RunFolder
 from evaluator.store.seal import Seal
+from evaluator.study.provenance import refuse_other_packs
 from evaluator.study.replay import REL_TOL
-from scenes import PackError, find_pack, reference_of, same_pack
+from scenes import reference_of
 
 
 class Submission(Record):
@@ -39,6 +41,8 @@ class Submission(Record):
     """Of `episodes.jsonl`."""
     unsealed_episodes: int
     """Episodes whose agent could have known more than it measured."""
+    withdrawn: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
+    """Hashes of the packs whose episodes have no verdict because of a known fault; absent if there are none."""
     grader_version: str
     verdicts_sha256: str
     """Of the keys and verdicts of all grades, in the order of the episodes."""
@@ -60,7 +64,7 @@ def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
     if record.forked_from is not None:
         raise UsageError(f"{folder.path} continues episodes of another run, so its results are not those of its agents")
     _check_whole(folder, record)
-    _check_packs(record, keys.folder)
+    refuse_other_packs(record, keys.folder)
     _check_frames(folder)
     rows = graded_rows(folder, keys)
     _check_grades(folder, rows)
@@ -70,6 +74,7 @@ def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
         seal=seal,
         episodes_sha256=hashlib.sha256(folder.episodes_file.read_bytes()).hexdigest(),
         unsealed_episodes=sum(row.episode.unsealed is not None for row in rows),
+        withdrawn=tuple(sorted({row.erratum.pack for row in rows if row.erratum is not None and row.is_withdrawn})),
         grader_version=GRADER_VERSION,
         verdicts_sha256=hashlib.sha256("\n".join(_verdict(row.record) for row in rows).encode()).hexdigest(),
         summary=summarise(rows),
@@ -139,20 +144,6 @@ def _check_whole(folder: RunFolder, record: RunRecord) -> None:
         raise UsageError(f"{folder.path} holds an episode that is not in its plan, {_named(extra)}")
 
 
-def _check_packs(record: RunRecord, scenes_dir: Path | None) -> None:
-    try:
-        other = [
-            scene for scene, stored in record.packs.items() if not same_pack(stored, find_pack(int(scene), scenes_dir))
-        ]
-    except PackError as error:
-        raise UsageError(str(error)) from error
-    if other:
-        raise UsageError(
-            f"the run was played on another pack of scene {reference_of(int(other[0]))} than the one here,"
-            " which cannot grade it"
-        )
-
-
 def _check_frames(folder: RunFolder) -> None:
     """Refuse a frame that is missing or whose content does not have the hash in its name."""
     names = {
@@ -173,7 +164,10 @@ def _check_frames(folder: RunFolder) -> None:
 
 
 def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
-    """Refuse stored grades that differ from newly computed ones."""
+    """Refuse stored grades that grading again does not give.
+
+    A grade that was withdrawn since, or is by an erratum that the submission does not count, is no difference.
+    """
     stored: Mapping[EpisodeKey, GradeRecord] = folder.grades()
     for row in rows:
         if row.key not in stored:
@@ -181,6 +175,8 @@ def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
                 f"{folder.path}: not every episode is graded; run `physment-eval grade {folder.path}` first"
             )
         kept, now = stored[row.key].grade, row.record.grade
+        if kept.reason.startswith(WITHDRAWN) and not row.is_withdrawn:
+            continue
         if _verdict(stored[row.key]) != _verdict(row.record):
             raise UsageError(
                 f"{folder.grades_file}: the grade of {_named(row.key)} is {kept.strict.value}, {kept.normalised.value},"
