@@ -17,7 +17,7 @@ from scenes.errors import PackError
 ERRATA_FILE = "errata.json"
 
 
-class Effect(StrEnum):
+class ErratumEffect(StrEnum):
     """What a fault does to the episodes that were played on its pack."""
 
     WITHDRAWN = "withdrawn"
@@ -36,7 +36,7 @@ class Erratum(BaseModel):
     """Id of the scene."""
     pack: str = Field(pattern=r"^c1:[0-9a-f]{12}$")
     """Hash of the content of the pack, as records contain it."""
-    effect: Effect
+    effect: ErratumEffect
     """`withdrawn` or `noted`."""
     fault: str = Field(pattern=r"^\S[^\n]*\.$", max_length=400)
     """What is wrong with it, in one sentence."""

@@ -30,7 +30,7 @@ from evaluator.study.ray_executor import ray_workers
 from evaluator.study.run_config import Meter, RunConfig
 from evaluator.study.runner import LocalPlay, Play, Runner, missing
 from evaluator.study.shards import WHOLE
-from scenes import Effect, PackFiles, same_packs
+from scenes import ErratumEffect, PackFiles, same_packs
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ async def _play_missing(run: PreparedRun) -> str:
             await stack.enter_async_context(participant.running())
         record = await _record(run, laboratory)
         for entry in filter(None, map(run.answers.erratum, record.packs.values())):
-            if entry.effect is Effect.WITHDRAWN:
+            if entry.effect is ErratumEffect.WITHDRAWN:
                 note = f"episodes of scene {entry.scene} will be unscored, because its pack is withdrawn: {entry.fault}"
                 print(f"physment-eval: {note}", file=sys.stderr)
         play = await stack.enter_async_context(_executor(run, laboratory, record))

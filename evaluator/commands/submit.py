@@ -13,7 +13,7 @@ from evaluator.store.run_folder import RunFolder
 from evaluator.study.integrity import seeds_of
 from evaluator.study.replay import Replayed, replay
 from evaluator.study.submission import first_difference, read_submission, submission_of
-from scenes import Effect, reference_of
+from scenes import ErratumEffect, reference_of
 
 _SUBMIT = """\
 Write the results of a whole run into one JSON file for a leaderboard: summary, provenance, hashes of the records, the
@@ -80,7 +80,9 @@ def _check(args: argparse.Namespace) -> int:
     keys = KeyRing(args.scenes_dir, seed_of)
     # An erratum that was published after the submission does not make its results false.
     errata = [
-        entry for entry in keys.errata.values() if entry.effect is Effect.NOTED or entry.pack in claimed.withdrawn
+        entry
+        for entry in keys.errata.values()
+        if entry.effect is ErratumEffect.NOTED or entry.pack in claimed.withdrawn
     ]
     played = set(claimed.run.content_hashes().values())
     later = [entry for entry in keys.errata.values() if entry not in errata and entry.pack in played]

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from evaluator.records.episode import Episode, Grade, Outcome, Record, Verdict
-from scenes import Effect, Erratum
+from scenes import Erratum, ErratumEffect
 
 WITHDRAWN = "withdrawn: "
 """Start of the reason of a grade without verdict because of a known fault; the fault follows."""
@@ -34,7 +34,7 @@ def is_withdrawn(episode: Episode, erratum: Erratum | None) -> bool:
         episode: As recorded.
         erratum: The known fault; None if none is known.
     """
-    faulty = erratum is not None and erratum.effect is Effect.WITHDRAWN
+    faulty = erratum is not None and erratum.effect is ErratumEffect.WITHDRAWN
     return faulty and episode.outcome is not Outcome.INFRASTRUCTURE_ERROR
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from scenes import Effect, PackError, default_folder, read_errata
+from scenes import ErratumEffect, PackError, default_folder, read_errata
 
 ENTRY: dict[str, Any] = {
     "scene": 7,
@@ -30,7 +30,7 @@ def test_a_folder_without_the_file_has_no_errata(tmp_path: Path) -> None:
 
 def test_an_entry_is_read(tmp_path: Path) -> None:
     (entry,) = read_errata(write(tmp_path, ENTRY))
-    assert (entry.scene, entry.effect, entry.date) == (7, Effect.WITHDRAWN, dt.date(2026, 11, 26))
+    assert (entry.scene, entry.effect, entry.date) == (7, ErratumEffect.WITHDRAWN, dt.date(2026, 11, 26))
 
 
 @pytest.mark.parametrize(
@@ -64,5 +64,5 @@ def test_a_pack_has_one_entry(tmp_path: Path) -> None:
 
 def test_the_errata_of_the_suite_are_sound() -> None:
     folder = default_folder()
-    assert {entry.effect for entry in read_errata(folder)} <= set(Effect)
+    assert {entry.effect for entry in read_errata(folder)} <= set(ErratumEffect)
     assert all((folder / f"Scene{entry.scene}").is_dir() for entry in read_errata(folder))
