@@ -79,11 +79,8 @@ def _check(args: argparse.Namespace) -> int:
     seed_of = seeds_of(folder, args.seed_key)
     keys = KeyRing(args.scenes_dir, seed_of)
     # An erratum that was published after the submission does not make its results false.
-    errata = [
-        entry
-        for entry in keys.errata.values()
-        if entry.effect is ErratumEffect.NOTED or entry.pack in claimed.withdrawn
-    ]
+    noted = ErratumEffect.NOTED
+    errata = [one for one in keys.errata.values() if one.effect is noted or one.pack in claimed.withdrawn]
     played = set(claimed.run.content_hashes().values())
     later = [entry for entry in keys.errata.values() if entry not in errata and entry.pack in played]
     difference = first_difference(claimed, submission_of(folder, KeyRing(args.scenes_dir, seed_of, errata)))

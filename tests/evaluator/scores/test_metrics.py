@@ -261,6 +261,7 @@ def test_a_whole_run_computed_by_hand() -> None:
         "n_scored": 0,
         "n_scenes": 0,
         "n_correct": 0,
+        "n_withdrawn": 0,
         "disabled_calls": 0,
         "unread_turns": 0,
         "n_numbers": 0,
