@@ -17,29 +17,29 @@ from scenes import PackError, PackFiles, PublicPack, find_pack, hosted_files, li
 logger = logging.getLogger(__name__)
 
 _KEPT = 256
-"""Most scenes that a process keeps to open them again, each at one seed [about 12 kB each]."""
+"""Size of the cache of loaded scenes; an entry is a scene at one seed and takes about 12 kB."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)
 class Scene:
     """A scene at one seed: the public half of its pack, and its model with the drawn values.
 
-    Its episodes share it, so nothing may change it.
+    Episodes share the object, so it must not be modified.
     """
 
     public: PublicPack
     mjcf: str = field(repr=False)
-    """For the world alone: it contains the hidden values."""
+    """MuJoCo XML with the hidden values; only `World` may read it."""
     timestep: float | None = None
-    """Time step that replaces the one of the model [s]."""
+    """Time step that replaces the model's own [s]."""
 
     def __hash__(self) -> int:
-        """The model decides: not everything that is public has a hash."""
+        """Hash of the MJCF text only, because some public fields are not hashable."""
         return hash(self.mjcf)
 
 
 class _Source(NamedTuple):
-    """What decides a scene: its pack, the content of the two files that it is made from, and how it is drawn."""
+    """Cache key of a scene: its pack, hashes of the two files that it is loaded from, seed and time step."""
 
     files: PackFiles
     written: tuple[bytes, bytes]
@@ -81,13 +81,13 @@ _SCENES = _KeptScenes(_KEPT)
 
 
 def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene:
-    """Read the public half of a scene and draw its hidden values. A scene that was loaded lately is the same object.
+    """Read the public half of a scene and draw its hidden values. Loaded scenes are cached.
 
     Args:
         scene_id: Id of the scene, 7 to 111 in the suite.
         seed: 0 for the scene as written, any other whole number for a variant of it.
         folder: Folder of packs, whole or exported; the installed suite by default.
-        timestep: Time step that replaces the one of the model [s].
+        timestep: Time step that replaces the model's own [s].
 
     Raises:
         SceneError: There is no such scene, or its pack is malformed or outside the folder.
@@ -103,7 +103,7 @@ def load_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timeste
 
 
 def kept_scene(scene_id: int, seed: int = 0, folder: Path | None = None, timestep: float | None = None) -> Scene | None:
-    """The scene, if it was loaded lately; None if `load_scene` would have to draw it, which takes milliseconds.
+    """The scene from the cache; None if it is not cached. `load_scene` then takes milliseconds to draw it.
 
     Raises:
         SceneError: As for `load_scene`.
@@ -124,7 +124,7 @@ def _source(scene_id: int, seed: int, folder: Path | None, timestep: float | Non
 
 
 def _digest(path: Path) -> bytes:
-    """What stands for the content of a file; empty for one that cannot be read, of which the reader will complain."""
+    """Hash of a file's content; empty if it cannot be read. Loading the file then raises the error."""
     try:
         return hashlib.sha256(path.read_bytes()).digest()
     except OSError:
@@ -132,10 +132,10 @@ def _digest(path: Path) -> bytes:
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
-    """The models of a scene at seeds 0 to 19.
+    """The models of a scene at seeds 0 to 19, as MuJoCo XML.
 
-    Twenty are enough to see what depends on the seed: a choice of two values is the same in all with a chance of 1 in
-    500 000.
+    They show which parts of the model depend on the seed. The probability that a choice between two values is equal at
+    all twenty seeds is 1 in 500 000.
 
     Raises:
         SceneError: One of them cannot be read, for example because it was not exported.

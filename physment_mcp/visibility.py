@@ -1,10 +1,10 @@
-"""What may be seen in an episode: one rule for pictures of every kind, for the viewer and for films.
+"""The visibility rule: which bodies an agent may see. It applies to images of every kind, to the viewer and to films.
 
 A part is drawn if it looks the same in every variant of the scene, and belongs to a fixture, or to a known object whose
 type, size and position the agent may read. A movable object whose orientation the agent may not read is drawn with its
-orientation at the start, and only if its position says where all of it is. So the only attribute that may be seen and
-not read is the orientation that such an object, or one that cannot move, has at the start of every variant. Objects are
-drawn where the instruments read them. A renderer receives only these parts and poses.
+orientation at the start, and only if its position determines the place of all its parts. So the only attribute that may
+be seen but not read is the start orientation of such an object, or of an immovable one; it is the same in every
+variant. Objects are drawn at the poses that the instruments read. A renderer receives only these parts and poses.
 """
 
 import functools
@@ -22,23 +22,23 @@ from physment_mcp.world.pictures.showing import Frame, Part, ShownBody, ShownPar
 from physment_mcp.world.readings import Array
 
 _CACHED = 64
-"""Most scenes of which a process caches the visibility."""
+"""Number of scenes in the cache of visibilities."""
 _METRES, _QUATERNION = 6, 5
-"""Decimals of positions [m] and of orientations: finer ones cannot be seen."""
+"""Number of decimals of positions [m] and of quaternions; further ones would make no visible difference."""
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _MARKER_M, _MARKER_SHARE = 0.05, 0.035
-"""Radius of a marker alone [m]; of others, as a share of the largest distance between what is drawn."""
+"""Radius of a marker if nothing else is drawn [m]; otherwise, share of the largest distance between drawn items."""
 _MARKER_COLOUR = (0.55, 0.6, 0.68, 0.55)
 
 
 class Visible(NamedTuple):
-    """What may be seen at one moment."""
+    """The bodies and geoms that may be seen at one moment."""
 
     objects: tuple[LabObject, ...]
     fixtures: frozenset[str]
-    """Fixed bodies that are no objects."""
+    """Names of fixed bodies that are not objects."""
     parts: frozenset[Part]
-    """Geoms that may be drawn, of these bodies and of others."""
+    """Geoms that may be drawn, of fixtures and of objects."""
     turns: Mapping[str, Array]
     """Body → the orientation (4,) in which its geom is drawn instead of its own."""
 
@@ -50,14 +50,18 @@ class Visible(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """What the rule says about a scene, before anything happens in an episode of it."""
+    """The result of the visibility rule for a scene at its start."""
 
     parts: frozenset[Part]
     fixtures: frozenset[str]
     turns: Mapping[str, Array]
 
     def now(self, session: Session) -> Visible:
-        """What may be seen now in an episode of the scene."""
+        """The bodies and geoms that may be seen now in an episode of the scene.
+
+        Args:
+            session: The session of the episode.
+        """
         objects = tuple(item for item in session.known() if self._may_show(session, item))
         made = {(item.body, 0) for item in objects if item.created}
         return Visible(objects, self.fixtures, self.parts | made, self.turns)
@@ -69,11 +73,11 @@ class Visibility:
 
 
 def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
-    """Find out what may be seen in a scene.
+    """Apply the visibility rule to a scene.
 
     Args:
         scene: The scene.
-        variants: Its MJCF at enough other seeds to show everything that depends on the seed.
+        variants: The scene's MJCF at enough other seeds that everything that depends on the seed differs in one.
 
     Raises:
         SceneError: A variant does not compile.
@@ -85,16 +89,16 @@ def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
 
 
 def _start_turns(scene: Scene, start: World) -> dict[str, Array]:
-    """Orientation at the start of the bodies that are drawn with it because their orientation is withheld."""
+    """Start orientation of each body that is drawn with it because its present orientation is withheld."""
     withheld = (item.object_id for item in scene.public.objects if not item.permissions.body_quat)
     turns = {body: start.turn_at_centre(body) for body in withheld if start.is_movable(body)}
     return {body: turn for body, turn in turns.items() if turn is not None}
 
 
 def cached_visibility(scenes_dir: Path | None) -> Callable[[Scene], Visibility]:
-    """A function that finds the visibility in scenes of a folder, and caches it.
+    """Create a cached function that returns the visibility of a scene in a folder.
 
-    It raises SceneError if the folder does not hold enough variants of a scene, as an export of one seed.
+    The function raises SceneError if the folder lacks variants of the scene, such as an export of a single seed.
     """
 
     @functools.lru_cache(_CACHED)
@@ -105,11 +109,11 @@ def cached_visibility(scenes_dir: Path | None) -> Callable[[Scene], Visibility]:
 
 
 def bodies_of(session: Session, visible: Visible) -> list[ShownBody]:
-    """The bodies that may be seen, with the parts of them that may be seen: fixtures first.
+    """The visible bodies with their visible parts; fixtures come first.
 
-    Objects have their ids as names. Fixtures have numbers, because their own names may tell too much; a colon keeps
-    them apart from the names that agents give. Shapes are in the frames of their bodies and poses are readings, so
-    neither shows a place more finely than `get_position` returns it.
+    Objects are named by their ids. Fixtures are numbered, because their names in the model may reveal private facts; a
+    colon in the name separates them from names chosen by agents. Shapes are in body frames and poses are readings, so
+    no position is more precise than the result of `get_position`.
     """
     frames: dict[str, Frame] = dict.fromkeys(visible.fixtures, "world")
     frames |= {item.body: "body" if session.may_read(item, "orientation") else "origin" for item in visible.objects}
@@ -117,7 +121,7 @@ def bodies_of(session: Session, visible: Visible) -> list[ShownBody]:
     fixtures = [parts for body, parts in shown.items() if body in visible.fixtures]
     found = [ShownBody(f"fixture:{number}", False, (), parts) for number, parts in enumerate(fixtures, 1)]
     for item in visible.objects:
-        # The place of an object of which nothing may be drawn can depend on the seed.
+        # The position of an object with no visible part may depend on the seed.
         if item.body in shown:
             pose = pose_numbers(session, item, session.world.pose(item.body))
             found.append(ShownBody(item.object_id, session.world.is_movable(item.body), pose, shown[item.body]))
@@ -125,17 +129,17 @@ def bodies_of(session: Session, visible: Visible) -> list[ShownBody]:
 
 
 def pose_numbers(session: Session, item: LabObject, pose: Pose) -> list[float]:
-    """Position [m] and quaternion of an object as 7 numbers, upright if its orientation may not be read."""
+    """Position [m] and quaternion of an object as 7 numbers; the identity rotation if its orientation is withheld."""
     turn = pose.quaternion if session.may_read(item, "orientation") else _UPRIGHT
     position = [round(float(value), _METRES) + 0.0 for value in pose.position]
     return position + [round(float(value), _QUATERNION) + 0.0 for value in turn]
 
 
 def markers_at_start(session: Session, visibility: Visibility) -> list[ShownBody]:
-    """Spheres that mark where objects are at the start which may not be drawn, but whose position may be read.
+    """Spheres at the start positions of objects that must not be drawn but whose position may be read.
 
-    Only objects that are at the same place in every variant get one. The spheres tell nothing of shape or size: their
-    radius follows from the distances between what is drawn.
+    Only objects with the same start position in every variant get a marker. The markers reveal no shape or size: their
+    radius depends only on the distances between drawn items.
     """
     visible = visibility.now(session)
     drawn, known = bodies_of(session, visible), session.known()

@@ -14,7 +14,7 @@ from pydantic import Field
 from evaluator.records.episode import FORMAT, Record, is_absent
 
 START = hashlib.sha256(b"physment run").hexdigest()
-"""Head of an empty chain."""
+"""Head of an empty hash chain."""
 
 
 class Seal(Record):

@@ -1,1 +1,1 @@
-"""What the packages share: names on the wire, how command lines and sockets are read, and expressions."""
+"""Code shared by the packages: protocol names, command line parsing, socket streams and expressions."""

@@ -1,4 +1,4 @@
-"""What the command lines of both programs share: a parser whose errors are one sentence each, and Ctrl-C."""
+"""Shared by the command lines of both programs: a parser with one-sentence errors, and reliable Ctrl-C."""
 
 import argparse
 import difflib
@@ -13,26 +13,26 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _AGAIN_S = 0.01
-"""Wall time after which a KeyboardInterrupt that Python discarded is raised again [s]."""
+"""Delay after which a discarded KeyboardInterrupt is raised again [s]."""
 
 
 class SentenceParser(argparse.ArgumentParser):
-    """Raises an error where argparse prints the usage and exits. The parsers of its commands do the same."""
+    """An ArgumentParser that raises an error instead of printing the usage and exiting. Its subparsers do the same."""
 
     usage_error: ClassVar[type[Exception]]
-    """What it raises; programs set it in a class of their own."""
+    """Exception class to raise; subclasses set it."""
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
-        """Refuse an unknown option before the parser takes its value for something else.
+        """Parse arguments, and refuse an unknown option before its value is taken for a positional argument.
 
         Raises:
-            usage_error: The command line is wrong.
+            usage_error: The command line is invalid.
         """
         self._refuse_unknown_options(args[0])
         return super().parse_known_args(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong, and where the usage is.
+        """Raise an error with the message and a pointer to `--help`.
 
         Raises:
             usage_error: Always.
@@ -46,7 +46,7 @@ class SentenceParser(argparse.ArgumentParser):
         for word in words:
             option = word.partition("=")[0]
             if word == "--" or word in commands:
-                return  # what follows is for somebody else
+                return  # the arguments after `--` belong to another program
             if option.startswith("--") and " " not in option and not any(one.startswith(option) for one in options):
                 self.error(f"there is no option {option}{did_you_mean(option, options)}")
 
@@ -60,18 +60,18 @@ class SentenceParser(argparse.ArgumentParser):
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The known word that is nearest to a mistyped one, as the end of a sentence; empty if none is near."""
+    """Suggest the known word nearest to a misspelled one, as the end of a sentence; empty if none is near."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean {close[0]}?" if close else ""
 
 
 def restore_sigint() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt again: the modules of a command are loaded, and it begins its work.
+    """Make Ctrl-C raise KeyboardInterrupt, once the modules of a command are imported.
 
-    Python discards an exception that is raised in a finaliser or in the callback of a weak reference, and prints a
-    traceback in its place. A KeyboardInterrupt that is lost so is raised again a moment later.
+    Python discards an exception that is raised in a finaliser or in a weak reference callback, and prints a traceback.
+    A KeyboardInterrupt discarded in this way is raised again shortly afterwards.
 
-    A signal that is ignored stays ignored.
+    An ignored signal stays ignored.
     """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         return
@@ -92,5 +92,5 @@ def restore_sigint() -> None:
 def _interrupt_main_thread() -> None:
     if sys.platform == "win32":
         interrupt_main()
-    else:  # interrupt_main would not end a system call in which the thread waits
+    else:  # interrupt_main would not interrupt a blocking system call
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

@@ -1,8 +1,8 @@
 """Expressions: one grammar, one table of functions and one compiler for laws, draws and formulas of answers.
 
-A text is read by the grammar below into nodes, and nodes are compiled to a Python function; no text is ever compiled.
-A `Language` says how long a text may be and which signs, functions and numbers it may have. The precedence of operators
-is that of Python. Knows no bodies, knobs or answers.
+A recursive-descent parser converts text to nodes, and nodes are compiled to a Python function through `ast`; the text
+itself is never passed to `compile` or `eval`. A `Language` limits the length of a text and its operators, functions and
+numbers. Operators have the precedence of Python. Knows no bodies, knobs or answers.
 """
 
 import ast
@@ -15,12 +15,12 @@ from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 
 Compiled = Callable[..., tuple[Any, ...]]
-"""Takes the values of the names by position, returns one value for each expression."""
+"""Function of the values of the names, by position, that returns one value for each expression."""
 Token = tuple[str, str]
-"""Its kind (number, name, text, sign) and its text."""
+"""Kind of the token (number, name, text, sign) and its text."""
 
 MAX_DEPTH = 30
-"""Most brackets, functions, signs, powers and conditions inside each other."""
+"""Largest nesting depth of brackets, functions, signs, powers and conditions."""
 
 
 def _sign(value: float) -> float:
@@ -43,54 +43,54 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., Any], int, int]] = {
     "min": (min, 2, 20),
     "max": (max, 2, 20),
 }
-"""Name → function, least and greatest number of its arguments. Angles in radians; `log` is natural."""
+"""Name → function, smallest and largest number of arguments. Angles are in radians; `log` is the natural logarithm."""
 
 SIGNS = frozenset("+-*/%(),<>") | {"**", "<=", ">=", "==", "!=", "if", "else", "and", "or", "not"}
-"""Signs and words of arithmetic with conditions."""
+"""Operators and keywords of arithmetic with conditions."""
 _NONE: Mapping[str, Any] = {}
 
 
 class ExpressionError(ValueError):
-    """A text is no expression of its language, or a name cannot be given; the message says why."""
+    """A text is not an expression of its language, or a name is invalid; the message gives the reason."""
 
 
 class Node(NamedTuple):
-    """A part of an expression: a number, a text, a name, or an operator or function with its operands."""
+    """A node of the expression tree: a number, a text, a name, or an operator or function with its operands."""
 
     head: str
     """`number`, `text`, `name`, `negative`, `compare`, `if`, `list`, `item`, an operator or a function."""
     parts: tuple["Node", ...] = ()
     text: str = ""
-    """The number, text or name as written; the signs of a comparison."""
+    """The number, text or name as written; for a comparison, its operators."""
 
 
 @dataclass(frozen=True, eq=False)
 class Language:
-    """What one kind of expression may contain; reads and compiles it."""
+    """The language of one kind of expression, with its parser and compiler."""
 
     signs: Collection[str] = SIGNS
-    """Operators, brackets and words; `[` for lists and their items, `'` for texts."""
+    """Allowed operators, brackets and keywords; `[` allows lists and indexing, `'` allows texts."""
     functions: Mapping[str, tuple[Callable[..., Any], int, int]] = field(default_factory=lambda: FUNCTIONS)
     operators: Mapping[str, Callable[..., Any]] = field(default_factory=lambda: {"**": math.pow})
-    """Operators that a function computes; the others are Python's own. `negative` is the sign before an operand."""
+    """Operator → function that implements it; other operators are Python's. `negative` is unary minus."""
     number: Callable[[str], float] = float
     max_chars: int = 1000
     has_factors_side_by_side: bool = False
-    """Whether `2 x` is a product."""
+    """Whether `2 x` is a product (implicit multiplication)."""
     unknown: str = "the name {!r} is unknown here"
 
     def read(
         self, text: str, names: Collection[str], respell: Callable[[list[Token]], list[Token]] = list[Token]
     ) -> Node:
-        """Read an expression.
+        """Parse an expression.
 
         Args:
             text: The expression.
-            names: The names that have a value, besides `pi`.
-            respell: Changes its tokens.
+            names: Allowed names, besides `pi`.
+            respell: Function that rewrites the list of tokens before parsing.
 
         Raises:
-            ExpressionError: It is too long or nests too deeply, or has a part that is not allowed.
+            ExpressionError: The text is too long, nested too deeply, or contains a part that is not allowed.
         """
         return _Reader(respell(_tokens(text, self)), self, names).whole()
 
@@ -101,15 +101,15 @@ class Language:
         let: Mapping[str, Node] = _NONE,
         constants: Mapping[str, float] = _NONE,
     ) -> Compiled:
-        """One function that computes all results.
+        """Compile expressions to one function that computes all results.
 
-        It raises ArithmeticError or ValueError where a result does not exist, such as 1/0.
+        The function raises ArithmeticError or ValueError where a result is undefined, such as 1/0.
 
         Args:
-            names: The names whose values it takes, by position.
-            results: What it returns.
-            let: Name → expression, computed first, in order.
-            constants: Names with fixed values. They are arguments too, so the code is the same whatever they are.
+            names: Names of the function's parameters, in order.
+            results: Expressions whose values the function returns.
+            let: Name → expression; computed first, in order.
+            constants: Name → fixed value, passed as a default argument so that the code does not depend on it.
 
         Raises:
             ExpressionError: The expressions are too long to be compiled.
@@ -119,7 +119,7 @@ class Language:
         except (RecursionError, MemoryError) as error:
             raise ExpressionError("it is too long") from error
         functions = {name: function for name, (function, _, _) in self.functions.items()} | dict(self.operators)
-        known: dict[str, Any] = {f"{name}()": function for name, function in functions.items()}  # no knob hides one
+        known: dict[str, Any] = {f"{name}()": function for name, function in functions.items()}  # () prevents clashes
         return FunctionType(code, known | {"__builtins__": {}, "pi": math.pi}, argdefs=tuple(constants.values()))
 
 
@@ -142,7 +142,7 @@ _BINDING = (
     | dict.fromkeys(_COMPARISONS, _COMPARISON)
     | dict.fromkeys(("*", "/", "//", "%"), 6)
 )
-"""Operator → how strongly it binds; powers bind more strongly than signs, and these than products."""
+"""Operator → binding strength. Powers bind more strongly than unary signs, and signs more strongly than products."""
 
 
 def _tokens(text: str, language: Language) -> list[Token]:
@@ -169,7 +169,7 @@ def _deeper(depth: int) -> int:
 
 
 class _Reader:
-    """Reads tokens from left to right; its methods raise ExpressionError."""
+    """Recursive-descent parser of a list of tokens; its methods raise ExpressionError."""
 
     def __init__(self, tokens: Sequence[Token], language: Language, names: Collection[str]) -> None:
         self._tokens = (*tokens, ("end", ""))
@@ -181,7 +181,7 @@ class _Reader:
         return self._tokens[self._at]
 
     def _take(self, *signs: str) -> str:
-        """Take one of these signs; empty if the next token is none of them."""
+        """Consume the next token and return it if it is one of these signs; otherwise return an empty string."""
         kind, text = self._next()
         if kind != "sign" or text not in signs:
             return ""
@@ -208,7 +208,7 @@ class _Reader:
         return Node("if", (condition, value, self.expression(_deeper(depth))))
 
     def _operation(self, least: int, depth: int) -> Node:
-        """Operands and the operators between them that bind at least so strongly, from left to right."""
+        """Parse operands joined by operators of at least the binding strength `least`, left-associatively."""
         if least <= _NOT and self._take("not"):
             value = Node("not", (self._operation(_NOT, _deeper(depth)),))
         else:
@@ -230,7 +230,7 @@ class _Reader:
             divided = sign == "/" or (divided and beside)
             if binding != _COMPARISON:
                 value = Node(sign, (value, right))
-            elif compared:  # one node for 1 < x < 2, because nodes that share parts would double the work at each level
+            elif compared:  # one node for 1 < x < 2: two nodes that share x would double the work at each level
                 value = Node("compare", (*value.parts, right), f"{value.text},{sign}")
             else:
                 value = Node("compare", (value, right), sign)
@@ -264,7 +264,7 @@ class _Reader:
         return Node(kind, text=text)
 
     def _several(self, bracket: str, depth: int) -> tuple[Node, ...]:
-        """Expressions between commas, and the closing bracket."""
+        """Parse expressions separated by commas, and the closing bracket."""
         found: list[Node] = []
         while not self._take(bracket):
             if found:
@@ -273,7 +273,7 @@ class _Reader:
         return tuple(found)
 
     def _named(self, name: str, depth: int) -> Node:
-        """A name, or a function with its arguments."""
+        """Parse a name, or a function call."""
         before_bracket = self._next() == ("sign", "(")
         if before_bracket and name in self._language.functions:
             self._at += 1
@@ -296,7 +296,7 @@ def names_in(*nodes: Node) -> set[str]:
     """The names that expressions contain."""
     found = list(nodes)
     for node in found:
-        found += node.parts  # which the loop reaches later
+        found += node.parts  # extends the list that the loop iterates over
     return {node.text for node in found if node.head == "name"}
 
 
@@ -315,7 +315,7 @@ _BUILDERS: Mapping[str, Callable[[list[ast.expr]], ast.expr]] = {
 def _code(
     language: Language, arguments: tuple[str, ...], let: tuple[tuple[str, Node], ...], results: tuple[Node, ...]
 ) -> CodeType:
-    """The code of a lambda expression, made of the kinds of Python's nodes here and in the tables above alone."""
+    """Compile a lambda expression, built only from the `ast` node types used here and in the tables above."""
 
     def tree(node: Node) -> ast.expr:
         head, parts, text = node

@@ -1,4 +1,4 @@
-"""A socket as the pair of streams that MCP sessions use: one JSON line a message."""
+"""Adapts a socket to the pair of streams of an MCP session: each message is one line of JSON."""
 
 import asyncio
 import json
@@ -13,16 +13,16 @@ from mcp.shared.message import SessionMessage
 
 @dataclass(slots=True, eq=False)
 class LineStream:
-    """Messages over a socket. The creator of the socket closes it."""
+    """Stream of MCP messages over a socket. Whoever created the socket must close it."""
 
     reader: asyncio.StreamReader
     writer: asyncio.StreamWriter
 
     async def receive(self) -> SessionMessage | Exception:
-        """The next message, or why a line is none.
+        """Receive the next message, or the exception raised by parsing its line.
 
         Raises:
-            anyio.EndOfStream: The other end is closed, or has sent a line that is too long.
+            anyio.EndOfStream: The other end closed the connection or sent a line that is too long.
         """
         try:
             line = await self.reader.readline()
@@ -39,10 +39,10 @@ class LineStream:
             return error
 
     def too_long(self) -> None:
-        """Called when a line is longer than the reader accepts."""
+        """Hook that is called when a line exceeds the limit of the reader."""
 
     async def send(self, item: SessionMessage, /) -> None:
-        """Write a message; waits while the other end does not read."""
+        """Send a message; waits while the other end does not read (backpressure)."""
         written = item.message.model_dump_json(by_alias=True, exclude_unset=True)
         try:
             self.writer.write(written.encode() + b"\n")
@@ -51,11 +51,11 @@ class LineStream:
             raise anyio.BrokenResourceError from error
 
     def write(self, line: object) -> None:
-        """Write a line that is no MCP message."""
+        """Write a line of JSON that is not an MCP message."""
         self.writer.write(json.dumps(line).encode() + b"\n")
 
     async def aclose(self) -> None:
-        """Nothing: the socket is closed as a whole, when the episode ends."""
+        """Do nothing: the creator of the socket closes both directions when the episode ends."""
 
     def __aiter__(self) -> Self:
         return self

@@ -1,12 +1,12 @@
 """Depths of overlap at the resolution of the instruments, so that a refusal reveals no more than readings do.
 
 A refusal compares a depth with a limit. With the true depth, an agent could find a position to nanometres by bisecting
-the radius of created balls. Rounding the depth would not prevent this, because the threshold stays sharp. So overlaps
-are computed in a coarse copy of the world, in which every number is a multiple of a step:
+the radius of created balls. Rounding the depth would not prevent this, because the threshold would stay sharp.
+Overlaps are therefore computed in a coarse copy of the world, in which every number is a multiple of a step:
 
-- Bodies are where `get_position` would say that they are, with its noise, whether or not an agent may read it. So a
-  refusal tells of a body what one reading of it tells.
-- What no instrument reads, such as sizes and places of geoms on their bodies, is rounded to `FLOOR`.
+- Bodies are at the positions that `get_position` would return, with its noise, whether or not the agent may read them.
+  So a refusal contains as much information about a body as one reading of its position.
+- Quantities without an instrument, such as sizes of geoms and their positions on bodies, are rounded to `FLOOR`.
 - Fixtures are rounded to the resolution of positions, but to no less than `FLOOR` and no more than `COARSEST`.
 """
 
@@ -20,22 +20,22 @@ from physment_mcp.world.readings import Array, Pose
 from physment_mcp.world.readout import Sensors, quaternion_of, rotation_vector
 
 FLOOR = 1e-4
-"""Step [m] of what is read to full precision, or by no instrument.
+"""Step [m] of quantities that are read to full precision or have no instrument.
 
 It is the usual resolution of positions, and a tenth of the overlap that is allowed, so that rounding does not decide
 whether two bodies may touch.
 """
 COARSEST = 1e-3
-"""Largest step [m] of fixtures: a coarser one would refuse places beside a floor or a wall that are free."""
+"""Largest step [m] of fixtures. A coarser step would refuse free places beside a floor or a wall."""
 
 
 def depths(sensors: Sensors, qpos: Array, tree: list[int]) -> dict[tuple[int, int], float]:
     """Depth [m] to which each body of a tree overlaps each other body in the coarse copy of the world.
 
     Args:
-        sensors: Of the world as it is, settled.
-        qpos: Joint positions (nq,) at which the tree is looked at; those of other bodies are as they are.
-        tree: The body that is placed, and what is jointed to it.
+        sensors: Instruments of the world at its present, settled state.
+        qpos: Joint positions (nq,) with the tree at the position to test and all other bodies at their present ones.
+        tree: Ids of the body that is placed and of all bodies jointed to it.
     """
     resolution = sensors.readout.resolution("position")
     model = _coarse(sensors.model, min(max(resolution, FLOOR), COARSEST))
@@ -62,13 +62,13 @@ def _coarse(model: mujoco.MjModel, fixtures: float) -> mujoco.MjModel:
     for geom in range(model.ngeom):
         angle = float(step[geom, 0]) / max(float(model.geom_rbound[geom]), FLOOR)
         coarse.geom_quat[geom] = _turned(model.geom_quat[geom], angle)
-    # The engine's bounding volumes are those of the exact geoms, so they are widened by what the others may differ.
+    # The engine's bounding volumes belong to the exact geoms, so they are widened by the largest rounding error.
     coarse.geom_margin[:] += 4 * (fixtures + FLOOR)
     return coarse
 
 
 def _extent(model: mujoco.MjModel, body: int) -> float:
-    """How far the surface of a body is from its origin, at most [m]."""
+    """Upper bound of the distance of a body's surface from its origin [m]."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     reach = [
         float(np.linalg.norm(model.geom_pos[geom])) + float(model.geom_rbound[geom])
@@ -78,7 +78,7 @@ def _extent(model: mujoco.MjModel, body: int) -> float:
 
 
 def _rounded(pose: Pose, step: float, extent: float) -> Pose:
-    """A pose whose place, and whose surface at a distance `extent`, are known to a step [m]."""
+    """Round a position to `step` [m], and the orientation to an angle that moves points at `extent` [m] by `step`."""
     return Pose(np.rint(pose.position / step) * step, _turned(pose.quaternion, step / max(extent, step)))
 
 

@@ -1,6 +1,6 @@
-"""What differs between the versions of MuJoCo, from 3.3.3 on, chosen by what the installed one offers.
+"""Compatibility with MuJoCo versions from 3.3.3 on, by feature detection.
 
-The rest of the package uses only what all these versions have.
+The rest of the package uses only features that all these versions have.
 """
 
 import mujoco
@@ -14,7 +14,7 @@ _NO_PASSIVE_FORCES = sum(
 
 
 def delete(spec: mujoco.MjSpec, element: mujoco.MjsBody | mujoco.MjsKey) -> None:
-    """Delete an element of a spec, and with a body all that is in it and every constraint that refers to any of it."""
+    """Delete an element of a spec. A body is deleted with its subtree and all constraints that refer to it."""
     # From version 3.3.4 on the spec deletes its elements; before, bodies are detached and others delete themselves.
     if hasattr(spec, "delete"):
         spec.delete(element)

@@ -1,4 +1,4 @@
-"""Expressions of laws: sets of them that share names, compiled to one Python function, alone or together.
+"""Expressions of laws: sets of formulas that share names, compiled separately or together to one Python function.
 
 Knows arithmetic, and no engine, bodies or files. Numbers are floats and powers are those of `math.pow`, so no
 expression can build a huge integer or return a complex number.
@@ -17,16 +17,16 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
 class Formulas:
-    """Some expressions that share names, checked.
+    """A set of validated expressions that share names.
 
     Args:
-        names: Names whose values come with each evaluation.
-        constants: Names with fixed values.
-        let: Name → expression; the ones after it and the results may use it.
-        results: Field → expression, the values that are wanted.
+        names: Names whose values are passed to each evaluation.
+        constants: Name → fixed value.
+        let: Name → expression. Later expressions and the results may use the name.
+        results: Field → expression of the result.
 
     Raises:
-        ExpressionError: An expression contains something that is not allowed or an unknown name, or a name is taken.
+        ExpressionError: An expression contains an unknown name or something that is not allowed, or a name is taken.
     """
 
     def __init__(
@@ -44,17 +44,20 @@ class Formulas:
             known.add(name)
         self._results = {field: _read(field, text, known) for field, text in results.items()}
         self.used = names_in(*self._let.values(), *self._results.values()) & set(names)
-        """Those of `names` that the expressions contain."""
+        """The subset of `names` that the expressions contain."""
 
     def function(self, arguments: Sequence[str]) -> Compiled:
-        """One function that computes all results from the values of `arguments`, which contain all names in use.
+        """Compile one function that computes all results.
 
-        It raises ArithmeticError or ValueError where a result does not exist, such as 1/0 or the root of -1.
+        The function raises ArithmeticError or ValueError where a result is undefined, such as 1/0 or the root of -1.
+
+        Args:
+            arguments: Names of the function's parameters; must contain all names in `used`.
         """
         return _LAWS.compiled(arguments, [*self._results.values()], self._let, self._constants)
 
     def join(self, number: int, part: "Part", let: dict[str, Node], constants: dict[str, float]) -> None:
-        """Add these formulas to those of one function, under names that no others have."""
+        """Add these formulas to the `let` and `constants` of a joint function, under unique names."""
         own = {name: f"{name}#{number}" for name in (*self._constants, *self._let)}
         names, factor = {**part.names, **own}, f"#{number}"
         constants |= {own[name]: value for name, value in self._constants.items()} | {factor: part.factor}
@@ -63,7 +66,7 @@ class Formulas:
             let[f"{field}#{number}"] = Node("*", (Node("name", text=factor), _renamed(node, names)))
 
     def fault(self, arguments: Sequence[str], values: Sequence[float]) -> str | None:
-        """The first field that has no finite value at `values`, and why; None if all have one."""
+        """Name the first field without a finite value at `values`, and the reason; None if all are finite."""
         let = [*self._let.items()]
         fields = [(f"let.{name}", tree, dict(let[:number])) for number, (name, tree) in enumerate(let)]
         for field, tree, before in [*fields, *((field, tree, self._let) for field, tree in self._results.items())]:
@@ -73,32 +76,38 @@ class Formulas:
 
 
 class Part(NamedTuple):
-    """A set of formulas beside others in one function."""
+    """A set of formulas as part of a joint function."""
 
     formulas: Formulas
     names: Mapping[str, str]
-    """The names of its values → those of the function's arguments."""
+    """Name in the formulas → parameter of the joint function."""
     factor: float
-    """Multiplies its results."""
+    """Factor that multiplies the results of the formulas."""
 
 
 class Summand(NamedTuple):
-    """A result of a part, which is added to others."""
+    """A term of a sum: one result of a part."""
 
     part: int
-    """Number of the part."""
+    """Index of the part."""
     field: str
     opposite: bool = False
-    """Whether it is subtracted."""
+    """Whether the term is subtracted."""
 
 
 def joined(parts: Sequence[Part], sums: Sequence[Sequence[Summand]], arguments: Sequence[str]) -> Compiled:
-    """One function that computes sums of results of the parts from the values of `arguments`.
+    """Compile one function that computes sums of the parts' results.
 
-    It does the same arithmetic for every factor and every constant.
+    The function does the same arithmetic for all values of factors and constants, so its duration does not depend on
+    them.
+
+    Args:
+        parts: Sets of formulas.
+        sums: Terms of each sum.
+        arguments: Names of the function's parameters.
 
     Raises:
-        ExpressionError: They are too long to be compiled.
+        ExpressionError: The expressions are too long to be compiled.
     """
     let: dict[str, Node] = {}
     constants: dict[str, float] = {}
@@ -111,7 +120,7 @@ def joined(parts: Sequence[Part], sums: Sequence[Sequence[Summand]], arguments: 
 
 
 def _sum(summands: Sequence[Summand]) -> Node:
-    """A sum from left to right; 0 for none."""
+    """Expression tree of a sum, evaluated from left to right; 0 if there are no terms."""
     found: Node | None = None
     for number, field, opposite in summands:
         node = Node("name", text=f"{field}#{number}")
@@ -127,7 +136,7 @@ def _renamed(node: Node, names: Mapping[str, str]) -> Node:
 
 
 def _reason(function: Compiled, values: Sequence[float]) -> str | None:
-    """Why a function has no finite result."""
+    """The reason why a function has no finite result at these values; None if it has one."""
     try:
         (result,) = function(*values)
     except ZeroDivisionError:
@@ -140,7 +149,7 @@ def _reason(function: Compiled, values: Sequence[float]) -> str | None:
 
 
 def _refuse_name(field: str, name: str, taken: Collection[str]) -> None:
-    """Refuse a name that an author gives to a quantity if it is no plain name or has a meaning already."""
+    """Refuse a name that is not an identifier or is already taken."""
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ExpressionError(f"{field}: {name!r} cannot be a name; use a letter, then letters, digits and single _")
     if name in FUNCTIONS or name in taken:

@@ -1,6 +1,6 @@
-"""Laws bound to a model: all of them compiled to one function, whose forces are given to the engine.
+"""Laws bound to a model: all laws are compiled to one function that returns their forces for the engine.
 
-A law has no memory: the engine evaluates it in every stage of its integrator, and for readings.
+A law is a function of the present state: the engine evaluates it in every stage of its integrator, and for readings.
 """
 
 import copy
@@ -20,41 +20,41 @@ from physment_mcp.world.reentrant import Addresses, add_passive_forces, body_vel
 from physment_mcp.world.written_laws import WrittenLaw, read_laws
 
 _KEPT = 256
-"""Most laws whose compiled formulas are kept."""
+"""Size of the cache of compiled formulas."""
 _PLACE = ("x", "y", "z")
 _MOTION = ("wx", "wy", "wz", "vx", "vy", "vz")
-"""In the order of `mj_objectVelocity`."""
+"""Names of velocity components, in the order of `mj_objectVelocity`."""
 _HINGE = ("angle", "spin")
 _APPLIED = ("push_x", "push_y", "push_z", "turn_x", "turn_y", "turn_z")
-"""In the order of `xfrc_applied`."""
+"""Names of components of applied force and torque, in the order of `xfrc_applied`."""
 _FORCE = ("force[0]", "force[1]", "force[2]")
 _TORQUE = ("torque[0]", "torque[1]", "torque[2]")
 
 
 class _Source(NamedTuple):
-    """What laws read of one body."""
+    """The values of one body that laws read."""
 
     body: int
     massive: bool
-    """Whether it has a centre of mass; a marker, for example, has none."""
+    """Whether the body has mass, and so a centre of mass; a marker, for example, has none."""
     place: bool
     motion: bool
     hinge: tuple[int, int] | None
-    """Where the angle is in qpos and the spin in qvel; None if they are not read."""
+    """Index of the joint angle in qpos and of the joint speed in qvel; None if they are not read."""
     applied: bool
-    """Whether the force and the torque are read that are applied to the body."""
+    """Whether laws read the applied force and torque on the body."""
 
     @property
     def arguments(self) -> list[str]:
-        """Names of its values, in the order of `values`."""
+        """Names of the values, in the order of `values`."""
         groups = ((self.place, _PLACE), (self.motion, _MOTION), (self.hinge, _HINGE), (self.applied, _APPLIED))
         return [_argument(self.body, name) for needed, names in groups if needed for name in names]
 
     def values(self, at: Addresses, data: mujoco.MjData) -> list[float]:
-        """Its values, as Python's floats: with those of numpy, a division by zero would raise nothing."""
+        """The values as Python floats, because a division by zero raises no exception with numpy floats."""
         values: list[float] = []
         if self.place:
-            # The engine gives no meaning to the centre of mass of a body without mass.
+            # For a body without mass, the engine does not define the centre of mass.
             places = data.xipos if self.massive else data.xpos
             values += places[self.body].tolist()
         if self.motion:
@@ -67,7 +67,7 @@ class _Source(NamedTuple):
 
 
 class CheckedLaw:
-    """A law whose expressions mean something in a model.
+    """A law whose expressions have been validated against a model.
 
     Raises:
         ExpressionError: An expression is not allowed.
@@ -84,15 +84,15 @@ class CheckedLaw:
         parts = (written.constants, written.let, written.results)
         self.formulas = _formulas(("t", *names), *(tuple(part.items()) for part in parts))
         self.arguments = {name: names.get(name, name) for name in self.formulas.used}
-        """The names of values that it uses → those of arguments."""
+        """Name of each value that the law uses → argument of the joint function."""
         self.part = Part(self.formulas, self.arguments, written.factor)
 
 
 class BoundLaws:
-    """The laws of one model, compiled to one function. It does not keep the model alive.
+    """The laws of one model, compiled to one function. Holds no reference to the model.
 
     Raises:
-        ExpressionError: They are too long.
+        ExpressionError: The laws are too long to be compiled.
     """
 
     def __init__(self, laws: Sequence[CheckedLaw], model: mujoco.MjModel) -> None:
@@ -104,21 +104,21 @@ class BoundLaws:
         self._function = joined([law.part for law in laws], sums, self._arguments)
 
     def act(self, at: Addresses, data: mujoco.MjData) -> None:
-        """Add the forces of the laws to the passive forces. Safe inside a call of the engine.
+        """Add the forces of the laws to the passive forces. Reentrant, so it may be called from an engine callback.
 
         Args:
             at: Addresses of the model and of `data`.
-            data: Of the model, with positions and velocities up to date.
+            data: Data of the model, with positions and velocities up to date.
 
         Raises:
-            ArithmeticError: One has no value in this state.
-            ValueError: As above.
+            ArithmeticError: A law has no value in this state.
+            ValueError: As for ArithmeticError.
         """
-        # The same arithmetic for every factor: the time that a step takes must not tell which laws were drawn.
+        # The same arithmetic for every factor, so that the duration of a step does not reveal which laws were drawn.
         add_passive_forces(at, data, self._function(*self._state(at, data)), self._bodies)
 
     def fault(self, model: mujoco.MjModel, data: mujoco.MjData) -> str | None:
-        """The first field that has no finite value in this state, and why."""
+        """Name the first field without a finite value in this state, and the reason; None if all are finite."""
         values = dict(zip(self._arguments, self._state(Addresses.of(model, data), data), strict=True))
         for index, law in enumerate(self._laws):
             own = [values[name] for name in law.arguments.values()]
@@ -153,10 +153,10 @@ def _sums(laws: Sequence[CheckedLaw], model: mujoco.MjModel) -> tuple[list[int],
 
 
 def _adds_exactly(model: mujoco.MjModel, body: int) -> bool:
-    """Whether the engine gets the same bits if forces on a body are added before they are applied.
+    """Whether adding the forces on a body before applying them gives bit-identical results.
 
-    So it is if the body slides along axes of the world and nothing else is applied to its joints. It saves most of the
-    time of laws.
+    This holds if the body slides along world axes and nothing else is applied to its joints. Adding first saves most
+    of the evaluation time of laws.
     """
     joints = slice(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
     dofs = slice(model.body_dofadr[body], model.body_dofadr[body] + model.body_dofnum[body])
@@ -173,12 +173,12 @@ def _adds_exactly(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _argument(body: int, name: str) -> str:
-    """The argument of all laws for a value of a body. No name of a pack has such a sign."""
+    """Name of the joint function's argument for a value of a body. It contains a character that no pack may use."""
     return f"{name}@{body}"
 
 
 def _source(model: mujoco.MjModel, body: int, used: Collection[str]) -> _Source | None:
-    """What laws read of a body by the arguments that they use; None if nothing."""
+    """The values of a body that the used arguments refer to; None if there are none."""
     place, motion, hinge, applied = (
         any(_argument(body, name) in used for name in names) for names in (_PLACE, _MOTION, _HINGE, _APPLIED)
     )
@@ -195,7 +195,7 @@ def _formulas(
     let: tuple[tuple[str, str], ...],
     results: tuple[tuple[str, str], ...],
 ) -> Formulas:
-    """The formulas of a law. Kept, because every edit of a model binds its laws anew."""
+    """The validated formulas of a law. Cached, because every edit of a model binds its laws again."""
     return Formulas(names, dict(constants), dict(let), dict(results))
 
 
@@ -203,7 +203,7 @@ def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> BoundLaws | Non
     """The laws of a scene that is being loaded, compiled for its model; None if it has none.
 
     Raises:
-        SceneError: A law names an unknown body, contains what is not allowed, or could not act.
+        SceneError: A law names an unknown body, contains something that is not allowed, or could have no effect.
     """
     written = read_laws(spec)
     if written and not passive_forces_act(model):
@@ -223,19 +223,19 @@ def laws_at_start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> BoundLaws | Non
 
 
 def laws_after_edit(spec: mujoco.MjSpec, model: mujoco.MjModel) -> BoundLaws | None:
-    """The laws that remain after an edit, compiled for the new model; None if none does.
+    """The laws that remain after an edit, compiled for the new model; None if there are none.
 
-    A law ceases when a body that it names has been deleted.
+    A law is removed when a body that it names has been deleted.
     """
     laws = [CheckedLaw(law, model) for law in read_laws(spec) if all(_has(model, name) for name in law.bodies)]
     return BoundLaws(laws, model) if laws else None
 
 
 def refuse_faults(laws: BoundLaws, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse laws that have no finite value at the start.
+    """Refuse laws that have no finite value at the start state.
 
     Raises:
-        SceneError: One has none.
+        SceneError: A law has no finite value.
     """
     settled = copy.copy(data)
     mujoco.mj_fwdPosition(model, settled)

@@ -1,6 +1,6 @@
 """Compiles MJCF text into a model at its start state, and carries the state from one compiled model to the next.
 
-Knows MuJoCo specs, models and data, and no use of them.
+Knows MuJoCo specs, models and data only.
 """
 
 import copy
@@ -18,15 +18,15 @@ from physment_mcp.world.passive import data_of, let_act
 from physment_mcp.world.readings import Array
 
 KEPT = 256
-"""Most compiled models that a process keeps to open them again [about 0.3 MB each]."""
+"""Size of the cache of compiled models; an entry takes about 0.3 MB."""
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""What a saved state contains: all that the next step depends on, besides the model."""
+"""Components of a saved state: everything besides the model that the next step depends on."""
 START_KEY = "start"
 """Name of the keyframe that holds the initial state."""
 
 
 def _ignore_warning(_text: str) -> None:
-    """Discard the text of engine warnings, which could name hidden things; the world reads the warning counters."""
+    """Discard the text of engine warnings, which could name hidden bodies. `Simulation` reads the warning counters."""
 
 
 # Without a handler MuJoCo writes MUJOCO_LOG.TXT into the working directory.
@@ -34,12 +34,12 @@ mujoco.set_mju_user_warning(_ignore_warning)
 
 
 class CompiledScene(NamedTuple):
-    """A compiled scene at its start. Many worlds share it, so nothing may change it: an edit works on a copy."""
+    """A compiled scene at its start state. Worlds share it, so it must not be modified; edits work on copies."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
     laws: BoundLaws | None
-    """Laws of the scene; they do not act on this model, but on the copies that `model_of` makes."""
+    """Laws of the scene. They act on the copies that `model_of` makes, not on this model."""
     state: Array
     """The state at the start, in the layout of `STATE`."""
 
@@ -52,7 +52,7 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
         timestep: Replaces the model's own time step [s]; for step-halving checks.
 
     Raises:
-        SceneError: The XML does not compile, or a law in it is wrong.
+        SceneError: The XML does not compile, or one of its laws is invalid.
     """
     try:
         spec = mujoco.MjSpec.from_string(mjcf)
@@ -85,14 +85,14 @@ def load(mjcf: str, timestep: float | None = None) -> CompiledScene:
 
 
 cached_model = functools.lru_cache(KEPT)(load)
-"""As `load`, but a scene that was compiled lately is not compiled again."""
+"""`load` with an LRU cache."""
 
 
 def model_of(start: CompiledScene) -> mujoco.MjModel:
-    """The model of a start for one world, with the laws of the scene acting on it.
+    """The model for one world, with the laws of the scene acting on it.
 
-    Without laws it is that of the start. Laws act on a copy: while a model with laws lives, the engine calls them back
-    in every step of every model, so a model that is kept has none.
+    A scene without laws shares its compiled model. Laws act on a copy: while a model with laws exists, the engine runs
+    the callback in every step of every model, so cached models have no laws.
     """
     if start.laws is None:
         return start.model
@@ -102,16 +102,16 @@ def model_of(start: CompiledScene) -> mujoco.MjModel:
 
 
 def compiled_edit(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The model of an edited spec, with the laws whose bodies are still there.
+    """Compile an edited spec, with the laws whose bodies still exist.
 
     Raises:
-        Unstable: The engine, which tries a step when it compiles, cannot simulate it: two bodies of an attachment are
-            hundreds of kilometres apart, for example.
+        Unstable: The engine cannot simulate the model. It tries a step when it compiles, which fails for example if
+            two attached bodies are hundreds of kilometres apart.
     """
     try:
         model = spec.compile()
     except ValueError as error:
-        # Its text is not passed on: it could name hidden things.
+        # The engine's message is not passed on, because it could name hidden bodies.
         raise Unstable("the simulation would become unstable by this change; use smaller distances") from error
     let_act(model, laws_after_edit(spec, model))
     return model

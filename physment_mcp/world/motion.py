@@ -1,4 +1,4 @@
-"""Places bodies and gives them velocities, as far as their joints allow. Changes only what it is given."""
+"""Places bodies and gives them velocities, as far as their joints allow. Modifies only its array arguments."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from physment_mcp.world.loading import joint_slices
 from physment_mcp.world.readings import Array, twist
 
 _RANK = 1e-9
-"""A singular value below this belongs to a direction in which the joints cannot move the body."""
+"""Singular values below this threshold count as directions in which the joints cannot move the body."""
 
 
 def driving_body(model: mujoco.MjModel, body: int) -> int:

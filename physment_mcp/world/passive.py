@@ -1,8 +1,8 @@
-"""Lets laws act: the engine's callback for passive forces, and which laws belong to which model.
+"""Applies laws through the engine's callback for passive forces, and maps models to their laws.
 
-The engine has one such callback for the process. It is a C function, installed only while a model with laws lives, and
-gets addresses. Neither would be safe with a Python function: MuJoCo fails to compile any model while one is installed,
-because it steps a model without a Python object then; and removing one fails a step in another thread.
+The engine has one such callback per process. It is installed as a C function, only while a model with laws exists, and
+receives addresses. A Python function would be unsafe: while it is installed, MuJoCo cannot compile any model, because
+compiling steps a model that has no Python object; and removing it breaks a step in another thread.
 """
 
 import ctypes
@@ -19,14 +19,14 @@ _LAWS: dict[int, BoundLaws] = {}
 """Address of a model → its laws."""
 
 _DATA: weakref.WeakValueDictionary[int, mujoco.MjData] = weakref.WeakValueDictionary()
-"""Address → data of a model with laws."""
+"""Address → data of models with laws."""
 
-_LOCK = threading.RLock()  # of one thread many times, because a model can be freed at any moment
+_LOCK = threading.RLock()  # reentrant, because the garbage collector may free a model while the lock is held
 
 
 @ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 def _add_laws(model_address: int, data_address: int) -> None:
-    """Add the forces of laws to `qfrc_passive`; NaN if one has no value, so that the world finds its state unstable."""
+    """Add the forces of laws to `qfrc_passive`; NaN if a law has no value, so that the step is detected as unstable."""
     laws = _LAWS.get(model_address)
     if laws is None:
         return
@@ -38,13 +38,13 @@ def _add_laws(model_address: int, data_address: int) -> None:
     except (ArithmeticError, ValueError):
         return
     finally:
-        # Also if an interrupt ends the law: an exception does not pass through the engine, and no force may be lost.
+        # Also after a KeyboardInterrupt: exceptions do not propagate through the engine, and no force may be lost.
         if not acted:
             data.qfrc_passive[:] = np.nan
 
 
 def let_act(model: mujoco.MjModel, laws: BoundLaws | None) -> None:
-    """Let laws act on a model for as long as it lives, if there are any, on all data that `data_of` makes for it."""
+    """Apply laws to a model during its lifetime, for all data created by `data_of`. Does nothing without laws."""
     if laws is None:
         return
     with _LOCK:
@@ -54,7 +54,7 @@ def let_act(model: mujoco.MjModel, laws: BoundLaws | None) -> None:
 
 
 def data_of(model: mujoco.MjModel) -> mujoco.MjData:
-    """New data for a model, on which its laws act."""
+    """Create data for a model, on which its laws act."""
     data = mujoco.MjData(model)
     if model._address in _LAWS:  # noqa: SLF001 - as above
         _DATA[data._address] = data  # noqa: SLF001 - as above
@@ -62,9 +62,9 @@ def data_of(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def _forget(address: int, laws: BoundLaws) -> None:
-    """Forget the laws of a freed model, and remove the callback after the last one."""
+    """Remove the laws of a freed model, and the callback after the last one."""
     with _LOCK:
-        # A new model may have got the address already.
+        # A new model may already have the same address.
         if _LAWS.get(address) is laws:
             del _LAWS[address]
         if not _LAWS:

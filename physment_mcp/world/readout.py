@@ -1,8 +1,8 @@
-"""How finely a world is read: the resolution and the seeded noise of its instruments, and what they show of one state.
+"""Measurement model of the instruments: resolution, seeded noise, and readings of one state.
 
-Everything that is shown of a body at one moment has the same noise: its position, its centre of mass and what tools
-derive from them share three numbers, and so do its orientation and its joint angle, its spin and its joint speed.
-Otherwise the mean of two readings of one quantity would have less noise than the scene states.
+Related readings of a body at one moment share their noise. Position, centre of mass and everything that tools derive
+from them use the same three random numbers; so do orientation and joint angle, and spin and joint speed. Otherwise the
+mean of two such readings would have less noise than the scene states.
 """
 
 import hashlib
@@ -21,25 +21,25 @@ Quantity = Literal["position", "velocity", "angle", "spin"]
 
 _NORMAL = NormalDist()
 _PER_UNIT = 1e12
-"""Steps per unit of a rounded reading: the rest is noise of the arithmetic."""
+"""Steps per unit to which a rounded reading is rounded once more, to remove floating-point error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fineness:
-    """How finely one quantity is read, in its unit."""
+    """Resolution and noise of one quantity, in its unit."""
 
     resolution: float = 0.0
-    """Readings are multiples of it; 0 for full precision."""
+    """Step of the readings; 0 for full precision."""
     noise: float = 0.0
     """Standard deviation of the Gaussian noise in each component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Readout:
-    """Turns true values into readings. By default a reading is the true value.
+    """Converts true values to readings. By default a reading is the true value.
 
-    The noise is a function of seed, object, quantity, component and time step. So a second reading at the same moment
-    gives the same value, and only readings at different moments can be averaged.
+    The noise is a deterministic function of seed, object, quantity, component and time step. Repeated readings at the
+    same moment are therefore equal, and averaging reduces noise only over different moments.
     """
 
     fineness: Mapping[Quantity, Fineness] = field(default_factory=dict[Quantity, Fineness])
@@ -47,7 +47,7 @@ class Readout:
     """Seed of the noise. It must not depend on hidden values."""
 
     def salted(self, salt: str) -> Self:
-        """The same instruments, whose noise depends on a secret text besides."""
+        """A copy whose noise also depends on a secret salt."""
         return replace(self, seed=f"{self.seed}:{salt}")
 
     def is_noisy(self, quantity: Quantity) -> bool:
@@ -58,8 +58,8 @@ class Readout:
         """The noise (count,) of a reading, in the unit of the quantity; zeros without noise.
 
         Args:
-            quantity: What is read.
-            source: What it is read from, such as the name of a body; sets the stream of the noise.
+            quantity: The quantity that is read.
+            source: Identifier of the measured thing, such as a body name; selects the noise stream.
             step: Number of the time step.
             count: Number of components.
         """
@@ -72,7 +72,7 @@ class Readout:
         return self.fineness[quantity].resolution if quantity in self.fineness else 0.0
 
     def rounded(self, quantity: Quantity, value: Array) -> Array:
-        """A value with its noise, as a multiple of the resolution."""
+        """Round a value, to which noise has been added, to the resolution of its quantity."""
         resolution = self.resolution(quantity)
         return _rounded(value, resolution) if resolution > 0 else value
 
@@ -97,9 +97,9 @@ class Readout:
         return read / length if length > 0 else true
 
     def on_grid(self, place: Array) -> Array:
-        """The place to which an object is really put: no more finely than positions are read.
+        """Round a target position to the resolution of positions.
 
-        Otherwise a refusal to put it somewhere would measure more finely than the instruments do.
+        With unrounded targets, refusals to place an object would measure more precisely than the instruments.
         """
         return self.rounded("position", place)
 
@@ -132,7 +132,7 @@ def _product(first: Array, second: Array) -> Array:
 
 def _rounded(value: Array, resolution: float) -> Array:
     """The nearest multiples of a resolution."""
-    # As np.round does it, which takes three times as long for three numbers.
+    # Equivalent to np.round, which takes three times as long for three numbers.
     return np.rint(np.rint(value / resolution) * resolution * _PER_UNIT) / _PER_UNIT
 
 
@@ -184,10 +184,10 @@ class Sensors(NamedTuple):
         return HingeMotion(float(angle[0]), float(spin[0]))
 
     def contact(self, first: str, second: str) -> Contact | None:
-        """The contact between two bodies, or None; with the bodies swapped, only the normal points the other way.
+        """The contact between two bodies, or None. Swapping the bodies only reverses the normal.
 
-        It is read with the noise of both bodies and with noise of its own, so it tells no more of either body than the
-        readings of that body do.
+        The reading contains the noise of both bodies and separate noise of the contact, so it reveals no more about
+        either body than that body's own readings.
         """
         true = readings.contact(self.model, self.data, self._id(first), self._id(second))
         if true is None:
@@ -205,7 +205,7 @@ class Sensors(NamedTuple):
         return int(self.model.body(body).id)
 
     def _noise(self, quantity: Quantity, body: str) -> Array:
-        """Noise (3,) in all readings of a vector of a body at this step."""
+        """Noise (3,) shared by all readings of a vector quantity of a body at this step."""
         noise = self.readout.noise(quantity, body, self.step, 3)
         if quantity in {"angle", "spin"} and self.readout.is_noisy(quantity):
             axis = readings.hinge_axis(self.model, self.data, self._id(body))
@@ -224,5 +224,5 @@ class Sensors(NamedTuple):
 
 
 def _pair(first: str, second: str) -> str:
-    """The source of a contact's own noise, whichever of the two bodies is named first."""
+    """Noise source of a contact between two bodies, independent of their order."""
     return ":".join(sorted((first, second)))

@@ -1,8 +1,8 @@
-"""Reentrant functions of the engine, which may be called from its callback for passive forces.
+"""Reentrant engine functions, which may be called from the callback for passive forces.
 
-The functions of the Python package `mujoco` catch errors of the engine with a handler that each of them sets when it
-begins and removes when it ends. Such a function within another one removes the handler of the outer one, and an error
-of the engine after that would end the process. Here the same C functions are called without it.
+Each function of the Python package `mujoco` installs an error handler when it begins and removes it when it ends. A
+nested call removes the handler of the outer call, and an engine error after that would abort the process. This module
+calls the same C functions through ctypes, without the handler.
 """
 
 import ctypes
@@ -13,18 +13,18 @@ from typing import NamedTuple, Self
 import mujoco
 
 _FILES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
-"""Names of the engine's library on Linux, macOS and Windows."""
+"""File names of the engine's shared library on Linux, macOS and Windows."""
 _BODY = int(mujoco.mjtObj.mjOBJ_BODY)
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int
 _Six = ctypes.c_double * 6
 _THREE = 3 * ctypes.sizeof(ctypes.c_double)
-"""Size of a force, a torque or a place [bytes]."""
+"""Size of a vector of three doubles [bytes]."""
 _numbers_of = (ctypes.c_double * 0).from_buffer
-"""Where the numbers of a numpy array are, also of an empty one; in a third of the time of `array.ctypes`."""
+"""Returns the buffer of a numpy array, also of an empty one. Takes a third of the time of `array.ctypes`."""
 
 
 def _library() -> ctypes.PyDLL:
-    """The engine's library, which is loaded already; its functions keep the GIL, because they are short."""
+    """The engine's shared library, which is already loaded. Its functions are short, so they hold the GIL."""
     folder = Path(mujoco.__file__).parent
     return ctypes.PyDLL(str(next(file for name in _FILES for file in sorted(folder.glob(name)))))
 
@@ -37,14 +37,14 @@ _OBJECT_VELOCITY.restype = _APPLY_FT.restype = None
 
 
 class Addresses(NamedTuple):
-    """Where a model and its data are, as the engine gives them to a callback."""
+    """Addresses of a model and its data, as the engine passes them to a callback."""
 
     model: int
     data: int
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
-        """Those of Python objects."""
+        """The addresses of a Python model object and its data."""
         return cls(model._address, data._address)  # noqa: SLF001 - what the engine gives to a callback
 
 
@@ -63,9 +63,9 @@ def add_passive_forces(at: Addresses, data: mujoco.MjData, loads: Sequence[float
 
     Args:
         at: Addresses of the model and of `data`.
-        data: Of the model.
-        loads: Six numbers for each of `bodies`.
-        bodies: On which they act, in order; one may come more than once.
+        data: Data of the model.
+        loads: Six numbers, force and torque, for each of `bodies`.
+        bodies: Ids of the bodies on which the loads act, in order; an id may occur more than once.
 
     Source: MuJoCo `mj_applyFT`, `qfrc_passive`.
     """

@@ -1,10 +1,10 @@
-"""The state of a model in time: steps, snapshots, settled data to read from, and the exchange of the model.
+"""Time evolution of a model: steps, snapshots, settled data for readings, and replacement of the model after edits.
 
-The state is an array that nothing writes to: a change makes another. The engine's data is only where it computes. It
-is either *live*, ready for the next step from the state, or *settled*, with everything derived from the state up to
-date. The two differ: after `mj_step` the engine's poses and contacts are one time step older than its joint positions,
-and `mj_forward` changes the solver's warm start, so a step after it would end elsewhere. A step therefore starts from
-the state, whatever was read before.
+The state is an immutable array; each change creates a new one. The engine's `MjData` is a workspace. It is either
+*live*, ready for the next step, or *settled*, with all derived quantities up to date. The two differ: after `mj_step`
+poses and contacts are one time step older than the joint positions, and `mj_forward` changes the solver's warm start,
+which would change the result of the next step. A step therefore always starts from the state array, so readings do not
+influence it.
 """
 
 import time
@@ -47,15 +47,15 @@ class _Motion(NamedTuple):
 
 
 class _Recording(NamedTuple):
-    """States that are recorded while the world is stepped."""
+    """The states recorded during a `recorded` block."""
 
     every: int
-    """[time steps]."""
+    """Interval of the recorded states [time steps]."""
     states: list[Array]
 
 
 class Snapshot(NamedTuple):
-    """Everything of a world that a roll-back restores. Opaque to callers."""
+    """Everything that `restore` needs. Opaque to callers."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
@@ -89,7 +89,7 @@ class Simulation:
         return self.time_of(self._state)
 
     def time_of(self, state: Array) -> float:
-        """The clock of a state that `recorded` noted [s]."""
+        """Simulation clock of a state from `recorded` [s]."""
         return round(self._number_of(state) * self.timestep, 12)
 
     @property
@@ -111,14 +111,14 @@ class Simulation:
 
     @property
     def pace_s(self) -> float | None:
-        """Wall time [s] that a time step took when the world was last stepped; None before that."""
+        """Wall time per time step [s] during the last `step`; None before the first."""
         return self._pace_s
 
     def step(self, steps: int) -> None:
         """Advance by a number of time steps.
 
         Raises:
-            Unstable: The state would no longer be finite; the world is as before.
+            Unstable: The state would no longer be finite; the world is left unchanged.
 
         Source: MuJoCo `mj_step(nstep)`.
         """
@@ -158,7 +158,7 @@ class Simulation:
 
     def _advance(self, steps: int) -> None:
         model, data = self._model, self._live()
-        # All at once: setting them one by one takes 0.3 ms, longer than all the rest of a short step.
+        # Set all counters at once: setting them one by one takes 0.3 ms, longer than the rest of a short step.
         data.warning.number[:] = 0
         started = time.perf_counter()
         try:
@@ -176,7 +176,7 @@ class Simulation:
         self._state, self._is_live = state, True
 
     def save(self) -> Snapshot:
-        """What `restore` needs to undo all later changes."""
+        """Take a snapshot, with which `restore` undoes all later changes."""
         return Snapshot(
             self._spec, self._model, self._data, self._state, self._before_step, self._disturbed, self._revealed
         )
@@ -186,7 +186,7 @@ class Simulation:
         self._is_live = self._is_settled = False
         self._spec, self._model, self._data, self._state = snapshot[:4]
         self._before_step, self._disturbed, self._revealed = snapshot[4:]
-        # What failed may have left the engine's stack in use.
+        # A failed call may have left the engine's stack in use.
         mujoco.mj_resetData(self._model, self._data)
 
     def _replace(self, spec: mujoco.MjSpec) -> None:
@@ -199,19 +199,19 @@ class Simulation:
         return int(self._model.body(body).id)
 
     def _live(self) -> mujoco.MjData:
-        """The data, ready for a step or for a change of the state, which `_keep` then makes the world's state."""
+        """Live data, ready for a step or a change of the state. `_keep` then stores the result as the state."""
         if not self._is_live:
             mujoco.mj_setState(self._model, self._data, self._state, STATE)
-        # Until the change is complete: if it fails, the state is still the one before.
+        # The state array stays the old one until the change is complete, so a failed change has no effect.
         self._is_live = self._is_settled = False
         return self._data
 
     def _keep(self) -> None:
-        """Make what is in the live data the state of the world."""
+        """Store the content of the live data as the state."""
         self._state, self._is_live = _state_of(self._model, self._data), True
 
     def _now(self) -> mujoco.MjData:
-        """The data, with everything derived from the state up to date; valid until the next change of the world."""
+        """Settled data, with all derived quantities up to date; valid until the next change of the world."""
         if not self._is_settled:
             self._is_live = False
             settle(self._model, self._data, self._state)
@@ -224,7 +224,7 @@ class Simulation:
         return _Motion(now.xpos.copy(), np.array(speeds))
 
     def _disturb(self, before: _Motion) -> None:
-        """Note which bodies the change just made has moved or given another velocity."""
+        """Record which bodies were moved or got another velocity by the last change."""
         after = self._motion()
         moved = (before.places != after.places).any(axis=1)
         turned = ~np.isclose(before.velocities, after.velocities, rtol=1e-12, atol=1e-12).all(axis=1)
@@ -232,7 +232,7 @@ class Simulation:
 
 
 def _state_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """The state in `data`: all that the next step depends on, in a new array."""
+    """Copy the state from `data` to a new array: everything that the next step depends on."""
     state = np.empty(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, data, state, STATE)
     return state
@@ -242,16 +242,16 @@ def _is_finite(data: mujoco.MjData, state: Array) -> bool:
     """Whether a state is finite and the engine raised no instability warning since the counters were cleared.
 
     Args:
-        data: Data that a step has just brought to the state.
-        state: The state in `data`, as `_state_of` gives it.
+        data: Data after a step.
+        state: The state in `data`, as returned by `_state_of`.
     """
-    raised = data.warning.number.tolist()  # faster to look into than the array
+    raised = data.warning.number.tolist()  # a list is faster to index than the array
     unstable = any(raised[kind] for kind in _INSTABILITY)
     return not unstable and bool(np.isfinite(state).all()) and bool(np.isfinite(data.qacc).all())
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
-    """Put `state` into `data` and bring everything derived up to date.
+    """Copy `state` into `data` and update all derived quantities.
 
     Raises:
         Unstable: The engine cannot solve for the forces of this state.
@@ -264,9 +264,9 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, state: Array) -> None:
 
 
 def _given_up(model: mujoco.MjModel, data: mujoco.MjData) -> Unstable:
-    """The refusal when the engine stops in the middle of its work, because its equations have no stable solution.
+    """Create the refusal for an engine error during a step, raised when its equations have no stable solution.
 
-    It leaves its stack in `data` in use then; a reset frees it.
+    The error leaves the engine's stack in `data` in use; a reset frees it.
     """
     mujoco.mj_resetData(model, data)
     return Unstable(_UNSTABLE)

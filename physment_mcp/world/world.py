@@ -1,6 +1,6 @@
-"""A simulated world that can be read without disturbing it, acted on, edited and rolled back.
+"""A simulated world with readings, actions, edits and roll-back. Readings do not influence the simulation.
 
-Readings come from a settled copy of the live state, through the instruments of the world.
+Readings are taken from settled data, through the instruments of the world.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,28 +19,28 @@ from physment_mcp.world.readout import EXACT, Readout, Sensors
 from physment_mcp.world.simulation import Simulation, settle
 
 NOISE_SALT = "noise_salt"
-"""Name of a model's text element on which the noise of its instruments depends, so that nobody computes it."""
+"""Name of the model's text element with the secret salt of the instrument noise, which makes it unpredictable."""
 OVERLAP_LIMIT = 1e-3
-"""Depth [m] to which a body may be placed into another."""
+"""Largest overlap [m] with another body at which a body may be placed."""
 
 
 class World(Simulation):
-    """One MuJoCo model and its state, as bodies with names that can be read, acted on and edited."""
+    """One MuJoCo model and its state, with operations on bodies by name: readings, actions and edits."""
 
     def __init__(self, mjcf: str, timestep: float | None = None, readout: Readout = EXACT) -> None:
-        """Set up.
+        """Load the model at its start state.
 
         Args:
             mjcf: MuJoCo XML.
             timestep: Replaces the model's own time step [s]; for step-halving checks.
-            readout: How finely the world is read.
+            readout: Resolution and noise of the instruments.
         """
         super().__init__(mjcf, timestep)
         salts = [text.data for text in self._spec.texts if text.name == NOISE_SALT]
         self._readout = readout.salted(salts[0]) if salts else readout
 
     def read_with(self, readout: Readout) -> None:
-        """Read the world with other instruments from now on. No tool reaches this: it is for programs that prove."""
+        """Replace the instruments. For certification; no tool calls it."""
         self._readout = readout
 
     # Reading
@@ -55,7 +55,7 @@ class World(Simulation):
         return self._sensors().pose(body)
 
     def poses_at(self, states: Sequence[Array], bodies: Sequence[str]) -> dict[str, list[Pose]]:
-        """What `pose` read at states of this model, which `recorded` noted, for each body."""
+        """For each body, its readings of `pose` at states of this model from `recorded`."""
         data = passive.data_of(self._model)
         found: dict[str, list[Pose]] = {body: [] for body in bodies}
         for state in states:
@@ -135,7 +135,7 @@ class World(Simulation):
     def shown_parts(
         self, frames: Mapping[str, Frame], parts: Collection[Part], turns: Mapping[str, Array]
     ) -> dict[str, list[ShownPart]]:
-        """The geoms that may be seen now, by body; see `showing.shown_parts`."""
+        """The visible geoms at the present state, by body; see `showing.shown_parts`."""
         return showing.shown_parts(self._model, self._now(), frames, parts, turns, self._revealed)
 
     def fixtures(self, objects: Collection[str]) -> frozenset[str]:
@@ -170,11 +170,11 @@ class World(Simulation):
         Args:
             body: The body.
             target: World position (3,) [m]; rounded to the resolution of positions.
-            obstacles: Bodies that it may not overlap by more than 1 mm, or than it already does, as far as instruments
-                show (`clearance`); each with the name that a refusal gives it.
+            obstacles: Name of each body that it may not overlap by more than 1 mm or its present overlap, at the
+                resolution of the instruments (see `clearance`) → name to use in a refusal.
 
         Returns:
-            True if it has arrived there, False if its joints did not let it move all the way.
+            True if the body reached the target, False if its joints did not allow it.
 
         Raises:
             NotPossible: It has no joint to move along, or it would overlap an obstacle.
@@ -188,7 +188,7 @@ class World(Simulation):
         motion.place(self._model, now, qpos, index, target)
         for pair, depth in clearance.depths(sensors, qpos, tree).items():
             mine, other = (self._model.body(index).name for index in pair)
-            # Hidden bodies that ride along are no obstacles: a refusal would reveal them. Neither are soft ones.
+            # Hidden bodies that move along are not checked: a refusal would reveal them. Neither are soft bodies.
             if mine in obstacles and other in obstacles and depth > max(OVERLAP_LIMIT, before.get(pair, 0.0)):
                 raise _overlap(obstacles[other])
         self._live().qpos[:] = qpos
@@ -197,9 +197,9 @@ class World(Simulation):
         return np.allclose(self._now().xpos[index], target, rtol=0, atol=1e-9)
 
     def shift(self, body: str, shift: Array, obstacles: Mapping[str, str]) -> bool:
-        """As `place`, at a displacement (3,) [m] from where instruments show the body.
+        """Like `place`, with a target at a displacement (3,) [m] from the body's measured position.
 
-        From its true place, a refusal would tell that place: the target would be the next one on the grid.
+        A displacement from the true position would reveal it, because the target is rounded to a grid.
         """
         return self.place(body, self.pose(body).position + shift, obstacles)
 
@@ -215,7 +215,7 @@ class World(Simulation):
     def bounce(self, first: str, second: str) -> float:
         """Apply the perfectly elastic impulse along the normal of the contact of two bodies, and return it [N·s].
 
-        It is returned as the instruments give it: in proportion to the closing speed that they read.
+        The returned impulse is a reading: it is proportional to the measured closing speed.
 
         Raises:
             NotPossible: They do not touch, or neither body can move along the normal.
@@ -266,7 +266,7 @@ class World(Simulation):
         self._replace(editing.with_joint(self._spec, self._now(), (first, second), kind, axis))
 
     def reveal(self, body: str) -> None:
-        """Show the body's geoms in pictures from now on, however transparent they are."""
+        """Draw the body's geoms in images from now on, even if they are transparent."""
         self._revealed |= {body}
 
 

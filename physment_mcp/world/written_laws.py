@@ -1,4 +1,4 @@
-"""Laws as they are written: forces on bodies as expressions of time and of the motion of bodies, in the model's XML.
+"""The format of laws in the model's XML: forces on bodies as expressions of time and of the motion of bodies.
 
 The element `<custom><text name="laws" data="..."/></custom>` holds a JSON list of laws, all constants drawn:
 
@@ -27,13 +27,13 @@ TEXT = "laws"
 """Name of the text element that holds the laws."""
 
 LAW_LIMIT = 64
-"""Most laws of a model."""
+"""Largest number of laws in a model."""
 
 _ZERO = ("0", "0", "0")
 
 
 class WrittenLaw(NamedTuple):
-    """A law as in the JSON."""
+    """A law as written in the JSON list."""
 
     on: str
     others: Mapping[str, str]
@@ -47,7 +47,7 @@ class WrittenLaw(NamedTuple):
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of all bodies that it needs."""
+        """Names of all bodies that the law refers to."""
         return (self.on, *self.others.values())
 
 
