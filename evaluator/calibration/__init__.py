@@ -1,1 +1,1 @@
-"""How hard each scene is and how able each agent, on one scale, with errors."""
+"""Calibration: the difficulty of scenes and the ability of agents on one scale, with standard errors."""

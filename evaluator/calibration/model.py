@@ -1,13 +1,14 @@
-"""The explanatory Rasch model, fitted by penalised marginal likelihood. Pure.
+"""The explanatory Rasch model, fitted by penalised marginal likelihood.
 
     logit P(right) = ability(taker) - difficulty(scene) - deviation(scene:seed)
     difficulty(scene) = features · effects + rest(scene)
 
-Rests and deviations are normal with spreads that the answers determine (partial pooling). They are integrated out on a
-grid, since Laplace's approximation makes abilities 7 to 10 % too small where few takers answer a variant. Abilities and
-effects have wide normal priors; the prior of a spread is its own size, which keeps a few answers from giving 0 (Chung
-et al. 2013, Psychometrika 78, 685). Standard errors come from the curvature of the posterior at its mode, spreads
-included. The mean difficulty of scenes of this kind is 0, which fixes the scale.
+A taker is an agent under one condition. Rests and deviations are normal random effects, whose standard deviations
+("spreads") are estimated from the answers (partial pooling). They are integrated out numerically on a grid, because
+Laplace's approximation makes abilities 7 to 10 % too small where few takers answer a variant. Abilities and effects
+have wide normal priors. The prior density of a spread is proportional to the spread, which prevents estimates of 0 from
+few answers (Chung et al. 2013, Psychometrika 78, 685). Standard errors come from the curvature of the posterior at its
+mode, spreads included. The mean difficulty of scenes with the average features is 0, which fixes the scale.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A calibration as tables, as a map of takers and scenes, and as a page."""
+"""Formats a calibration as tables, as a map of takers and scenes, and as an HTML page."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,7 +12,7 @@ _COLUMNS = ("right", "of", "logits", "± SE", "infit", "outfit")
 
 
 def calibration_tables(found: Calibration) -> list[Table]:
-    """The tables of a calibration."""
+    """Return the tables of a calibration."""
     doubtful = [scene for scene in found.scenes if scene.is_doubtful]
     scenes = [[scene.name, scene.rung, *_cells(scene), scene.separation] for scene in found.scenes]
     return [
@@ -83,7 +83,7 @@ def _generalisability(found: Calibration) -> Iterator[Table]:
 
 
 def person_item_map(found: Calibration) -> str:
-    """Takers to the left and scenes to the right of one scale, from the hardest and ablest down, in half logits."""
+    """Draw takers left and scenes right of a common scale in half logits, with the largest values at the top."""
 
     def step(place: Standing) -> int:
         return round(2 * place.logits)
@@ -100,13 +100,13 @@ def person_item_map(found: Calibration) -> str:
 
 
 def calibration_text(found: Calibration) -> str:
-    """A calibration in Markdown."""
+    """Format a calibration in Markdown."""
     drawn = f"## Agents and scenes on one scale\n\n```text\n{person_item_map(found)}\n```\n"
     return f"{markdown(calibration_tables(found))}\n{drawn}"
 
 
 def calibration_page(title: str, found: Calibration) -> str:
-    """A calibration as a page.
+    """Format a calibration as an HTML page.
 
     Args:
         title: Names of the runs.
@@ -125,7 +125,7 @@ def calibration_page(title: str, found: Calibration) -> str:
 
 
 def _ends(places: Sequence[Standing]) -> tuple[int, int]:
-    """Whole logits around all places and their errors."""
+    """Return whole logits that enclose all estimates and their 95 % intervals."""
     low = min(place.logits - 1.96 * place.se for place in places)
     high = max(place.logits + 1.96 * place.se for place in places)
     return int(low // 1), int(-(-high // 1))

@@ -1,4 +1,4 @@
-"""The right and wrong answers that a calibration is made from, out of graded runs."""
+"""Extracts the right and wrong answers from graded runs for a calibration."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -13,13 +13,13 @@ from scenes import content_hash_of
 
 
 class Responses(NamedTuple):
-    """Answers, counted in cells of a taker, a scene and a seed; each array has an entry for each cell."""
+    """Counts of answers per cell of taker, scene and seed. Each array has one entry per cell."""
 
     takers: Sequence[str]
-    """An agent under one condition."""
+    """Name of each taker: an agent under one condition."""
     scenes: Sequence[int]
     variants: Sequence[tuple[int, int]]
-    """Scene and seed."""
+    """Scene and seed of each variant."""
     taker: NDArray[np.intp]
     """Index into `takers`."""
     scene: NDArray[np.intp]
@@ -27,19 +27,19 @@ class Responses(NamedTuple):
     variant: NDArray[np.intp]
     """Index into `variants`."""
     right: NDArray[np.float64]
-    """Right answers of the cell."""
+    """Number of right answers in the cell."""
     answers: NDArray[np.float64]
-    """Answers of the cell: its epochs."""
+    """Number of answers in the cell, which is its number of epochs."""
 
 
 def responses(runs: Mapping[str, Sequence[GradeRecord]]) -> Responses:
-    """The answers of graded runs.
+    """Count the answers of graded runs.
 
     Args:
-        runs: Name of a run → its grades; those of scenes that are not to be calibrated left out.
+        runs: Name of a run → its grades, without those of scenes that are not to be calibrated.
 
     Raises:
-        UsageError: From these answers nothing can be calibrated.
+        UsageError: The answers do not suffice for a calibration, or were given on different packs of a scene.
     """
     grades = [(name, one) for name, run in runs.items() for one in run if one.grade.strict is not Verdict.UNSCORED]
     if not grades:
@@ -59,10 +59,10 @@ def responses(runs: Mapping[str, Sequence[GradeRecord]]) -> Responses:
 
 
 def counted_responses(counts: Mapping[tuple[str, int, int], tuple[int, int]]) -> Responses:
-    """The answers from their counts.
+    """Build the arrays from counts.
 
     Args:
-        counts: Taker, scene and seed → right answers, answers.
+        counts: Taker, scene and seed → number of right answers, number of answers.
     """
     cells = sorted(counts)
     takers = sorted({taker for taker, _, _ in cells})
@@ -82,7 +82,7 @@ def counted_responses(counts: Mapping[tuple[str, int, int], tuple[int, int]]) ->
 
 
 def _takers(keys: Sequence[EpisodeKey]) -> list[str]:
-    """The taker of each episode: its agent, with the conditions of which there are several."""
+    """Name the taker of each episode: its agent, and those conditions that have several values."""
     names = [name for name in ("budget", "prompting", "protocol") if len({str(getattr(key, name)) for key in keys}) > 1]
     parts = [[f"{'budget ' if name == 'budget' else ''}{getattr(key, name)}" for name in names] for key in keys]
     return [f"{key.agent} ({', '.join(more)})" if more else key.agent for key, more in zip(keys, parts, strict=True)]

@@ -1,7 +1,7 @@
-"""What a calibration says: scenes and takers on one scale with errors, how well they fit it, and what to add. Pure.
+"""The results of a calibration: difficulties, abilities, their fit to the model, and variance components.
 
-On the answers 0 and 1 of the cells that all takers played: variance components of taker × scene, of taker × variant and
-of the epochs, by the mean squares of the design (Brennan 2001, Generalizability Theory, ch. 3).
+Variance components of taker × scene, taker × variant and epoch are estimated from the mean squares of the design, with
+answers coded 0 and 1, on the cells that all takers played (Brennan 2001, Generalizability Theory, ch. 3).
 """
 
 import itertools
@@ -15,39 +15,39 @@ from evaluator.calibration.responses import Responses
 from evaluator.records.episode import Record
 
 DETECTED = 1.959964 + 0.841621
-"""Standard errors of a difference that a two-sided test at 5 % finds with 80 % certainty."""
+"""Difference that a two-sided test at 5 % detects with 80 % power [standard errors]."""
 
 
 class VarianceComponents(NamedTuple):
-    """Variance components of the accuracy of a taker, and the design in which they were found."""
+    """Variance components of the accuracy of a taker, and the design from which they were estimated."""
 
     taker_scene: float
-    """Takers find different scenes hard."""
+    """Variance between scenes in how hard each taker finds them."""
     taker_variant: float
-    """They find different variants of a scene hard, and luck, where there is one epoch; 0 where there is one seed."""
+    """Variance between variants of a scene, plus chance if there is one epoch; 0 if there is one seed."""
     epoch: float
-    """The same taker answers the same variant differently."""
+    """Variance between repeated answers of one taker to one variant."""
     scenes: int
     seeds: int
     epochs: int
 
     def smallest_difference(self, scenes: int, seeds: int, epochs: int) -> float:
-        """Smallest difference of two accuracies that a test finds with 80 % certainty in a design.
+        """Return the smallest difference of two accuracies that a test at 5 % detects with 80 % power in a design.
 
         Args:
-            scenes: Scenes that both play.
-            seeds: Seeds of each scene.
-            epochs: Epochs of each seed.
+            scenes: Number of scenes that both takers play.
+            seeds: Number of seeds per scene.
+            epochs: Number of epochs per seed.
         """
         variance = self.taker_scene / scenes + self.taker_variant / (scenes * seeds)
         return DETECTED * (2 * (variance + self.epoch / (scenes * seeds * epochs))) ** 0.5
 
 
 def components(data: Responses) -> VarianceComponents | None:
-    """The components; None unless all takers share two scenes with equally many seeds each.
+    """Estimate the variance components; None unless all takers share at least two scenes.
 
     Args:
-        data: The answers.
+        data: The answers. Of each shared scene, the same number of shared seeds is used.
     """
     played = np.bincount(data.variant, minlength=len(data.variants))
     common = [place for place in range(len(data.variants)) if played[place] == len(data.takers)]
@@ -77,40 +77,40 @@ def components(data: Responses) -> VarianceComponents | None:
 
 
 LEVELS = (-3, -2, -1, 0, 1, 2, 3)
-"""Abilities at which the information of a rung is told [logits]."""
+"""Abilities at which the information of a rung is reported [logits]."""
 _DOUBT = -1.645
-"""Standardised deviation below which a scene that separates negatively is more than luck, at 5 %."""
+"""Standardised deviation below which negative separation is significant at 5 % (one-sided)."""
 
 
 class Standing(Record):
-    """A scene or a taker on the scale."""
+    """Estimate for a scene or a taker."""
 
     name: str
     right: int
     answers: int
     logits: float
-    """Difficulty or ability; the mean difficulty of scenes of this kind is 0."""
+    """Difficulty or ability, relative to the mean difficulty of scenes with the average features."""
     se: float
     """Standard error [logits]."""
     infit: float
-    """Mean square of the residuals, weighted by information: 1 if it fits, more if it is less orderly than that."""
+    """Mean square of the residuals, weighted by information: 1 if the model fits, larger if answers are noisier."""
     outfit: float
-    """The same without weights, so that single surprises show."""
+    """Unweighted mean square of the standardised residuals, which is sensitive to single surprising answers."""
 
 
 class SceneStanding(Standing):
-    """A scene on the scale."""
+    """Estimate for a scene."""
 
     scene: int
     rung: str
     separation: float | None
-    """Correlation between the share of right answers and the ability of takers; None if they do not differ."""
+    """Correlation between the takers' shares of right answers and their abilities; None if either is constant."""
     is_doubtful: bool
-    """Whether better takers are right less often, by more than luck: for a list of scenes to look into."""
+    """Whether abler takers are right significantly less often, so that the scene should be inspected."""
 
 
 class Effect(Record):
-    """How much harder a scene is with one standard deviation more of a feature."""
+    """Change of difficulty per standard deviation of a feature."""
 
     feature: str
     logits: float
@@ -118,16 +118,16 @@ class Effect(Record):
 
 
 class Neighbours(Record):
-    """Two neighbours in the order of abilities."""
+    """Two takers with adjacent abilities."""
 
     better: str
     worse: str
     difference: float
-    """Of their abilities [logits]."""
+    """Difference of their abilities [logits]."""
     se: float
     scenes: int | None
-    """Scenes, each with as many seeds and epochs as here, on which a test at 5 % finds the difference with 80 %
-    certainty; None if no number of scenes below 100 000 does."""
+    """Number of scenes, with seeds and epochs as in the data, on which a test at 5 % detects the difference with 80 %
+    power; None if it is 100,000 or more."""
 
 
 class Calibration(Record):
@@ -135,13 +135,13 @@ class Calibration(Record):
 
     format: Literal[1] = 1
     takers: tuple[Standing, ...]
-    """From the ablest."""
+    """In descending order of ability."""
     scenes: tuple[SceneStanding, ...]
-    """From the hardest."""
+    """In descending order of difficulty."""
     effects: tuple[Effect, ...]
     spreads: Spreads
     information: dict[str, tuple[float, ...]]
-    """Rung → information of one episode of an average scene about an ability of `LEVELS` [1/logit²]."""
+    """Rung → mean information of one episode of its scenes at each ability in `LEVELS` [1/logit²]."""
     components: VarianceComponents | None
     pairs: tuple[Neighbours, ...]
 
@@ -152,11 +152,11 @@ class _Fitting(NamedTuple):
 
 
 def calibrate(data: Responses, features: Array, rungs: Sequence[str]) -> Calibration:
-    """Put scenes and takers on one scale.
+    """Estimate difficulties and abilities on one scale.
 
     Args:
         data: The answers.
-        features: Standardised features, a row for each scene.
+        features: Standardised features, one row per scene.
         rungs: The rung of each scene.
     """
     found = fit(data, features)
@@ -222,7 +222,7 @@ def _separation(data: Responses, found: RaschFit, scene: int) -> dict[str, Any]:
         return {"separation": None, "is_doubtful": False}
     correlation = float(np.corrcoef(centred, share)[0, 1])
     chance = float(right.sum() / count.sum())
-    # What the sum would be if the scene told takers apart in no way.
+    # Distribution of the sum if the scene did not discriminate between takers.
     deviation = float((centred * (right - count * chance)).sum())
     spread = float((centred**2 * count).sum() * chance * (1 - chance)) ** 0.5
     return {"separation": correlation, "is_doubtful": correlation < 0 and deviation / spread < _DOUBT}

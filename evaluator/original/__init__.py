@@ -1,1 +1,1 @@
-"""The published logs of the paper's runs: played again in our laboratory, their verdicts held against ours."""
+"""The published logs of the paper's runs: replays them on our server, and compares their verdicts with ours."""

@@ -1,10 +1,10 @@
-"""Reads the published logs, and converts them to episode records. Knows no laboratory and no verdicts.
+"""Parses the published logs, and converts them to episode records. Knows no server and no verdicts.
 
-The turns are UTF-8; the final block was written in a Windows code page. A log without a final block belongs to an
+The turns are encoded in UTF-8, but the final block in a Windows code page. A log without a final block belongs to an
 episode that crashed.
 
-Playing a log again gives results of our laboratory, which the model never saw. Only the results in the log can show
-whether a number in a reply was read or invented.
+Replaying a log gives results of our server, which the model never saw. Only the results in the log can show whether a
+number in a reply was read or invented.
 """
 
 import json
@@ -33,12 +33,12 @@ _VERDICT = re.compile(
 _HISTORY = re.compile(r"--- Tool Call History ---(.*?)(?:^---|\Z)", re.MULTILINE | re.DOTALL)
 _ENTRY = re.compile(r"^  \[\d+\] ", re.MULTILINE)
 _UNREAD = "Invalid JSON syntax"
-"""What the authors' program writes after a reply that it could not parse."""
+"""Message of the authors' program after a reply that it could not parse."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedVerdict:
-    """The verdict in a log: answer, key, and whether it was marked right."""
+    """The verdict in a log: the answer, the key, and whether the answer was marked right."""
 
     answer: str
     key: str
@@ -73,10 +73,10 @@ class LoggedEpisode:
 
 
 def find_logs(folder: Path) -> list[LoggedEpisode]:
-    """All logged episodes below a folder, ordered by model, budget, scene and time.
+    """Parse all logs below a folder, ordered by model, budget, scene and time.
 
     Raises:
-        UsageError: There are none, or one cannot be read.
+        UsageError: There is no log, or one cannot be read.
     """
     paths = sorted(folder.rglob("summary_*.txt"))
     if not paths:
@@ -114,7 +114,7 @@ def _read(path: Path) -> LoggedEpisode:
 
 
 def _budget(path: Path, prompts: list[str]) -> int:
-    """Iterations allowed, from the name of the folder, the summary next to the log, or the second prompt."""
+    """Determine the allowed iterations from the folder's name, the summary next to the log, or a later prompt."""
     folder = re.search(r"iterations_(\d+)", path.parent.as_posix())
     if folder is not None:
         return int(folder[1])
@@ -126,7 +126,7 @@ def _budget(path: Path, prompts: list[str]) -> int:
     for number, prompt in enumerate(prompts, start=1):
         left = re.search(r"You have (\d+) iterations remaining", prompt)
         if left is not None:
-            # The prompts give one iteration too few: 8 remaining at the second of 10.
+            # The prompts state one iteration too few: 8 remaining at the second of 10.
             return int(left[1]) + number
     return 0
 
@@ -146,7 +146,7 @@ def _verdict(final: str) -> LoggedVerdict | None:
 
 
 def _read_by_them(prompts: list[str], replies: tuple[str, ...], final: str, *, finished: bool) -> int:
-    """Number of replies that the authors' program parsed, from its history or, after a crash, from its prompts."""
+    """Count the replies that the authors' program parsed, from its history or, after a crash, from its prompts."""
     history = _HISTORY.search(final)
     if history is not None:
         return min(len(_ENTRY.findall(history[1])), len(replies))
@@ -161,13 +161,13 @@ _ERROR = "ERROR: "
 
 
 def as_logged(log: LoggedEpisode, key: EpisodeKey, versions: Versions) -> Episode:
-    """The episode recorded in a log.
+    """Convert a log to an episode record.
 
     The result of a call is the next line of the following prompt that names its tool. A call without such a line did
-    not run; this includes all calls of a reply that the authors' program could not parse. A reply with several sets of
-    calls, of which that program ran the first, has no calls here. Calls before the answer in
-    the last batch ran, but nobody saw their results. The log gives the simulated time once after each batch; here it is
-    added to the result of the batch's last successful call.
+    not run, which includes all calls of a reply that the authors' program could not parse. A reply with several sets of
+    calls, of which that program ran the first, has no calls here. Calls before the answer in the last batch ran, but
+    the model did not see their results. The log gives the simulated time once after each batch; here it is added to the
+    result of the batch's last successful call.
 
     Args:
         log: The log, with at least one reply.
@@ -203,7 +203,7 @@ def _turn(text: str, results: str, *, is_last: bool) -> Turn:
     exchanges: list[Exchange] = []
     for call in reply.calls:
         if call.tool == ANSWER:
-            # If their program continued after an answer, it had not accepted the answer.
+            # If the authors' program continued after an answer, it had not accepted the answer.
             exchanges.append(Exchange(call=call, returned=is_last))
         elif lines and lines[0][0] == call.tool:
             exchanges.append(_exchange(call, lines.pop(0)[2]))
@@ -222,7 +222,7 @@ def _exchange(call: ToolCall, result: str) -> Exchange:
 
 
 def _content(result: str) -> dict[str, Any]:
-    """A result as a JSON object; any other value, such as `ok` or a list, is put under the key `result`."""
+    """Parse a result as a JSON object; any other value, such as `ok` or a list, is put under the key `result`."""
     try:
         value: JsonValue = json.loads(result, parse_constant=lambda _: None)
     except ValueError:
@@ -231,7 +231,7 @@ def _content(result: str) -> dict[str, Any]:
 
 
 def _timed(exchanges: Sequence[Exchange], time: str | None) -> tuple[Exchange, ...]:
-    """The exchanges of a batch, with the simulated time [s] added to the last successful one."""
+    """Add the simulated time [s] to the last successful exchange of a batch."""
     last = next((i for i in reversed(range(len(exchanges))) if exchanges[i].content is not None), None)
     if time is None or last is None:
         return tuple(exchanges)

@@ -1,4 +1,4 @@
-"""Plays the published logs again through parser, tools and grader; says why a logged verdict differs from ours."""
+"""Replays the published logs with our parser, tools and grader, and explains differences between the verdicts."""
 
 import math
 import re
@@ -23,14 +23,14 @@ from evaluator.records.episode import Episode, EpisodeKey, Grade, Versions
 from scenes import AnswerKind
 
 _REL_TOL = 0.05
-"""Eq. 1 of the paper: a number is right within 5 % of the key."""
+"""Tolerance of Eq. 1 of the paper: a number is right within 5 % of the key."""
 _THEIR_ABS_TOL = 0.1
-"""The absolute tolerance that the authors' program uses instead."""
+"""Absolute tolerance that the authors' program applies instead."""
 _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 class Disagreement(StrEnum):
-    """Why two verdicts on one answer differ."""
+    """Reason why the logged verdict and our verdict on an answer differ."""
 
     OTHER_ANSWER = "another answer was read from the reply"
     SAME_TEXT = "the very text of the key, marked wrong"
@@ -47,7 +47,7 @@ class Disagreement(StrEnum):
 
 
 class Eq1Disagreement(StrEnum):
-    """Why Eq. 1 and our strict verdict differ."""
+    """Reason why Eq. 1 and our strict verdict differ."""
 
     CHOICE = "a number near one that stands for a choice"
     ZERO = "a key of 0, of which 5 % is nothing"
@@ -63,7 +63,7 @@ def eq1(answer: JsonValue, key: JsonValue) -> bool | None:
 
 
 def numbers(value: JsonValue) -> list[float] | None:
-    """The numbers in a value or list; None if it has anything else."""
+    """Return the numbers in a value or list; None if it contains anything else."""
     if isinstance(value, list):
         parts = [numbers(item) for item in value]
         return None if any(part is None or len(part) != 1 for part in parts) else [part[0] for part in parts if part]
@@ -78,7 +78,7 @@ def numbers(value: JsonValue) -> list[float] | None:
 def why_other_verdict(
     logged: LoggedVerdict, answer: JsonValue, key: JsonValue, *, strict: bool, normalised: bool
 ) -> Disagreement | None:
-    """Why a logged verdict differs from ours; None if it does not.
+    """Explain why a logged verdict differs from ours; None if it does not.
 
     Args:
         logged: The verdict and the answer in the log.
@@ -113,7 +113,7 @@ def _why_marked_right(got: list[float], want: list[float]) -> Disagreement:
 
 
 def why_other_than_eq1(by_eq1: bool, strict: bool, key: JsonValue, *, is_choice: bool) -> Eq1Disagreement | None:
-    """Why our strict verdict differs from that of Eq. 1; None if it does not."""
+    """Explain why our strict verdict differs from that of Eq. 1; None if it does not."""
     if by_eq1 == strict:
         return None
     if is_choice:
@@ -122,7 +122,7 @@ def why_other_than_eq1(by_eq1: bool, strict: bool, key: JsonValue, *, is_choice:
 
 
 def _same_answer(logged: str, answer: JsonValue) -> bool:
-    """Whether the log's answer, which is written as Python prints it, equals the answer that we parsed."""
+    """Whether the answer in the log, which is formatted by Python's `str`, equals the answer that we parsed."""
     if answer is None:
         return logged == "None"
     return _plain(logged) == _plain(answer) or (numbers(logged) is not None and numbers(logged) == numbers(answer))
@@ -135,40 +135,40 @@ def _plain(value: JsonValue) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LogAgent:
-    """Repeats a model's logged replies, turn by turn, and ignores the results."""
+    """Replays a model's logged replies, turn by turn, and ignores the results of its calls."""
 
     log: LoggedEpisode
 
     @property
     def name(self) -> str:
-        """The name of the model's folder."""
+        """Name of the model's folder."""
         return self.log.model
 
     def player(self, key: EpisodeKey, briefing: Briefing) -> RepeatingPlayer:
-        """The player of the log."""
+        """Return a player that replays the log."""
         del key, briefing
         return RepeatingPlayer([parse_reply(reply) for reply in self.log.replies], "the log ends here")
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedLog:
-    """A log, and the episode that its replies gave in our laboratory."""
+    """A log, and the episode that its replies gave on our server."""
 
     log: LoggedEpisode
     scene: int
     episode: Episode | None
-    """None if the laboratory failed."""
+    """None if the server failed."""
     grade: Grade | None
     key: str | float | tuple[str | float, ...]
     is_choice: bool
-    """Whether the key is compared exactly, for example the number of an object or option."""
+    """Whether the key is compared exactly, for example as the number of an object or option."""
     failure: str = ""
 
 
 def scene_of(log: LoggedEpisode, names: Mapping[int, str]) -> int | None:
-    """The scene of a log, by the title in its prompt or otherwise by its number; None if there is no such pack.
+    """Find the scene of a log by the title in its prompt, otherwise by its number; None if there is no such pack.
 
-    The title comes first, because some published folders have the number of another scene.
+    The title takes precedence, because some published folders have the number of another scene.
     """
     if names.get(log.scene) == log.scene_name:
         return log.scene
@@ -188,7 +188,7 @@ async def play_logs(
     jobs: int = 1,
     on_end: Callable[[PlayedLog], None] = lambda _: None,
 ) -> list[PlayedLog]:
-    """Play logs, at most `jobs` at a time. Logs without a pack or without a reply are left out.
+    """Replay logs. Logs without a pack or without a reply are left out.
 
     Args:
         logs: The logs.
@@ -196,8 +196,8 @@ async def play_logs(
         keys: The keys of the same packs.
         names: Scene → title, of the same packs.
         versions: Scene → versions to record.
-        jobs: How many logs are played at a time.
-        on_end: Called with each log when it has been played.
+        jobs: Largest number of logs replayed concurrently.
+        on_end: Called with each log after its replay.
     """
     played: dict[int, PlayedLog] = {}
     waiting = iter(list(enumerate(_keyed(logs, names))))
@@ -214,14 +214,14 @@ async def play_logs(
 
 
 def _keyed(logs: Sequence[LoggedEpisode], names: Mapping[int, str]) -> list[tuple[LoggedEpisode, EpisodeKey]]:
-    """The logs that can be played, each with a unique key; a scene may have been played more than once."""
+    """Return the logs that can be replayed, each with a unique key; epochs distinguish repeated scenes."""
     keyed: list[tuple[LoggedEpisode, EpisodeKey]] = []
     epochs = Counter[EpisodeKey]()
     for log in logs:
         scene = scene_of(log, names)
         if scene is None or not log.replies:
             continue
-        # A log may have one reply more than its budget, which the authors' program ignored.
+        # A log may contain one reply more than its budget, which the authors' program ignored.
         budget = max(log.budget, len(log.replies))
         key = EpisodeKey(scene=scene, seed=0, agent=log.model, budget=budget, protocol="text")
         epochs[key] += 1

@@ -1,4 +1,4 @@
-"""Counts the results of the published logs for each model, and reports them: only figures, no text of the logs."""
+"""Counts the results of the published logs for each model. The report contains counts but no text of the logs."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -24,7 +24,7 @@ _JUDGING = (
 
 
 class Replies(Record):
-    """How the replies were parsed."""
+    """Counts of replies by how they were parsed."""
 
     replies: int = 0
     read_by_them: int = 0
@@ -41,26 +41,26 @@ class Replies(Record):
 
 
 class Calls(Record):
-    """What happened to the calls in the parsed replies."""
+    """Counts of the calls in the parsed replies by outcome."""
 
     executed: int = 0
     refused: int = 0
     """Ran and returned an error."""
     misfitting: int = 0
-    """Did not run, because they fit no tool's schema."""
+    """Not run, because they fit no tool's schema."""
     not_run: int = 0
-    """Did not run, because they followed an answer or a call that fits no schema."""
+    """Not run, because they followed an answer or a call that fits no schema."""
 
 
 class Verdicts(Record):
-    """Verdicts on the episodes that have one in the log; `eq1` counts only numbers."""
+    """Counts of verdicts for the episodes that have one in the log; `eq1_right` counts only numeric answers."""
 
     logged: int = 0
     logged_right: int = 0
     strict_right: int = 0
     normalised_right: int = 0
     numeric: int = 0
-    """Answers to which Eq. 1 applies: numbers, with a key of numbers."""
+    """Episodes to which Eq. 1 applies: both answer and key are numbers."""
     numeric_logged_right: int = 0
     numeric_strict_right: int = 0
     eq1_right: int = 0
@@ -71,7 +71,7 @@ class Verdicts(Record):
 
 
 class Row(Record):
-    """One model at one budget, or the sum of all."""
+    """Counts for one model at one budget, or for all episodes."""
 
     model: str
     budget: int | None
@@ -81,14 +81,14 @@ class Row(Record):
     crashed_readable: int
     """Crashed episodes whose last reply has calls that we can parse."""
     not_played: int
-    """Episodes for which our laboratory failed."""
+    """Episodes for which our server failed."""
     replies: Replies
     calls: Calls
     verdicts: Verdicts
     disagreements: dict[str, int]
     """Reason why the log's verdict differs from ours → number of episodes."""
     scenes: dict[str, tuple[int, ...]]
-    """The same reason → scenes."""
+    """Reason → scenes in which it occurred."""
     eq1_disagreements: dict[str, int]
     """Reason why Eq. 1 and our strict verdict differ → number of episodes."""
 
@@ -120,7 +120,7 @@ def compare(played: PlayedLog) -> Compared:
 
 
 def rows(compared: Sequence[Compared]) -> list[Row]:
-    """One row for each model and budget, and one row for all."""
+    """Return one row for each model and budget, and one row for all."""
     groups: dict[tuple[str, int], list[Compared]] = {}
     for result in compared:
         groups.setdefault((result.played.log.model, result.played.log.budget), []).append(result)
@@ -212,7 +212,7 @@ def _ends_in_answer(episode: Episode) -> bool:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The report: how replies were parsed, what happened to the calls, the verdicts, and why they differ."""
+    """Format the report: parsing of replies, outcomes of calls, verdicts, and reasons for differences."""
     total = rows[-1]
     heads = [f"{row.model} {row.budget or ''}".rstrip() for row in rows]
     return "\n".join(

@@ -1,1 +1,1 @@
-"""Generates documentation pages from the packs: the list of scenes with pictures, and the worked examples."""
+"""Generates documentation pages from the packs: the table of scenes with pictures, and the worked examples."""

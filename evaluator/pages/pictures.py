@@ -1,7 +1,7 @@
-"""Draws pictures of many scenes in separate processes, or says why it cannot; the gallery that shows them.
+"""Renders pictures of scenes in worker processes, and writes the gallery that shows them.
 
-A missing or broken graphics library may end the process that loads it, and MuJoCo chooses the library only once, when
-it is imported. Therefore this process never draws.
+A missing or broken graphics library may crash the process that loads it, and MuJoCo selects the library only once, when
+it is imported. Therefore this process never renders.
 """
 
 import base64
@@ -24,33 +24,33 @@ from evaluator.scores.grouping import NO_RUNG
 from scenes import Category, Pack, PackFiles, Rung
 
 RENDERER = "MUJOCO_GL"
-"""Environment variable with which MuJoCo chooses its graphics library."""
+"""Environment variable with which MuJoCo selects its graphics library."""
 _OFF_SCREEN = ("osmesa", "egl")
-"""Libraries that draw without a screen; `osmesa` needs no graphics card and draws the same on every machine."""
+"""Libraries that render off-screen. `osmesa` needs no graphics card and renders equally on every machine."""
 
 
 class NoRenderer(Exception):
-    """No library on this machine draws off-screen; the message is one sentence."""
+    """No library on this machine renders off-screen; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The picture of a scene and its thumbnail as PNG files, both empty if drawing failed."""
+    """PNG files of a scene's picture and thumbnail; both empty if rendering failed."""
 
     png: bytes = b""
     thumbnail: bytes = b""
     fault: str = ""
-    """Why drawing failed; empty if it did not."""
+    """Why rendering failed; empty if it succeeded."""
 
 
 def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture]:
-    """Draw the pictures of scenes with `jobs` processes.
+    """Render the pictures of scenes with `jobs` worker processes.
 
     Returns:
         Scene id → picture.
 
     Raises:
-        NoRenderer: No library on this machine draws off-screen.
+        NoRenderer: No library on this machine renders off-screen.
     """
     chosen = os.environ.get(RENDERER)
     tried = (chosen,) if chosen else _OFF_SCREEN
@@ -71,7 +71,7 @@ def draw_pictures(packs: Sequence[PackFiles], jobs: int) -> Mapping[int, Picture
 
 
 def _prepare(renderer: str) -> None:
-    """Choose the library before MuJoCo is imported, and discard the output of a broken one."""
+    """Select the graphics library before MuJoCo is imported, and discard the output of a broken one."""
     os.environ[RENDERER] = renderer
     sys.stdout.flush()
     sys.stderr.flush()
@@ -101,25 +101,25 @@ def _draw(files: PackFiles) -> Picture:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """What is shown of a scene."""
+    """What the gallery shows of a scene."""
 
     scene: int
     name: str
     rung: str
     category: str
-    """Empty if it has none."""
+    """Empty if the scene has no category."""
     thumbnail: str
-    """A PNG file in base64; empty if there is none."""
+    """PNG file in base64; empty if there is none."""
 
 
 def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None, scenes_dir: Path | None) -> None:
-    """Write the page.
+    """Write the gallery.
 
     Args:
-        packs: The scenes, in the order in which they are shown.
-        file: Where to.
-        page: Address of the page about all scenes, to whose rows the cards lead; None for the one in the documentation
-            beside the folder of packs, if there is one.
+        packs: The scenes, in the order in which the gallery shows them.
+        file: Output file.
+        page: Address of the page with all scenes, to which the cards link; None for the documentation page next to
+            the folder of packs, if it exists.
         scenes_dir: Folder of the packs; the suite's own if None.
 
     Raises:
@@ -135,7 +135,7 @@ def write_gallery(packs: Mapping[PackFiles, Pack], file: Path, page: str | None,
 
 
 def gallery(cards: Sequence[Card], page: str) -> str:
-    """The text of the page; without an address of the page about all scenes, the cards lead nowhere."""
+    """Render the gallery. If the address of the page with all scenes is empty, the cards are not links."""
     environment = Environment(
         loader=PackageLoader("evaluator.pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -160,7 +160,7 @@ def _card(files: PackFiles, pack: Pack, thumbnail: bytes) -> Card:
 
 
 def _stored_page(file: Path, scenes_dir: Path | None) -> str:
-    """Address of the stored page from the place of a file, empty if there is no such page."""
+    """Return the address of the documentation page relative to a file; empty if the page does not exist."""
     stored = pictures_folder(scenes_dir).parent / SCENES_PAGE.name
     if not stored.is_file():
         return ""

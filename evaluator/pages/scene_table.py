@@ -1,6 +1,7 @@
-"""Generates `scenes.md`: the public facts of each scene by category, and the scenes that correspond to UTOPIA's kinds.
+"""Generates `scenes.md`: the public facts of each scene by category, and the scenes similar to those of UTOPIA.
 
-Answers, knobs, ranges, reasoning and hidden objects are left out. A private field added to packs later stays private.
+Answers, knobs, ranges, reasoning and hidden objects are omitted. `Listing` names the public fields explicitly, so a
+private field added to packs later stays private.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,7 +18,7 @@ from scenes import AnswerKind, AnswerSpec, Category, Pack, PackFiles
 class Steps:
     """Length of the reference protocol: minimum and maximum over several seeds.
 
-    A single seed is not enough: if a protocol continues until it knows the answer, its length would reveal the answer.
+    The length at a single seed could reveal the answer, because a protocol may continue until it has found the answer.
     """
 
     iterations: tuple[int, int]
@@ -33,15 +34,15 @@ class Listing:
     category: Category | None
     concepts: tuple[str, ...]
     answer: str
-    """Its form, in words."""
+    """The form of the answer, in words."""
     in_sight: int
-    """Number of objects that an agent knows from the start; hidden objects are not counted."""
+    """Number of objects that an agent knows from the start, without hidden objects."""
     steps: Steps | None
     """None if the reference protocol does not run."""
 
     @classmethod
     def of(cls, files: PackFiles, pack: Pack, steps: Steps | None) -> Self:
-        """The facts of a pack."""
+        """Collect the public facts of a pack."""
         return cls(
             scene=files.scene_id,
             name=pack.metadata.scene_name,
@@ -54,9 +55,9 @@ class Listing:
 
 
 def answer_form(spec: AnswerSpec | None) -> str:
-    """What an answer is, in words: its kind, options or units, and tolerance; empty if the pack does not say.
+    """Describe the form of an answer: its kind, options or units, and tolerance; empty if the pack does not say.
 
-    How many numbers are asked for is public only as their labels or units: the answer itself is private.
+    The number of requested numbers follows from their labels or units alone, because the answer itself is private.
     """
     if spec is None:
         return ""
@@ -72,7 +73,7 @@ def answer_form(spec: AnswerSpec | None) -> str:
 
 
 def _numbers(spec: AnswerSpec) -> str:
-    """A list of numbers: how many, and what each of them is in which unit, as far as the pack says so."""
+    """Describe a list of numbers: their count, labels and units, as far as the pack states them."""
     count = len(spec.labels) or (len(spec.unit) if isinstance(spec.unit, tuple) else 0)
     units = spec.unit if isinstance(spec.unit, tuple) else (spec.unit,) * max(count, 1)
     named = [_unit(unit) for unit in units if unit is not None]
@@ -101,14 +102,14 @@ KINDS: Mapping[str, tuple[int, ...]] = {
     "elastic collision": (15, 73, 18, 62),
     "inclined plane": (11, 53, 17, 8),
 }
-"""UTOPIA's six kinds of scenes → the most similar scenes here, most similar first."""
+"""UTOPIA's six kinds of scenes → the most similar scenes of this suite, most similar first."""
 
 SCENES_PAGE = Path("reference", "scenes.md")
-"""Where the page is in the documentation."""
+"""Path of the page in the documentation."""
 PICTURES = "scenes"
 """Folder of the pictures, next to the page."""
 SMALL = "small"
-"""Folder of the thumbnails, in that of the pictures."""
+"""Folder of the thumbnails, inside that of the pictures."""
 
 _TITLES = ("picture", "scene", "name", "concepts", "answer", "iterations, interventions", "objects")
 
@@ -138,7 +139,7 @@ quantity is not given but has to be measured.
 
 
 def scenes_page(listings: Sequence[Listing], pictured: Collection[int]) -> str:
-    """The text of the page.
+    """Generate the page.
 
     Args:
         listings: The scenes, ordered by id.

@@ -1,4 +1,4 @@
-"""Writes the pages for a folder of packs: plays the reference protocols, draws the pictures, writes the files."""
+"""Writes the documentation pages of a folder of packs: plays the reference protocols and renders the pictures."""
 
 import ast
 import json
@@ -53,7 +53,7 @@ class Example:
 
 
 def examples_page(examples: Sequence[Example]) -> str:
-    """The text of the page, with one section for each example."""
+    """Generate the page, with one section per example."""
     return "\n".join([_HEAD, *map(_section, examples)]).rstrip() + "\n"
 
 
@@ -82,7 +82,7 @@ def _count(number: int, noun: str) -> str:
 
 
 def _gap(turns: Sequence[ReferenceTurn]) -> range:
-    """Indices of the turns that are left out."""
+    """Return the indices of the turns that are left out."""
     return range(_FIRST_TURNS, len(turns) - _LAST_TURNS) if len(turns) > _TURNS else range(0)
 
 

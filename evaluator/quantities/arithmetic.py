@@ -1,4 +1,4 @@
-"""Evaluates arithmetic that prose states, from tokens. Knows neither text nor units."""
+"""Evaluates tokenised arithmetic that prose states. Knows neither the text nor its units."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,18 +7,18 @@ from typing import NamedTuple
 
 
 class TokenKind(Enum):
-    """What a part of a formula is."""
+    """Kind of a token."""
 
     NUMBER = auto()
     UNIT = auto()
-    """Multiplies the number or the group before it by its value, the factor to coherent SI."""
+    """Multiplies the number or group before it by its value, which is the factor to coherent SI."""
     CONSTANT = auto()
     SYMBOL = auto()
     FUNCTION = auto()
     FRACTION = auto()
-    """Divides the first of the two groups after it by the second, as in LaTeX."""
+    """Divides the first of the two following groups by the second, as in LaTeX."""
     RAISED = auto()
-    """A raised exponent; its value is the power."""
+    """A superscript exponent; its value is the exponent."""
     POWER = auto()
     TIMES = auto()
     OVER = auto()
@@ -33,7 +33,7 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """A part of a formula."""
+    """A token of a formula."""
 
     kind: TokenKind
     start: int
@@ -59,17 +59,17 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "exp": math.exp,
     "ln": math.log,
 }
-"""Functions that prose may state; angles in radians."""
+"""Functions that prose may use; angles are in radians."""
 
 _MAX_DEPTH = 20
 _STARTS = {TokenKind.NUMBER, TokenKind.CONSTANT, TokenKind.FUNCTION, TokenKind.FRACTION, TokenKind.OPEN}
 
 
 def evaluate(tokens: Sequence[Token]) -> float | None:
-    """The value of arithmetic by the usual order of operations; factors may stand side by side.
+    """Evaluate arithmetic with the usual precedence of operators; adjacent factors are multiplied.
 
     Returns:
-        None if the tokens are no arithmetic, or have no finite value.
+        The value; None if the tokens are not valid arithmetic, or have no finite value.
     """
     reader = _Reader(tokens)
     try:
@@ -80,7 +80,7 @@ def evaluate(tokens: Sequence[Token]) -> float | None:
 
 
 class _Reader:
-    """Reads tokens from left to right; every method raises ValueError where the grammar asks for something else."""
+    """A recursive-descent parser; every method raises ValueError on a syntax error."""
 
     def __init__(self, tokens: Sequence[Token]) -> None:
         self._tokens = tokens
@@ -152,7 +152,7 @@ class _Reader:
         return self._group()
 
     def _group(self) -> float:
-        """The rest of a group, its closing bracket included."""
+        """Evaluate the rest of a group, and consume its closing bracket."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
             raise ValueError("too deep")

@@ -1,7 +1,7 @@
-"""Finds formulas in prose: which numbers are coefficients of symbols, and which results follow from stated arithmetic.
+"""Finds formulas in prose: coefficients of symbols, and results that follow from stated arithmetic.
 
-A formula is a run of numbers, units, symbols and operators without a word in between; `=` and `≈` divide it into sides.
-A side with a symbol is symbolic (`2 E / L`), a side of numbers alone is arithmetic (`2 · 0.88 / 0.084`).
+A formula is a run of numbers, units, symbols and operators without another word; `=` and `≈` divide it into sides. A
+side with a symbol is symbolic (`2 E / L`); a side of numbers alone is arithmetic (`2 · 0.88 / 0.084`).
 """
 
 import math
@@ -74,7 +74,7 @@ _TIES = {
     TokenKind.CONSTANT,
     TokenKind.FUNCTION,
 }
-"""What ties a short word to a formula, so that it is a symbol."""
+"""Token kinds that make a neighbouring short word a symbol."""
 _OPERATIONS = {
     TokenKind.POWER,
     TokenKind.RAISED,
@@ -87,16 +87,16 @@ _RESULT = {TokenKind.NUMBER, TokenKind.UNIT, TokenKind.MINUS, TokenKind.PLUS}
 
 
 class Statement(NamedTuple):
-    """A result with the arithmetic that it is said to follow from."""
+    """A stated result and the arithmetic before it."""
 
     start: int
     """Position of the arithmetic."""
     result: int
     """Position of the result's first digit."""
     operands: tuple[int, ...]
-    """Positions of the first digits of the numbers in the arithmetic, coefficients left out."""
+    """Positions of the first digits of the numbers in the arithmetic, without coefficients."""
     squared: frozenset[int]
-    """Those of them that are squared, so that their sign does not matter."""
+    """Those operands that are squared, so that their sign does not matter."""
     tokens: tuple[Token, ...]
     """The arithmetic."""
 
@@ -106,27 +106,27 @@ class Statement(NamedTuple):
         return any(token.kind is TokenKind.UNIT for token in self.tokens)
 
     def outcome(self, values: Mapping[int, float], *, in_si: bool) -> float | None:
-        """What the arithmetic gives; None if it has no finite value.
+        """Evaluate the arithmetic; None if it has no finite value.
 
         Args:
-            values: Values to take for the numbers at some positions, in the written unit, instead of the written ones.
-            in_si: Whether units are converted to coherent SI; else they are left out.
+            values: Position → value in the written unit, which replaces the number written there.
+            in_si: Whether to convert units to coherent SI; otherwise units are ignored.
         """
         tokens = [token._replace(value=values.get(token.start, token.value)) for token in self.tokens]
         return evaluate(tokens if in_si else [token for token in tokens if token.kind is not TokenKind.UNIT])
 
 
 class StatedFormulas(NamedTuple):
-    """What the formulas of a text say about its numbers."""
+    """Coefficients and stated arithmetic in the formulas of a text."""
 
     coefficients: frozenset[int]
-    """Positions of the first digits of numbers that belong to a formula and measure nothing."""
+    """Positions of the first digits of numbers that belong to a formula and are not measurements."""
     statements: tuple[Statement, ...]
-    """In order."""
+    """The statements in order."""
 
 
 def formulas_in(text: str) -> StatedFormulas:
-    """The coefficients and the arithmetic of a text, in time that grows linearly with its length."""
+    """Find the coefficients and the stated arithmetic of a text. Takes linear time."""
     coefficients, statements = set[int](), list[Statement]()
     for run in _runs(text):
         sides = _sides(run)
@@ -137,7 +137,7 @@ def formulas_in(text: str) -> StatedFormulas:
 
 
 def _runs(text: str) -> Iterator[list[Token]]:
-    """Runs of tokens that no word and no other character divides."""
+    """Yield maximal runs of adjacent tokens, without words or other characters in between."""
     for line in re.finditer(r"[^\n]+", text):
         run, end = list[Token](), line.start()
         for token in _tokens(text, line.start(), line.end()):
@@ -151,7 +151,7 @@ def _runs(text: str) -> Iterator[list[Token]]:
 
 
 def _tokens(text: str, start: int, stop: int) -> Iterator[Token]:
-    """The tokens of a line. What is no token is skipped, which leaves a gap in the positions."""
+    """Yield the tokens of a line. Other characters are skipped, which leaves a gap in the positions."""
     position, before = start, TokenKind.BREAK
     while position < stop:
         found = _SCAN.match(text, position, stop)
@@ -191,7 +191,7 @@ def _function(written: str) -> Callable[[float], float]:
 
 
 def _is_symbol(text: str, found: re.Match[str], before: TokenKind) -> bool:
-    """Whether a short word is a symbol: it stands beside an operator, or right after a number."""
+    """Whether a short word is a symbol: it is next to an operator, or directly after a number."""
     word = found[0]
     if word.startswith("\\") or not word.isascii():
         return True
@@ -224,9 +224,9 @@ def _is_symbolic(side: Sequence[Token]) -> bool:
 
 
 def _coefficients(sides: Sequence[Sequence[Token]]) -> set[int]:
-    """Positions of the numbers of a chain that measure nothing.
+    """Return the positions of the numbers of a chain that are not measurements.
 
-    These are exponents, whole numbers up to 12 and 0.5 in a symbolic side, and the same numbers in its arithmetic.
+    These are exponents; whole numbers up to 12 and 0.5 on a symbolic side; and the same values on its arithmetic sides.
     """
     found = set[int]()
     for token, after in (pair for side in sides for pair in pairwise(side)):
@@ -260,7 +260,7 @@ def _may_be_coefficient(token: Token) -> bool:
 
 
 def _statements(sides: Sequence[Sequence[Token]], coefficients: Collection[int]) -> Iterator[Statement]:
-    """Each single number of a chain, with the last arithmetic before it."""
+    """Yield each side that is a single number, with the last arithmetic before it."""
     arithmetic: Sequence[Token] = ()
     for side in sides:
         numbers = [token for token in side if token.kind is TokenKind.NUMBER]

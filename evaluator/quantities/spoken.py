@@ -1,4 +1,4 @@
-"""Finds the numbers that prose states, with unit and written precision. Knows no tools, records or verdicts."""
+"""Finds the numbers that prose states, with unit and precision. Knows no tools, records or verdicts."""
 
 import re
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ _FRACTION = re.compile(
 )
 _DIGITS = re.compile("[0-9]+")
 _MAX_COEFFICIENT = 12
-"""Largest numerator or denominator of a coefficient: the 12 of a rod's moment of inertia."""
+"""Largest numerator or denominator of a coefficient, for the 1/12 of a rod's moment of inertia."""
 _SYMBOL_AFTER = re.compile(
     r"\s?\\(?:pi|sqrt|d?frac|(?:var)?theta|phi|alpha|omega|tau|mu|rho|lambda|Delta|sin|cos|tan|ln|log)(?![A-Za-z])"
 )
@@ -76,7 +76,7 @@ class Spoken(NamedTuple):
 
     start: int
     end: int
-    """End of the number and its unit."""
+    """Index after the number and its unit."""
     value: Fraction
     half_unit: Fraction
     """Half a unit in the last written decimal place."""
@@ -84,7 +84,7 @@ class Spoken(NamedTuple):
     significant_digits: int
     """Number of written digits, from the first non-zero digit."""
     is_magnitude: bool
-    """Whether the words around it make it unsigned: `a speed of 3 m/s`, `3 m/s downward`."""
+    """Whether the context makes the number unsigned: `a speed of 3 m/s`, `3 m/s downward`."""
 
     @property
     def si_factor(self) -> Fraction:
@@ -95,7 +95,7 @@ class Spoken(NamedTuple):
 def spoken_numbers(text: str) -> Iterator[Spoken]:
     r"""Yield the numbers that a text states, in order.
 
-    Left out: numbers inside words and ids, exponents, whole numbers that count or label something (`iteration 3`,
+    Excluded are numbers inside words and ids, exponents, whole numbers that count or label something (`iteration 3`,
     `object 2`, `3 steps`), list markers (`1.`), and the coefficients of formulas (`2/5 m r^2`, `\frac{1}{12}`,
     `2\pi`). Each component of a vector is a separate number; a unit after the vector applies to all of them.
     """
@@ -127,7 +127,7 @@ def spoken_numbers(text: str) -> Iterator[Spoken]:
 
 
 def _coefficients(text: str) -> frozenset[int]:
-    """Positions of numerators and denominators of coefficients, such as those of `2/5 m r^2`."""
+    """Return the positions of the numerators and denominators of coefficients, such as in `2/5 m r^2`."""
     fractions = (
         [(found.start() + part.start(), int(part[0])) for part in _DIGITS.finditer(found[0])]
         for found in _FRACTION.finditer(text)
@@ -156,7 +156,7 @@ def _spoken(found: re.Match[str], end: int, unit: Unit | None, *, is_magnitude: 
 
 
 def unit_at(text: str, start: int) -> tuple[Unit | None, int]:
-    """The longest unit that starts at a position, and where it ends."""
+    """Return the longest unit that starts at a position, and the position after it."""
     found = _UNIT.match(text, start, start + MAX_UNIT_CHARS)
     if found is None:
         return None, start

@@ -16,7 +16,7 @@ MAX_UNIT_CHARS = 60
 
 _CYCLE = Fraction(2 * math.pi)
 _TORQUE_OR_ENERGY = (2, 1, -2)
-"""The dimensions that a torque and an energy share."""
+"""Dimensions of both torque and energy."""
 _DEGREE = Fraction(math.pi) / 180
 
 
@@ -32,7 +32,7 @@ class Unit(NamedTuple):
     angle_scale: Fraction = Fraction(1)
     """Factor of the angular part to the radian."""
     energy: int = 0
-    """How often units of energy or power are factors, less how often units of force are: tells `J` from `N·m`."""
+    """Number of factors that are units of energy or power minus units of force; distinguishes `J` from `N·m`."""
 
     def power(self, exponent: int) -> "Unit":
         """The unit raised to a whole power."""
@@ -226,23 +226,23 @@ def parse_unit(text: str) -> Unit | None:
 
 
 def same_quantity(written: Unit, asked: Unit) -> bool:
-    """Whether two units can measure the same quantity: dimensions agree, and not one is of torque, the other of energy.
+    """Whether two units can measure the same quantity: equal dimensions, and not torque against energy.
 
     `N·m` and `J/rad` are units of torque, `J` and `N·m·rad` of energy. `kg·m²/s²` may be either.
     """
     if conversion(written, asked) is None:
         return False
-    # One factor of angle turns an energy into a torque, which `energy` alone tells by the signs 1 and -1.
+    # A factor of angle converts between energy and torque. The sign of this sum is 1 for energy and -1 for torque.
     kinds = (unit.energy + 2 * unit.angle for unit in (written, asked))
     return written.dimensions != _TORQUE_OR_ENERGY or math.prod(kinds) >= 0
 
 
 def conversion(written: Unit, asked: Unit) -> Fraction | None:
-    """Factor that converts a number from one unit to the other; None if their dimensions differ.
+    """Return the factor that converts a number from one unit to another; None if their dimensions differ.
 
-    A torque and an energy convert, because a work may be computed as force times way; `same_quantity` tells them apart.
-    A unit without an angle (`1/s`, `N·m`) matches radians and cycles (`rad/s`, `Hz`) without conversion, as in SI. It
-    never matches degrees.
+    Torque and energy convert into each other, because work may be computed as force times distance; `same_quantity`
+    distinguishes them. A unit without an angle (`1/s`, `N·m`) matches radians and cycles (`rad/s`, `Hz`) without
+    conversion, as in SI. It never matches degrees.
     """
     if written.dimensions != asked.dimensions:
         return None

@@ -1,1 +1,1 @@
-"""The referee: opens episodes for a trainer, and says after the end what each was worth. Holds the keys."""
+"""The referee: opens episodes for a trainer and returns a reward after each. It holds the answer keys."""

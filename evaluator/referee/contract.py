@@ -1,4 +1,4 @@
-"""What a trainer may ask of a referee: requests, and the variants that they mean. Knows no answer keys."""
+"""The requests that a trainer may send to a referee, and the variants that they select. Knows no answer keys."""
 
 import hashlib
 import secrets
@@ -20,12 +20,12 @@ from scenes.worlds.folders import levels_of, worlds_of
 from scenes.worlds.records import WorldRecord
 
 MOST_CALLS = 10_000
-"""Most tool calls of an episode; a host accepts no higher limit."""
+"""Largest number of tool calls in an episode; an episode server accepts no higher limit."""
 
 LARGEST = 2**64 - 1
-"""Largest magnitude of a whole number in a request, such as a random seed of 64 bits."""
+"""Largest magnitude of an integer in a request, so that 64-bit random seeds are accepted."""
 MOST_ITERATIONS = 1_000_000
-"""Most iterations that a trainer can report; each may cost a part of the reward, which is a float."""
+"""Largest number of iterations that a trainer can report, which keeps the deducted cost a finite float."""
 
 
 class WantedWorld(BaseModel):
@@ -77,7 +77,7 @@ class EndedEpisode(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A variant of a scene, and its place in the split that it was taken from."""
+    """A variant of a scene, and its place in the split from which it was chosen."""
 
     scene: int
     seed: int

@@ -1,6 +1,6 @@
-"""The episodes of a referee: opened on a host, captured from its log of calls, graded once after their end.
+"""The episodes of a referee: opened on an episode server, read back from its call log, and graded once.
 
-Knows hosts, keys and records. Knows no HTTP of its own.
+This module knows servers, answer keys and records, but no HTTP endpoints of its own.
 """
 
 import contextlib
@@ -36,13 +36,13 @@ from scenes import find_pack, is_world, pack_hash
 T = TypeVar("T")
 
 _REMEMBERED = 10_000
-"""Graded episodes of which a referee still knows that it graded them."""
+"""Number of graded episodes whose ids are remembered, to refuse a second request for a reward."""
 _GONE = "there is no such episode: it was closed, has expired, or never was; open one with POST /episodes"
 
 
 @dataclass(slots=True)
 class _Watched:
-    """An episode that is not graded yet."""
+    """An open episode that is not graded yet."""
 
     key: EpisodeKey
     split: str
@@ -51,50 +51,50 @@ class _Watched:
     prompt: str
     watched: WatchedEpisode
     closing: AsyncExitStack
-    """Closes it on the host."""
+    """Closes the episode on the server."""
     opened_at: float
-    """By the monotonic clock [s]."""
+    """Time of opening on the monotonic clock [s]."""
     started_at: str
     asked: bool = False
-    """Whether it is being graded now."""
+    """Whether the episode is being graded now."""
 
 
 @dataclass(slots=True)
 class Referee:
-    """Opens episodes on one host and grades them."""
+    """Opens episodes on one episode server and grades them."""
 
     host: HostConnector
     keys: KeyRing
     record: RunRecord
-    """Gives the versions of episodes, and the one name under which they are recorded."""
+    """Run record, with the versions of episodes and the single agent name under which they are recorded."""
     rule: RewardRule = field(default_factory=RewardRule)
     folder: RunFolder | None = None
-    """Where episodes are recorded; None for nowhere."""
+    """Run folder that records the episodes; None to record nothing."""
     max_episodes: int = 1000
     max_wall_s: float = 3600.0
-    """Wall time after which an episode that nobody asked about is closed [s]."""
+    """Wall time after which an ungraded episode is closed [s]."""
     _open: dict[str, _Watched] = field(default_factory=dict[str, _Watched])
     _opening: int = 0
     _graded: OrderedDict[str, str] = field(default_factory=OrderedDict[str, str])
-    """Id → owner token of episodes that have been graded, the latest ones."""
+    """Id → owner token of the most recently graded episodes."""
     _played: Counter[tuple[int, int, int, str]] = field(default_factory=Counter[tuple[int, int, int, str]])
-    """How often each combination was recorded: equal episodes are told apart by their epoch."""
+    """Number of records per combination of scene, seed, budget and prompting. It gives the epoch of the next record."""
     _splits: set[str] = field(default_factory=set[str])
     """Splits of the recorded episodes."""
     _grading: anyio.CapacityLimiter = field(default_factory=lambda: anyio.CapacityLimiter(1))
-    """One thread: a key may need a run of the engine, and a record is appended to a file."""
+    """Limits grading to one thread, because a key may need the engine and records are appended to a file."""
 
     @property
     def open_episodes(self) -> int:
-        """Episodes that are open or being opened."""
+        """Number of episodes that are open or being opened."""
         return len(self._open) + self._opening
 
     async def open(self, wanted: WantedEpisode) -> OpenedEpisode:
-        """Open an episode on the host.
+        """Open an episode on the server.
 
         Raises:
             RefusedRequest: There is no such variant, it has no key, or too many episodes are open.
-            InfrastructureError: The host failed.
+            InfrastructureError: The server failed.
         """
         async with self._place():
             (agent,) = self.record.plan.agents
@@ -102,11 +102,11 @@ class Referee:
             return await self._open_one(variant, await self._key(variant, wanted, agent), wanted.max_calls)
 
     async def check(self, wanted: WantedEpisode) -> Reward:
-        """Let the reference protocol of a scene play one episode, which is not recorded.
+        """Play one episode with the reference protocol of a scene, without recording it.
 
         Raises:
             RefusedRequest: As for `open`.
-            InfrastructureError: The host failed.
+            InfrastructureError: The server failed.
         """
         async with self._place():
             agent = ReferenceAgent(self.keys.folder)
@@ -119,10 +119,10 @@ class Referee:
 
     @contextlib.asynccontextmanager
     async def _place(self) -> AsyncGenerator[None]:
-        """The place of one episode that is being opened.
+        """Reserve one of the `max_episodes` places while an episode is being opened.
 
         Raises:
-            RefusedRequest: There is none.
+            RefusedRequest: All places are in use.
         """
         if self.open_episodes >= self.max_episodes:
             raise RefusedRequest(
@@ -139,7 +139,7 @@ class Referee:
         return await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
 
     async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
-        """Names the episode. A variant without a key must be refused before it is played."""
+        """Build the episode key. A variant without an answer key must be refused before it is played."""
         scene, seed = variant.scene, variant.seed
         try:
             await self._in_thread(functools.partial(self.keys.key, scene, seed))
@@ -150,7 +150,7 @@ class Referee:
         return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
 
     def _record_world(self, scene: int) -> None:
-        """Add a world to the record of the run, which cannot name all worlds at its start."""
+        """Add a world to the run record, which cannot list all worlds at its start."""
         if str(scene) not in self.record.packs:
             files = find_pack(scene, self.keys.folder)
             self.record.worlds.update(played_worlds([files], self.keys.folder))
@@ -179,18 +179,18 @@ class Referee:
         return OpenedEpisode(variant, episode_id, owner_token, watched.mcp_url, watched.token, briefing)
 
     async def reward(self, episode_id: str, token: str, ended: EndedEpisode) -> Reward:
-        """Grade an episode that has ended; it is answered once.
+        """Grade an ended episode. The reward is given once.
 
         Args:
-            episode_id: Which episode.
+            episode_id: Id of the episode.
             token: Its owner token.
-            ended: What its trainer knows of its end.
+            ended: The trainer's statement of how the episode ended.
 
         Raises:
-            RefusedRequest: There is no such episode, the token is another one's, the episode is still running, or its
-                reward has been given already.
-            InfrastructureError: The host failed, so the episode has no reward.
-            StoreError: The record could not be written; the reward can be asked for again.
+            RefusedRequest: The id is unknown, the token does not match, the episode is still running, or the reward
+                was given already.
+            InfrastructureError: The server failed, so the episode has no reward.
+            StoreError: The record could not be written; the request may be repeated.
         """
         episode = self._owned(episode_id, token)
         if self.rule.per_iteration and ended.iterations is None:
@@ -234,16 +234,16 @@ class Referee:
         iterations = len(turns) if ended.iterations is None else ended.iterations
         found = await self._reward(played, iterations, len(turns))
         if self.folder is not None:
-            # Before anybody learns of it: no run loses a finished episode.
+            # Record the episode before its reward is sent, so that no run loses a finished episode.
             await self._in_thread(functools.partial(self.folder.append_episode, played))
             self._splits.add(episode.split)
         return found
 
     async def _reward(self, played: Episode, iterations: int, calls: int) -> Reward:
-        """What an episode was worth.
+        """Compute the reward of an episode.
 
         Raises:
-            InfrastructureError: The host failed, so the episode says nothing about the agent.
+            InfrastructureError: The server failed, so the episode says nothing about the agent.
         """
         if played.outcome is Outcome.INFRASTRUCTURE_ERROR:
             raise InfrastructureError(played.error or "the host failed during the episode")
@@ -252,23 +252,23 @@ class Referee:
         return Reward(self.rule.reward(answer, iterations, calls), answer, cost, grade, played.outcome, calls)
 
     def _compared(self, played: Episode) -> tuple[Grade, AnswerReward]:
-        """The grade of an episode, and what its answer is worth."""
+        """Return the grade of an episode, and the reward of its answer."""
         answer = played.answer if played.outcome is Outcome.ANSWERED else None
         key = self.keys.key(played.key.scene, played.key.seed)
         return grade_record(played, self.keys).grade, answer_reward(answer, key)
 
     def _recorded_as(self, key: EpisodeKey) -> EpisodeKey:
-        """The key of the record. Its epoch is taken at once, so that two episodes graded together do not share it."""
+        """Return the key to record. The epoch is reserved at once, so that two episodes graded together differ."""
         if self.folder is None:
             return key
         self._played[_cell(key)] += 1
         return key.model_copy(update={"epoch": self._played[_cell(key)]})
 
     async def close(self, episode_id: str, token: str) -> None:
-        """Close an episode that shall get no reward.
+        """Close an episode without a reward.
 
         Raises:
-            RefusedRequest: There is no such episode, or the token is another one's.
+            RefusedRequest: The id is unknown, or the token does not match.
         """
         self._owned(episode_id, token)
         await self._close(episode_id)
@@ -290,19 +290,19 @@ class Referee:
             await episode.closing.aclose()
 
     async def sweep(self) -> None:
-        """Close the episodes that are too old, except those that are being graded."""
+        """Close the episodes that are older than `max_wall_s`, except those that are being graded."""
         oldest = time.monotonic() - self.max_wall_s
         for episode_id, episode in list(self._open.items()):
             if episode.opened_at < oldest and not episode.asked:
                 await self._close(episode_id)
 
     async def close_all(self) -> None:
-        """Close what is open, at the end of the process."""
+        """Close all open episodes, at the end of the process."""
         for episode_id in list(self._open):
             await self._close(episode_id)
 
     def played_record(self) -> RunRecord:
-        """The record of the run, its plan being what was recorded."""
+        """Return the run record with the plan replaced by what was actually recorded."""
         cells, splits = sorted(self._played), self._splits
         plan = self.record.plan.model_copy(
             update={
@@ -311,7 +311,7 @@ class Referee:
                 "budgets": tuple(sorted({budget for _, _, budget, _ in cells})),
                 "promptings": tuple(sorted({prompting for *_, prompting in cells})),
                 "epochs": max(self._played.values(), default=1),
-                # A run has one split or none. That of held-back seeds is in the plan from the start.
+                # A run has one split or none. The split of held-back seeds is in the plan from the start.
                 "split": self.record.plan.split or (next(iter(splits)) if len(splits) == 1 else ""),
             }
         )

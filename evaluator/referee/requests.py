@@ -1,8 +1,8 @@
-"""The referee over HTTP: which requests it answers, and what it answers.
+"""The HTTP application of a referee.
 
 `POST /episodes {"scene": 7, "seed": 3}` opens an episode, `POST /episodes/ID/reward` grades it, `DELETE /episodes/ID`
-closes it, `POST /checks {"scene": 7, "seed": 3}` lets the reference protocol play. Every refusal is one sentence.
-Knows HTTP. Knows no keys.
+closes it, and `POST /checks {"scene": 7, "seed": 3}` plays the reference protocol. Every refusal is a JSON object with
+one sentence. This module knows HTTP but no answer keys.
 """
 
 import contextlib
@@ -30,21 +30,21 @@ from scenes import is_world, reference_of
 M = TypeVar("M", bound=BaseModel)
 
 _MAX_BODY = 16_000
-"""Largest accepted body [bytes]."""
+"""Largest accepted request body [bytes]."""
 _BODY_S = 15.0
-"""Longest time that a body may take [s]."""
+"""Longest time for receiving a request body [s]."""
 _MOST_QUOTED = 64
-"""Most characters that a refusal repeats of a name in a request."""
+"""Largest number of characters that a refusal quotes from a request."""
 _SWEEP_S = 5.0
-"""Longest wall time between two searches for episodes that are too old [s]."""
+"""Longest wall time between two searches for expired episodes [s]."""
 
 
 def app(referee: Referee, token: str | None = None) -> Starlette:
-    """The ASGI application of a referee.
+    """Build the ASGI application of a referee.
 
     Args:
-        referee: Whose.
-        token: What requests that open or check episodes must carry; None if any program on this machine may.
+        referee: The referee that handles the requests.
+        token: Bearer token for opening and checking episodes; None if any program on this machine may do so.
     """
     answers = _Answers(referee, token)
     return Starlette(
@@ -61,7 +61,7 @@ def app(referee: Referee, token: str | None = None) -> Starlette:
 
 
 class _PageGate:
-    """Refuses what web pages send: without a token, whoever reaches the referee may open episodes."""
+    """Middleware that refuses requests of web pages, because a referee without a token accepts all other requests."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -69,7 +69,7 @@ class _PageGate:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http":
             headers = Headers(scope=scope)
-            # A page can let its own name resolve to our address; its requests then name that host.
+            # DNS rebinding: a page can resolve its own host name to this address, but its requests carry that name.
             if not is_for_this_machine(headers) or "origin" in headers:
                 await _refusal(403, "web pages and other machines may not speak to a referee without a token")(
                     scope, receive, send
@@ -79,7 +79,7 @@ class _PageGate:
 
 
 class _Answers:
-    """What a referee answers."""
+    """Request handlers of a referee."""
 
     def __init__(self, referee: Referee, token: str | None) -> None:
         self._referee = referee
@@ -87,7 +87,7 @@ class _Answers:
 
     @contextlib.asynccontextmanager
     async def lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        """Close old episodes as long as the application runs, and all of them at its end."""
+        """Close expired episodes while the application runs, and all episodes at its end."""
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(self._sweep)
             try:
@@ -104,7 +104,7 @@ class _Answers:
 
     @staticmethod
     def answered(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-        """The endpoint for an answer, with each of our errors as one sentence."""
+        """Wrap a request handler so that each of our exceptions becomes a response with one sentence."""
 
         async def endpoint(request: Request) -> Response:
             try:
@@ -121,7 +121,7 @@ class _Answers:
         return endpoint
 
     async def health(self, _request: Request) -> Response:
-        """How many episodes are open."""
+        """Return the number of open episodes."""
         return JSONResponse({"status": "ok", "episodes": self._referee.open_episodes})
 
     async def open(self, request: Request) -> Response:
@@ -155,7 +155,7 @@ class _Answers:
         return Response(status_code=204)
 
     async def check(self, request: Request) -> Response:
-        """Let the reference protocol play."""
+        """Play the reference protocol of a scene."""
         self._check_token(request)
         wanted = await _body(request, WantedEpisode, '{"scene": 7, "seed": 3}')
         return JSONResponse(_reward(await self._referee.check(wanted)))
@@ -174,7 +174,7 @@ def _briefing(briefing: Briefing) -> dict[str, Any]:
 
 
 def _reward(found: Reward) -> dict[str, Any]:
-    """A reward as a trainer gets it. The reason of a grade is left out, because it may state the key."""
+    """Convert a reward to JSON. The reason of the grade is omitted, because it may state the key."""
     return {
         "reward": found.reward,
         "strict": found.grade.strict.value,
@@ -189,16 +189,16 @@ def _reward(found: Reward) -> dict[str, Any]:
 
 
 def _bearer(request: Request) -> str:
-    """The bearer token of a request; empty if it has none."""
+    """Return the bearer token of a request; empty if it has none."""
     scheme, _, token = request.headers.get("authorization", "").partition(" ")
     return token.strip() if scheme.lower() == "bearer" else ""
 
 
 async def _body(request: Request, kind: type[M], example: str) -> M:
-    """The body of a request; an empty one has all defaults.
+    """Parse the body of a request; an empty body has all defaults.
 
     Raises:
-        RefusedRequest: It is too large, takes too long, or does not fit.
+        RefusedRequest: The body is too large, takes too long, or does not fit the model.
     """
     content = bytearray()
     with anyio.move_on_after(_BODY_S) as patience:

@@ -1,1 +1,1 @@
-"""Numbers computed from episodes: scores of one episode, of groups, of runs."""
+"""Scores: numbers computed from single episodes, from groups of episodes, and from runs."""

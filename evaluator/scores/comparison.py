@@ -1,4 +1,4 @@
-"""Two runs compared on their common episodes: which is better, by how much, and with what certainty. Pure."""
+"""Compares two runs on their common episodes: which is better, by how much, and with what certainty."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,7 +13,7 @@ from evaluator.statistics.paired import PairedDifference, PairedTest, holm, pair
 from scenes import content_hash_of
 
 CONDITIONS = ("agent", "budget", "prompting", "protocol")
-"""In what two runs may differ as a whole. The two episodes of a pair always share scene, seed and epoch."""
+"""Conditions in which two runs may differ as a whole. The episodes of a pair always share scene, seed and epoch."""
 
 _GROUPINGS: Mapping[str, Callable[[ScoredEpisode], str]] = {
     "agent": lambda row: row.key.agent,
@@ -31,14 +31,14 @@ _TESTS = {
     PairedTest.SIGN_FLIP: "exact sign-flip test by scene",
 }
 _NAMED = 12
-"""Most scenes, or other values, that an error message lists."""
+"""Largest number of scenes, or other values, that an error message lists."""
 
 
 class Side(NamedTuple):
     """One of the two runs."""
 
     name: str
-    """Its label if the conditions of the two runs do not differ, such as its folder."""
+    """Its label if the two runs have equal conditions, such as the name of its folder."""
     rows: Sequence[ScoredEpisode]
 
 
@@ -72,18 +72,19 @@ class Comparison(Record):
     only_b: int
     """Episodes of B without a counterpart in A; they are left out."""
     unscored: int
-    """Pairs left out because an infrastructure error ended one of the two episodes."""
+    """Pairs left out because one of the two episodes has no verdict."""
 
 
 def compare(a: Side, b: Side) -> Comparison:
     """Compare two runs, pair by pair.
 
-    A condition (agent, budget, prompting, protocol) with a single value in each run is compared: its two values may
-    differ. A condition with several values in either run must be equal within a pair.
+    If each run has a single value of a condition (agent, budget, prompting, protocol), the two values may differ, and
+    the comparison is between them. If either run has several values of a condition, the episodes of a pair must share
+    its value.
 
     Raises:
-        UsageError: No episode is common, a common episode is not the same task in both runs or was graded by other
-            rules, open worlds and other scenes are common, or a run is unsealed.
+        UsageError: The runs share no episode; a common episode was played on different packs or graded by different
+            rules; the common episodes mix open worlds with other scenes; or an agent could read the packs.
     """
     for side in (a, b):
         _refuse_unsealed(side)
@@ -137,7 +138,7 @@ def _grouped(pairs: Sequence[_Pair], grouping: str, group: Callable[[ScoredEpiso
     groups: defaultdict[str, list[_Pair]] = defaultdict(list)
     for a, b in pairs:
         groups[group(a)].append((a, b))
-    # A single group holds all pairs, so it would repeat the overall difference.
+    # A single group would repeat the overall difference.
     if len(groups) < 2:
         return []
     names = sorted(groups, key=lambda name: (len(name), name) if name.isdecimal() else (0, name))
@@ -156,7 +157,7 @@ def _refuse_unsealed(side: Side) -> None:
 
 
 def _refuse_two_tracks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
-    """Refuse open worlds together with scenes of the suite, since no number includes both."""
+    """Raise if open worlds and scenes of the suite are both common, because no score includes both."""
     open_worlds = _scenes(pair for pair in pairs if pair[0].is_open)
     if open_worlds and len(open_worlds) < len(_scenes(pairs)):
         raise UsageError(
@@ -166,7 +167,7 @@ def _refuse_two_tracks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
 
 
 def _refuse_other_tasks(pairs: Sequence[_Pair], a: Side, b: Side) -> None:
-    """Refuse pairs that were played on different packs, or graded by different rules or against different keys."""
+    """Raise if a pair was played on different packs, or graded by different rules or against different keys."""
     packs = [pair for pair in pairs if len({content_hash_of(row.episode.versions.pack) for row in pair}) > 1]
     if packs:
         scenes = _scenes(packs)
@@ -198,7 +199,7 @@ def _named(scenes: Sequence[int]) -> str:
 
 
 def _nothing_common(a: Side, b: Side, paired_by: Iterable[str]) -> str:
-    """Why the runs have no common episode: the first property of which they share no value."""
+    """Explain why the runs have no common episode: the first property without a common value."""
     for side in (a, b):
         if not side.rows:
             return f"{side.name} holds no episodes, or none of those chosen"
@@ -216,7 +217,7 @@ def _listed(values: Sequence[str]) -> str:
 
 
 def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
-    """Labels of the runs: the agents with the conditions in which they differ; the names if no condition differs."""
+    """Return the labels: the agents with the conditions in which the runs differ; if none differ, the runs' names."""
     differing = [name for name in whole if _values(a, name) != _values(b, name)]
 
     def label(side: Side) -> str:
@@ -234,10 +235,10 @@ def _labels(a: Side, b: Side, whole: Sequence[str]) -> tuple[str, str]:
 
 
 def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | None) -> str:
-    """Which run is better on which episodes, by how much, and with what certainty."""
+    """State which run is better on which episodes, by how much, and with what certainty."""
     episodes = f"{found.n} common episode{'s' if found.n != 1 else ''}"
     scenes = f"{found.n_scenes} scene{'s' if found.n_scenes != 1 else ''}"
-    # The run that is ahead comes first; the difference is B minus A, as everywhere else.
+    # The better run comes first, but the difference is always B minus A.
     ahead = 0 if found.difference < 0 else 1
     first, second = (f"{labels[side]} ({'AB'[side]})" for side in (ahead, 1 - ahead))
     shares = [f"{100 * correct / found.n:.1f} %" for correct in (found.first_correct, found.second_correct)]
@@ -252,5 +253,5 @@ def _sentence(labels: tuple[str, str], found: PairedDifference, better: str | No
 
 
 def points(value: float) -> str:
-    """A difference of shares in points, with its sign."""
+    """Format a difference of shares in percentage points, with its sign."""
     return f"{100 * value:+.1f}".replace("-", "−")

@@ -1,9 +1,10 @@
-"""Six dimensions and the Final Score of one episode, and the cost of its experiments. Pure.
+"""The six dimensions and the Final Score of one episode, and the cost of its experiments.
 
-A second efficiency beside E, which counts iterations: an iteration may hold any number of calls.
+C: graded correctness. E: efficiency. G: grounding. V: share of valid calls. R: non-repetition. G′: held-out category
+accuracy. G′ depends on the other categories of a run, so `evaluator.scores.metrics` computes it.
 
-C graded correctness · E efficiency · G grounding · V valid calls · R non-repetition · G′ held-out category accuracy.
-G′ depends on the other categories of a run, so `evaluator.scores.metrics` computes it.
+E counts iterations, and an iteration may hold any number of calls. The cost of experiments therefore counts calls and
+simulated time as well.
 """
 
 import itertools
@@ -21,44 +22,44 @@ from scenes import LabLimits
 
 
 class ExperimentCost(Record):
-    """What the experiments of one episode cost."""
+    """Cost of the experiments of one episode."""
 
     calls: int
-    """Calls that the laboratory received, refused ones too; `answer` is not counted."""
+    """Calls that the server received, including refused calls but not `answer`."""
     refused_calls: int
-    """Those of them that it refused."""
+    """Calls that the server refused."""
     lab_time_s: float
-    """Simulated time that passed in all steps [s]."""
+    """Total simulated time of all steps [s]."""
     calls_of_limit: float | None
-    """Calls as a share of the scene's limit, 0 to 1; None if it has none."""
+    """Calls as a share of the scene's limit, 0 to 1; None if the scene has no limit."""
     lab_time_of_limit: float | None
-    """Lab time as a share of the scene's limit, 0 to 1; None if it has none."""
+    """Lab time as a share of the scene's limit, 0 to 1; None if the scene has no limit."""
 
 
 class MedianCost(Record):
-    """What the experiments of a group of episodes cost: medians over episodes; None if there are none."""
+    """Median cost of the experiments over a group of episodes; None where no episode defines a value."""
 
     calls: float | None
-    """Calls that the laboratory received, refused ones too; `answer` is not counted."""
+    """Calls that the server received, including refused calls but not `answer`."""
     refused_calls: float | None
-    """Those of them that it refused."""
+    """Calls that the server refused."""
     lab_time_s: float | None
-    """Simulated time that passed in all steps [s]."""
+    """Total simulated time of all steps [s]."""
     calls_of_limit: float | None
     """Calls as a share of the scene's limit, over the episodes whose scene has one."""
     n_calls_limited: int
-    """Number of those episodes."""
+    """Episodes whose scene limits calls."""
     lab_time_of_limit: float | None
     """Lab time as a share of the scene's limit, over the episodes whose scene has one."""
     n_lab_time_limited: int
-    """Number of those episodes."""
+    """Episodes whose scene limits lab time."""
 
 
 def cost_of(episode: Episode, limits: LabLimits) -> ExperimentCost:
-    """What the experiments of an episode cost.
+    """Compute the cost of an episode's experiments.
 
     Args:
-        episode: As recorded.
+        episode: The recorded episode.
         limits: Limits of its scene.
     """
     received = [exchange for turn in episode.turns for exchange in turn.exchanges if exchange.returned]
@@ -74,12 +75,12 @@ def cost_of(episode: Episode, limits: LabLimits) -> ExperimentCost:
 
 
 def _share(used: float, limit: float | None) -> float | None:
-    """What was used of a limit; calls beyond it, which are refused, use no more."""
+    """Return the used share of a limit, at most 1, because calls beyond the limit are refused; None without a limit."""
     return None if limit is None else min(1.0, used / limit)
 
 
 def median_cost(costs: Sequence[ExperimentCost]) -> MedianCost:
-    """What the experiments of a group of episodes cost."""
+    """Return the median cost over a group of episodes."""
     of_calls = [found.calls_of_limit for found in costs if found.calls_of_limit is not None]
     of_lab_time = [found.lab_time_of_limit for found in costs if found.lab_time_of_limit is not None]
     return MedianCost(
@@ -107,10 +108,10 @@ def _lab_time_s(exchanges: Iterable[Exchange]) -> float:
 
 
 def lab_clock(exchange: Exchange, before: float) -> float:
-    """Simulated time after a call [s]: as returned, or else the time before it plus the duration of a step.
+    """Return the simulated time after a call [s]: as returned, otherwise the time before plus the duration of a step.
 
     Args:
-        exchange: The call with its return.
+        exchange: The call with its result.
         before: Simulated time before the call [s].
     """
     content = exchange.content
@@ -125,25 +126,25 @@ def lab_clock(exchange: Exchange, before: float) -> float:
 
 
 def is_number(value: Any) -> TypeGuard[int | float]:
-    """Whether a returned value can be a measured one: a finite number of ordinary size."""
+    """Whether a returned value is usable as a measurement: a finite number below 1e9 in magnitude."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e9
 
 
 WEIGHTS = {"c": 0.40, "e": 0.15, "g": 0.15, "v": 0.10, "r": 0.10, "g_prime": 0.10}
-"""Weights of the Final Score, as the paper gives them; they add up to 1."""
+"""Weights of the Final Score from the paper; they add up to 1."""
 
 SCORING_VERSION = 2
-"""Stored with each summary; raised whenever a number can change although no verdict does.
+"""Version of the scoring rules, stored with each summary; incremented when scores change but verdicts do not.
 
-In version 1 a mean was over the episodes that define a dimension, G was a mean over episodes and took the numbers of
-plans for statements, and episodes without experiment defined V and R.
+In version 1, a mean included only the episodes that define the dimension, G was a mean over episodes and counted the
+numbers of plans as statements, and V and R were defined for episodes without experiments.
 """
 
 _WORD = re.compile(r"[^\W_]+(?:[._'’-][^\W_]+)*")
 
 
 class EpisodeScores(Record):
-    """The dimensions that one episode defines by itself: all but G′."""
+    """The dimensions that a single episode defines: all except G′."""
 
     c: float | None
     """Graded correctness, 0 to 1; None if unscored."""
@@ -152,22 +153,22 @@ class EpisodeScores(Record):
     g: float | None
     """Share of the numbers stated in the reasoning that an earlier return supports; None if it states none."""
     g_plus: float | None
-    """The same, numbers included that follow by stated arithmetic from known ones."""
+    """G+: as `g`, but numbers that follow by stated arithmetic from known numbers count as supported."""
     numbers: int
-    """Numbers that the reasoning states, those of plans left out."""
+    """Numbers that the reasoning states, except numbers of plans."""
     supported: int
-    """Those of them that an earlier return supports."""
+    """Stated numbers that an earlier result supports."""
     derived: int
-    """Further ones that follow by stated arithmetic."""
+    """Unsupported numbers that follow by stated arithmetic."""
     v: float | None
-    """Share of calls without error; None if the laboratory ran no call."""
+    """V: share of calls without an error; None if the server ran no experiment."""
     v_enabled: float | None
-    """The same without calls of tools that the scene disables."""
+    """As `v`, without calls of tools that the scene disables."""
     r: float | None
-    """1 - share of the most frequent repeated pair of words; None without visible reasoning, and if the laboratory
-    ran no call."""
+    """R: 1 - share of the most frequent repeated bigram; None without visible reasoning, or if the server ran no
+    experiment."""
     step_credit: float | None
-    """Share of the intermediate quantities of the scene that are stated rightly; None if it names none."""
+    """Share of the scene's intermediate quantities that are stated correctly; None if the scene names none."""
     silent_turns: int
     """Turns without visible reasoning."""
     unread_turns: int
@@ -175,14 +176,14 @@ class EpisodeScores(Record):
     calls: int
     """Calls that V counts."""
     disabled_calls: int
-    """Those of them that call tools that the scene disables."""
+    """Calls of tools that the scene disables."""
 
 
 def final_score(c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None) -> float:
-    """FS, the Final Score, 0 to 100, of the dimensions of an episode or a group; undefined ones count 0.
+    """FS, the Final Score from the dimensions of an episode or a group, 0 to 100; an undefined dimension counts 0.
 
-    Source: the paper's weights. With the paper's published dimensions they give its published Final Scores to the last
-    digit.
+    Source: the weights of the paper. They reproduce its published Final Scores to the last digit from its published
+    dimensions.
     """
     return sum(100 * WEIGHTS[name] * (part or 0.0) for name, part in _parts(c, e, g, v, r, g_prime).items())
 
@@ -190,7 +191,7 @@ def final_score(c: float, e: float, g: float | None, v: float | None, r: float |
 def final_score_of_defined(
     c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None
 ) -> float:
-    """FS*, the Final Score over the defined dimensions alone, with weights that add up to 1 again; 0 to 100."""
+    """FS*, the Final Score over the defined dimensions, 0 to 100; their weights are rescaled to add up to 1."""
     parts = {name: part for name, part in _parts(c, e, g, v, r, g_prime).items() if part is not None}
     return sum(100 * WEIGHTS[name] * part for name, part in parts.items()) / sum(WEIGHTS[name] for name in parts)
 
@@ -200,10 +201,10 @@ def _parts(*dimensions: float | None) -> dict[str, float | None]:
 
 
 def dimensions(episode: Episode, grade: Grade, grounding: Grounding, disabled_tools: frozenset[str]) -> EpisodeScores:
-    """The dimensions of one episode.
+    """Compute the dimensions of one episode.
 
     Args:
-        episode: As recorded.
+        episode: The recorded episode.
         grade: Its grade.
         grounding: Its grounding.
         disabled_tools: Names of the tools that the scene disables.
@@ -235,7 +236,7 @@ def _valid_share(made: Sequence[Exchange]) -> float | None:
 
 
 def _was_made(exchange: Exchange) -> bool:
-    """Whether a call counts: it returned, or was rejected. A call that was skipped after a rejected one does not."""
+    """Whether a call counts: it returned, or was rejected. Calls skipped after a rejected one do not count."""
     return exchange.returned or exchange.is_error
 
 
@@ -246,17 +247,17 @@ def _efficiency(episode: Episode) -> float:
 
 
 def non_repetition(reasoning: Iterable[str]) -> float | None:
-    """R: 1 - n / N, with N bigrams in all, of which the most frequent repeated bigram occurs n times.
+    """R, the non-repetition of the reasoning: 1 - n / N.
 
-    A bigram is two neighbouring words of one turn, without regard to case or punctuation; a decimal number or an id
-    such as `object_2` is one word. A bigram is repeated if it occurs at least twice in the episode. Without a repeated
-    bigram, R is 1.
+    N is the number of bigrams, and n is how often the most frequent repeated bigram occurs. A bigram is two adjacent
+    words of one turn, ignoring case and punctuation; a decimal number or an id such as `object_2` is one word. A bigram
+    is repeated if it occurs at least twice in the episode. Without a repeated bigram, R is 1.
 
     Args:
         reasoning: The agent's reasoning, turn by turn.
 
     Returns:
-        R from 0 to 1; None if the reasoning has no word.
+        R from 0 to 1; None if the reasoning contains no word.
     """
     turns = [_WORD.findall(text.lower()) for text in reasoning]
     if not any(turns):

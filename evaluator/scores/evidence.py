@@ -1,4 +1,4 @@
-"""Where the numbers of a text come from: tool calls that return them, plans, and arithmetic that the text states."""
+"""Sources of the numbers in a text: values that calls returned, numbers of plans, and stated arithmetic."""
 
 import math
 import re
@@ -40,9 +40,9 @@ FIELD_UNITS: Mapping[str, str] = {
     "lab_time_left": "s",
     "calls_left": "1",
 }
-"""Units of result fields, from the tools' contract. A field that is not listed matches a number in any unit."""
+"""Result field → unit, from the tools' contract. A field that is not listed matches a number in any unit."""
 COMPONENT_UNITS: Mapping[str, str] = {"get_acceleration": "m/s²", "compute_force": "N"}
-"""Units of the tools that return bare `x`, `y` and `z`."""
+"""Tool that returns bare `x`, `y` and `z` → unit."""
 _FIELDS, _COMPONENTS = (
     {name: parse_unit(unit) for name, unit in units.items()} for units in (FIELD_UNITS, COMPONENT_UNITS)
 )
@@ -53,7 +53,7 @@ class ReturnedValue(NamedTuple):
 
     value: float
     unit: Unit | None
-    """None if the tools' contract does not tell the unit."""
+    """None if the contract of the tools does not specify the unit."""
     turn: int
     """Index of the turn, from 0."""
     exchange: int
@@ -63,7 +63,7 @@ class ReturnedValue(NamedTuple):
 
 
 def returned_values(exchange: Exchange, turn: int, position: int) -> Iterator[ReturnedValue]:
-    """The numbers that a call returned; none if it was refused or not run."""
+    """Yield the numbers that a call returned; none if it was refused or not run."""
     if not exchange.returned or exchange.is_error or exchange.content is None:
         return
     for path, value in numbers_in(exchange.content):
@@ -73,7 +73,7 @@ def returned_values(exchange: Exchange, turn: int, position: int) -> Iterator[Re
 
 
 def numbers_in(value: Any, path: str = "$") -> Iterator[tuple[str, float]]:
-    """The numbers inside a JSON value, however deep, in order, each with its JSON path."""
+    """Yield the numbers at any depth of a JSON value, in order, each with its JSON path."""
     if isinstance(value, dict):
         for name, inner in value.items():  # pyright: ignore[reportUnknownVariableType] - JSON
             yield from numbers_in(inner, f"{path}.{name}")
@@ -85,7 +85,7 @@ def numbers_in(value: Any, path: str = "$") -> Iterator[tuple[str, float]]:
 
 
 def exact(value: float) -> Fraction:
-    """The number as it is written; 0 if it is not finite."""
+    """Return the number as its shortest decimal representation; 0 if it is not finite."""
     return Fraction(repr(value)) if math.isfinite(value) else Fraction(0)
 
 
@@ -98,14 +98,14 @@ _END = re.compile(r"[.!?;](?=\s|$)|\n|\b(?:because|since)\b", re.IGNORECASE)
 
 
 class PlannedText(NamedTuple):
-    """A part of a text, from its first character to the one after its last."""
+    """A part of a text: index of its first character, and the index after its last."""
 
     start: int
     end: int
 
 
 def plans_in(text: str) -> list[PlannedText]:
-    """The plans of a text: from the words that announce one to the end of the sentence or to a reason for it."""
+    """Find the plans of a text. A plan starts at words such as `I will` and ends with the sentence or at `because`."""
     found: list[PlannedText] = []
     for announced in _PLAN.finditer(text):
         if found and announced.start() < found[-1].end:
@@ -116,14 +116,14 @@ def plans_in(text: str) -> list[PlannedText]:
 
 
 def is_planned(plans: Sequence[PlannedText], position: int) -> bool:
-    """Whether a character belongs to a plan."""
+    """Whether the character at a position belongs to a plan."""
     return any(plan.start <= position < plan.end for plan in plans)
 
 
 _ROUNDING = 1e-9
-"""Relative error of the arithmetic itself."""
+"""Relative error attributed to floating-point arithmetic."""
 _REMEMBERED = 100
-"""Derived numbers that are remembered; older ones are forgotten, so that the work grows no faster than the text."""
+"""Number of derived values that are kept. Older ones are dropped, so that the work stays linear in the text."""
 
 
 class Derivation(Record):
@@ -140,22 +140,22 @@ class Derivation(Record):
 
 
 class Derived(NamedTuple):
-    """A number that was derived, for later use."""
+    """A derived number that later text may refer to."""
 
     unit: Unit | None
     derivation: Derivation
 
 
 class TurnText:
-    """The reasoning of a turn, read from start to end."""
+    """The reasoning of one turn, analysed from start to end."""
 
     def __init__(self, turn: int, text: str, derived: list[Derived]) -> None:
-        """Read a text.
+        """Parse the formulas of the text.
 
         Args:
             turn: Index of the turn, from 0.
             text: Its reasoning.
-            derived: What earlier turns derived; what this one derives is added.
+            derived: Numbers derived in earlier turns; those of this turn are appended.
         """
         self.text = text
         self._turn, self._derived = turn, derived
@@ -165,9 +165,10 @@ class TurnText:
         self._known = dict[int, float]()
 
     def numbers(self) -> Iterator[Spoken]:
-        """The numbers that the text states, without coefficients of formulas.
+        """Yield the numbers that the text states, without the coefficients of formulas.
 
-        A number that is squared, or that stands in arithmetic whose result is told as a magnitude, is a magnitude.
+        A number that is squared counts as a magnitude, as do the operands of arithmetic whose result the text calls a
+        magnitude.
         """
         spoken = [number for number in spoken_numbers(self.text) if self._digits(number) not in self._coefficients]
         unsigned = {at for statement in self._statements.values() for at in statement.squared}
@@ -180,12 +181,12 @@ class TurnText:
             yield number._replace(is_magnitude=is_magnitude)
 
     def know(self, number: Spoken, value: float) -> None:
-        """Take a value for a number, in its written unit: it is given, or a call returned it."""
-        # The sign before the digits is an operator of the arithmetic.
+        """Record the value of a number in its written unit, if it was given or a call returned it."""
+        # The sign before the digits is an operator in the arithmetic.
         self._known[self._digits(number)] = abs(value) if number.value < 0 or number.is_magnitude else value
 
     def derivation(self, number: Spoken) -> Derivation | None:
-        """The arithmetic that gives a number: that before it, or that of an earlier number with its value."""
+        """Return the arithmetic that gives a number: directly before it, or before an earlier number with its value."""
         statement = self._statements.get(self._digits(number))
         found = self._evaluated(statement, number) if statement is not None else None
         if found is None:
@@ -198,7 +199,7 @@ class TurnText:
         return found
 
     def _evaluated(self, statement: Statement, number: Spoken) -> Derivation | None:
-        """The derivation if all operands are known, and their arithmetic rounds to the number."""
+        """Return the derivation if all operands are known and the arithmetic rounds to the number."""
         if not statement.operands or any(at not in self._known for at in statement.operands):
             return None
         stated, margin = float(number.value), float(number.half_unit) + _ROUNDING * abs(number.value)
@@ -210,12 +211,12 @@ class TurnText:
         return None
 
     def _digits(self, number: Spoken) -> int:
-        """Position of a number's first digit."""
+        """Return the position of a number's first digit."""
         return number.start + (not self.text[number.start].isdigit() and self.text[number.start] != ".")
 
 
 def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float]) -> Iterator[float]:
-    """What arithmetic gives, in the unit of its result; also with units left out where one side has none."""
+    """Yield the result of arithmetic in the unit of the number; also without units, if one side has none."""
     in_si = statement.outcome(values, in_si=True)
     if in_si is not None:
         yield in_si / float(number.si_factor)
@@ -226,7 +227,7 @@ def _in_unit_of(number: Spoken, statement: Statement, values: Mapping[int, float
 
 
 def _agrees(number: Spoken, before: Derived) -> bool:
-    """Whether a number states a derived value again, at its own precision."""
+    """Whether a number restates a derived value at its own precision."""
     if number.unit is None or before.unit is None:
         factor = 1.0
     else:

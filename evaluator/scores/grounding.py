@@ -1,13 +1,13 @@
-"""G: which numbers in an agent's reasoning were really measured. Pure functions over recorded episodes.
+"""G, the grounding: which numbers in an agent's reasoning were measured. Pure functions of recorded episodes.
 
-An assertion is a number that the reasoning states. These are no assertions: a number inside a word or an exponent, a
-coefficient of a formula, a count of steps, the number of an object, a number from the prompt, a number of a plan (`I
-will push for 0.5 s`), and a number that the agent itself puts into a call of this turn or any other.
+An assertion is a number that the reasoning states. The following are not assertions: a number inside a word or an
+exponent, a coefficient of a formula, a count of steps, the number of an object, a number from the prompt, a number of a
+plan (`I will push for 0.5 s`), and a number that the agent passes as an argument of any call.
 
-An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a unit of
-the same kind, and with the same sign unless the text calls it a magnitude. It is derived if it follows by arithmetic
-that the text states from numbers that are grounded, given or derived themselves: the arithmetic is evaluated, with the
-numbers as written and with the values behind them.
+An assertion is grounded if a call of an *earlier* turn returned its value: equal at the precision written, in a
+compatible unit, and with the same sign unless the text calls it a magnitude. It is derived if it follows, by arithmetic
+that the text states, from numbers that are grounded, given or derived. The arithmetic is evaluated both with the
+numbers as written and with the unrounded values that they stand for.
 """
 
 import bisect
@@ -93,7 +93,7 @@ class Grounding(Record):
 
 
 def grounding_of(episode: Episode) -> Grounding:
-    """Find the assertions of an episode, what supports them, and what they are derived from."""
+    """Find the assertions of an episode, the values that support them, and the arithmetic that derives them."""
     given = _PromptNumbers.of(episode.prompt)
     own = _own_numbers(episode)
     returned: list[ReturnedValue] = []
@@ -112,7 +112,7 @@ def grounding_of(episode: Episode) -> Grounding:
 
 
 def _own_numbers(episode: Episode) -> list[Fraction]:
-    """The sizes of the numbers that the agent puts into calls, sorted; its answer is none of them."""
+    """Return the sorted absolute values of all numbers in the arguments of calls other than `answer`."""
     calls = (exchange.call for turn in episode.turns for exchange in turn.exchanges)
     return sorted(
         abs(exact(value)) for call in calls if call.tool != _ANSWER for _, value in numbers_in(call.arguments)
@@ -138,10 +138,10 @@ def _assertion(spoken: Spoken, turn: int, text: TurnText, returned: Sequence[Ret
 
 
 def _is_given(spoken: Spoken, given: "_PromptNumbers", own: Sequence[Fraction]) -> bool:
-    """Whether the number comes from the prompt or from the agent's own calls, earlier or later.
+    """Whether a number comes from the prompt or from the arguments of any call of the agent.
 
-    It must be equal, or equal when rounded if it has at least two significant digits (`9.8` for 9.81). Its own
-    arguments match by magnitude, because agents often leave out their sign (`push with 2 N` for -2).
+    The values must be equal, or equal after rounding if the number has at least two significant digits (`9.8` for
+    9.81). Arguments match by magnitude, because agents often omit their sign (`push with 2 N` for -2).
     """
     half_unit = spoken.half_unit if spoken.significant_digits > 1 else Fraction(0)
     size = abs(spoken.value)
@@ -155,7 +155,7 @@ class _PromptNumbers(NamedTuple):
 
     by_unit: dict[Unit | None, list[Fraction]]
     of_any_unit: list[Fraction]
-    """All of them, as written and in coherent SI, for comparison with a number without a unit."""
+    """All numbers, as written and in coherent SI, for comparison with a number without a unit."""
 
     @classmethod
     def of(cls, prompt: str) -> "_PromptNumbers":
@@ -168,7 +168,7 @@ class _PromptNumbers(NamedTuple):
         return cls(by_unit, sorted(everything))
 
     def comparable(self, spoken: Spoken) -> Iterator[tuple[list[Fraction], Fraction]]:
-        """Lists that may hold a number, each with the factor that converts the number to the list's unit."""
+        """Yield lists that may contain a number, each with the factor that converts the number to the list's unit."""
         if spoken.unit is None:
             yield self.of_any_unit, Fraction(1)
             return
@@ -178,7 +178,7 @@ class _PromptNumbers(NamedTuple):
 
 
 def _scales(unit: Unit | None) -> tuple[Fraction, ...]:
-    """Factors of a number in a unit: 1, and the factor that converts it to coherent SI."""
+    """Return 1 and the factor from a unit to coherent SI."""
     return (Fraction(1),) if unit is None else (Fraction(1), unit.scale * unit.angle_scale)
 
 
@@ -189,7 +189,7 @@ def _holds(values: Sequence[Fraction], wanted: Fraction, margin: Fraction) -> bo
 
 
 def _support(spoken: Spoken, returned: Sequence[ReturnedValue]) -> tuple[Support, float] | None:
-    """The latest returned value that agrees with a number, and the same in the unit in which the number is written."""
+    """Return the latest returned value that agrees with a number, and that value in the number's unit."""
     bands: dict[Unit | None, _Band | None] = {}
     for found in reversed(returned):
         if found.unit not in bands:
@@ -202,13 +202,13 @@ def _support(spoken: Spoken, returned: Sequence[ReturnedValue]) -> tuple[Support
 
 
 class _Band(NamedTuple):
-    """The values that a number agrees with: those that round to it and have its sign."""
+    """The values that agree with a number: those that round to it and have its sign."""
 
     stated: Fraction
     half_unit: Fraction
     low: float
     high: float
-    """Bounds a little too wide, to reject most values without exact arithmetic."""
+    """Slightly widened bounds, which reject most values without exact arithmetic."""
     factor: float
     """Factor from the written unit to that of the values."""
     is_magnitude: bool
@@ -223,7 +223,7 @@ class _Band(NamedTuple):
 
 
 def _band(spoken: Spoken, unit: Unit | None) -> _Band | None:
-    """The values in a unit that a number agrees with; None if the number has a unit of another kind.
+    """Return the values in a unit that agree with a number; None if the number has an incompatible unit.
 
     A number without a unit is compared as written. A number with a unit is converted to the unit of the returned
     value, or to coherent SI if that unit is unknown.

@@ -1,12 +1,13 @@
-"""The groups in which episodes are reported, with their dimensions, Final Score and its floors. Pure.
+"""The scores of a group of episodes: dimensions, Final Score, and the scores of blind guesses.
 
-Every score of a group follows from the dimensions of the group as they are printed beside it:
+The Final Score of a group is computed from the dimensions of the group:
 
-- C, E, V and R are means over all scored episodes; an episode that does not define one counts 0 in it.
-- G is pooled: supported numbers out of all numbers that the group states, and undefined below `FEWEST_NUMBERS`.
-- G′ is a mean over the episodes that have a second category.
+- C, E, V and R are means over all scored episodes; an episode that does not define one counts 0.
+- G is pooled: supported numbers divided by all numbers that the group states; undefined below `FEWEST_NUMBERS`.
+- G′ is a mean over the episodes of conditions with at least two categories.
 
-FS counts an undefined dimension 0, FS* leaves it out. So 100 times the weights times the printed dimensions is FS.
+FS counts an undefined dimension as 0; FS* omits it. FS is therefore 100 times the weighted sum of the dimensions that a
+report shows.
 """
 
 import math
@@ -22,7 +23,7 @@ from evaluator.statistics.intervals import Interval
 from scenes import Category
 
 NO_RUNG = "–"
-"""The group of scenes without a known category, such as published packs."""
+"""Rung of scenes without a known category, such as published packs."""
 _RUNGS = {category.value: category.rung.value for category in Category}
 
 QUALITATIVE, QUANTITATIVE = "qualitative", "quantitative"
@@ -35,7 +36,7 @@ _KINDS = {
 
 
 class Condition(NamedTuple):
-    """What two episodes must share to be results of the same agent under the same setting."""
+    """Agent and settings that two episodes must share to count as results of the same condition."""
 
     agent: str
     budget: int
@@ -49,17 +50,17 @@ def condition(key: EpisodeKey) -> Condition:
 
 
 def rung(category: str) -> str:
-    """`easy`, `hard` or `open`; `NO_RUNG` for a category that is not known."""
+    """Return `easy`, `hard` or `open`; `NO_RUNG` for an unknown category."""
     return _RUNGS.get(category, NO_RUNG)
 
 
 def quadrant(category: str) -> str:
-    """Difficulty and breadth of a category, such as `easy-multi` for `easy-multi-hidden`."""
+    """Return difficulty and breadth of a category, such as `easy-multi` for `easy-multi-hidden`."""
     return _parts(category)[0]
 
 
 def modality(category: str) -> str:
-    """What a category adds to its quadrant: `creation`, `hidden`, else `plain`; other categories as they are."""
+    """Return what a category adds to its quadrant: `creation`, `hidden` or `plain`; other categories unchanged."""
     return _parts(category)[1]
 
 
@@ -71,31 +72,31 @@ def _parts(category: str) -> tuple[str, str]:
 
 
 def problem_kind(problem_type: str) -> str:
-    """`qualitative` (comparison, observation), `quantitative` (calculation, computation), or `other`."""
+    """Return `qualitative` (comparison, observation), `quantitative` (calculation, computation) or `other`."""
     return _KINDS.get(problem_type.strip().lower(), "other")
 
 
 FEWEST_NUMBERS = 20
-"""Fewest stated numbers of which a group has a G."""
+"""Smallest number of stated numbers for which a group has a G."""
 
 _Condition = TypeVar("_Condition", bound=Hashable)
 
 
 class ScorePoint(NamedTuple):
-    """What the scores of a group need of a scored episode."""
+    """The data of a scored episode from which group scores are computed."""
 
     scores: EpisodeScores
     chance: Chance
-    """What a blind guess is worth in its place."""
+    """Expected scores of a blind guess in this episode."""
     allowance: int
-    """Most turns."""
+    """Largest number of turns."""
     g_prime: float | None
     blind_g_prime: float | None
-    """G′ of a blind guess in the place of every episode of the condition."""
+    """G′ if every episode of the condition were answered by a blind guess."""
 
 
 class GroupScores(NamedTuple):
-    """The scores of a group; the fields are those of `GroupSummary`."""
+    """The scores of a group. For the meaning of the fields see `GroupSummary`."""
 
     c: float | None
     e: float | None
@@ -116,7 +117,7 @@ class GroupScores(NamedTuple):
 
 
 def group_scores(points: Sequence[ScorePoint]) -> GroupScores:
-    """The scores of a group of scored episodes."""
+    """Compute the scores of a group of scored episodes."""
     own = [point.scores for point in points]
     of_all = {name: [getattr(scores, name) for scores in own] for name in ("c", "e", "v", "v_enabled", "r")}
     of_some = {"step_credit": [scores.step_credit for scores in own], "g_prime": [point.g_prime for point in points]}
@@ -151,19 +152,19 @@ def group_scores(points: Sequence[ScorePoint]) -> GroupScores:
 
 
 def _mean(values: Sequence[float | None], count: int) -> float | None:
-    """The sum of the values by a count; None if there is no value."""
+    """Divide the sum of the defined values by a count; None if no value is defined."""
     known = [value for value in values if value is not None]
     return math.fsum(known) / count if known else None
 
 
 def _gated(own: EpisodeScores) -> float:
-    """C · FS* of an episode without G′, so that the process counts only as far as the answer is right."""
+    """Return C · FS* of an episode without G′. The process counts only in proportion to the answer's correctness."""
     c = own.c or 0.0
     return c * final_score_of_defined(c, own.e, own.g, own.v, own.r, None)
 
 
 def _blind_score(points: Sequence[ScorePoint]) -> float | None:
-    """FS of an agent that answers each of these episodes at once by a blind guess, on average."""
+    """Return the expected FS of an agent that answers each of these episodes at once by a blind guess."""
     held_out = [point.blind_g_prime for point in points if point.blind_g_prime is not None]
     if not points or len(held_out) < len(points):
         return None
@@ -173,20 +174,20 @@ def _blind_score(points: Sequence[ScorePoint]) -> float | None:
 
 
 def skill(accuracy: float, blind: float) -> float | None:
-    """Accuracy on a scale where a blind guess has 0 and a perfect agent 1; None where every guess is right."""
+    """Rescale an accuracy so that a blind guess has 0 and a perfect agent 1; None if every guess is right."""
     return (accuracy - blind) / (1 - blind) if blind < 1 else None
 
 
 def skill_interval(accuracy: Interval, blind: float) -> Interval | None:
-    """The interval of a skill from that of the accuracy: what a blind guess is worth is known exactly."""
+    """Rescale the interval of an accuracy to skill. The accuracy of a blind guess is known exactly."""
     low, high = skill(accuracy.low, blind), skill(accuracy.high, blind)
     return None if low is None or high is None else Interval(low=low, high=high)
 
 
 def held_out(values: Iterable[tuple[_Condition, str, float]]) -> Mapping[tuple[_Condition, str], float]:
-    """The mean of the *other* categories of a condition, for each condition and category.
+    """Return the mean over the *other* categories, for each condition and category.
 
-    Each category counts once, however many values it has. A condition with a single category has no entry.
+    Each category has the same weight. A condition with a single category has no entry.
 
     Args:
         values: Condition, category and value of each episode.

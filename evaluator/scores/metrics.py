@@ -1,9 +1,9 @@
-"""A run in numbers: accuracies, the six dimensions and the Final Score, for the whole run and for groups. Pure.
+"""Summarises a run: accuracies, the six dimensions and the Final Score, for the whole run and for groups.
 
-Open worlds are a track of their own: they are in `by_rung`, as `open`, and in no other number.
+Open worlds are a separate track: they appear in `by_rung`, as `open`, and in no other group.
 
-Every number comes with its number of episodes. `evaluator.scores.grouping` says how the scores of a group follow
-from its episodes. Unscored episodes (infrastructure errors) count as outcomes and nowhere else.
+Every value is given with its number of episodes. `evaluator.scores.grouping` computes the scores of a group from its
+episodes. Unscored episodes (infrastructure errors, withdrawn packs) count only in `outcomes`.
 """
 
 from collections import Counter, defaultdict
@@ -35,14 +35,14 @@ _Name = TypeVar("_Name", str, int)
 
 
 class GroupSummary(Record):
-    """The numbers of one group of episodes."""
+    """Scores of one group of episodes."""
 
     n: int
     """Episodes."""
     n_scored: int
-    """Episodes with a verdict; everything below except `outcomes` is computed from these alone."""
+    """Episodes with a verdict. All fields below except `outcomes` are computed from these alone."""
     n_scenes: int
-    """Scenes of the scored episodes; if a scene has several episodes, the intervals take scenes as the sample."""
+    """Scenes of the scored episodes. If a scene has several episodes, the intervals use scenes as sampling units."""
     n_correct: int
     """Strictly correct episodes."""
     n_withdrawn: int = 0
@@ -52,66 +52,66 @@ class GroupSummary(Record):
     strict_accuracy: float | None
     """Share of strictly correct episodes, 0 to 1."""
     strict_interval: Interval | None
-    """95 %."""
+    """95 % confidence interval."""
     normalised_accuracy: float | None
-    """Share of episodes that are correct once the four documented forms are forgiven, 0 to 1."""
+    """Share of episodes that normalised grading accepts, 0 to 1."""
     normalised_interval: Interval | None
-    """95 %."""
+    """95 % confidence interval."""
     interval_method: IntervalMethod | None
-    """Method of both intervals; None if nothing is scored."""
+    """Method of both intervals; None if no episode is scored."""
     forgiven: dict[NormalisationClass, int]
-    """Scored episodes that normalised grading accepts and strict grading does not, by the reason."""
+    """Reason → number of scored episodes that normalised grading accepts and strict grading rejects."""
     skill: float | None = None
-    """(strict accuracy - a) / (1 - a), with the accuracy a of blind guesses on the same scenes and seeds: 0 for a blind
-    guess, 1 for a perfect agent."""
+    """(strict accuracy - a) / (1 - a), where a is the accuracy of blind guesses on the same scenes and seeds: 0 for a
+    blind guess, 1 for a perfect agent."""
     skill_interval: Interval | None = None
-    """95 %."""
+    """95 % confidence interval."""
     blind_accuracy: float | None = None
-    """Mean probability that a blind guess is right, 0 to 1; it follows from the keys."""
+    """Mean probability that a blind guess is right, 0 to 1, computed from the keys."""
     c: float | None
     """Mean graded correctness, 0 to 1."""
     e: float | None
     """Mean efficiency, 0 to 1."""
     g: float | None
-    """Grounding, pooled: supported numbers out of all numbers that the reasoning states; None below 20 numbers."""
+    """Pooled grounding: supported numbers divided by all stated numbers; None below 20 stated numbers."""
     g_plus: float | None
-    """The same, derived numbers included."""
+    """Pooled grounding in which derived numbers count as supported."""
     n_numbers: int = 0
-    """Numbers that the reasoning states: the denominator of both."""
+    """Numbers that the reasoning states: the denominator of `g` and `g_plus`."""
     v: float | None
-    """Mean share of valid calls; an episode without experiment counts 0. None if no episode has one."""
+    """Mean share of valid calls. An episode without an experiment counts 0; None if no episode has one."""
     v_enabled: float | None
-    """The same, calls of disabled tools left out."""
+    """As `v`, without calls of tools that the scene disables."""
     r: float | None
-    """Mean non-repetition; an episode without experiment or without reasoning counts 0. None if all are so."""
+    """Mean non-repetition. An episode without an experiment or without reasoning counts 0; None if all are such."""
     g_prime: float | None
-    """Mean held-out category accuracy of the episodes that have one."""
+    """Mean held-out category accuracy over the episodes for which it is defined."""
     step_credit: float | None
-    """Mean share of the intermediate quantities that are stated rightly beside the answer, over the episodes whose
-    scene names some; no part of FS or FS*."""
+    """Mean share of intermediate quantities that are stated correctly with the answer, over the episodes whose scene
+    names some. It is not part of FS or FS*."""
     n_defined: dict[str, int]
-    """Scored episodes that define each dimension, by name of its field."""
+    """Field name of a dimension → number of scored episodes that define it."""
     final_score: float | None
-    """FS of the dimensions of this group, 0 to 100; None if an episode of the group has no G′, because a score without
-    one of its six parts is not comparable."""
+    """FS of the group, 0 to 100; None if an episode of the group has no G′, because a score without one of its six
+    dimensions is not comparable."""
     final_score_of_defined: float | None
-    """FS* of the dimensions of this group, 0 to 100: those that are None are left out."""
+    """FS* of the group, 0 to 100, over the dimensions that are not None."""
     gated: float | None = None
-    """Mean C · FS* of an episode without G′, 0 to 100: what the agent did counts only as far as its answer is right."""
+    """Mean of C · FS* without G′ over episodes, 0 to 100: the process counts in proportion to correctness."""
     blind_score: float | None = None
-    """FS, on average, of an agent that never experiments and guesses blindly; None where there is no FS."""
+    """Expected FS of an agent that guesses blindly without an experiment; None if an episode has no G′."""
     silent_turns: float | None
     """Share of all turns that have no visible reasoning; None without turns."""
     unread_turns: int = 0
-    """Turns whose reply could not be read, so that nothing was run."""
+    """Turns whose reply could not be parsed, so that no call was run."""
     disabled_calls: int
     """Calls of tools that the scene disables."""
     experiment_cost: MedianCost
-    """Calls and lab time that an episode took."""
+    """Median calls and lab time of an episode."""
     failures: dict[FailureMode, FailureCount]
-    """Failure modes: `n` counts scored episodes, `n_incorrect` those of them that are not correct."""
+    """Failure mode → number of scored episodes that show it, and of those that are strictly incorrect."""
     outcomes: dict[Outcome, int]
-    """How all `n` episodes ended."""
+    """Outcome → number of episodes, over all `n` episodes."""
 
 
 class ConditionCurve(Record):
@@ -134,7 +134,7 @@ class ConditionAttempts(Record):
 
 
 class RunSummary(Record):
-    """A run in numbers: as a whole, and side by side in each way of grouping that the paper's hypotheses need."""
+    """Scores of a run, as a whole and for each grouping that the paper's hypotheses need."""
 
     format: Literal[2, 3] = 3
     """Version of this record; fields are added without changing it, none is changed or taken away. In 2, which is still
@@ -142,7 +142,7 @@ class RunSummary(Record):
     scoring_version: int = 1
     """Version of the rules by which scores follow from grades; absent in format 2, where it is 1."""
     overall: GroupSummary
-    """All scenes but open worlds."""
+    """All scenes except open worlds."""
     by_rung: dict[str, GroupSummary]
     """`easy`; `hard`, which includes create-delete-attach; `open`, where C is the share of predictions that are right;
     `–` for scenes without a category."""
@@ -173,7 +173,7 @@ class _Row(NamedTuple):
 
 
 def summarise(rows: Sequence[ScoredEpisode]) -> RunSummary:
-    """The numbers of a run."""
+    """Summarise the episodes of a run."""
     suite = [row for row in rows if not row.is_open]
     table = _table(suite)
     return RunSummary(
@@ -203,7 +203,7 @@ def _table(rows: Sequence[ScoredEpisode]) -> list[_Row]:
 
 
 def _budget_curves(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionCurve]:
-    """The curve of each agent, prompting and protocol, on the cells (scene, seed, epoch) scored at all its budgets."""
+    """Yield the curve of each agent, prompting and protocol, on the episodes that were scored at all its budgets."""
     found: defaultdict[tuple[str, str, str], defaultdict[tuple[int, int, int], dict[int, bool]]]
     found = defaultdict(lambda: defaultdict(dict))
     for row in rows:
@@ -235,10 +235,10 @@ def _attempts(rows: Iterable[ScoredEpisode]) -> Iterator[ConditionAttempts]:
 
 
 def held_out_accuracy(rows: Iterable[ScoredEpisode]) -> Mapping[tuple[Condition, str], float]:
-    """G′ for each condition and category: the mean strict accuracy of the condition's *other* categories.
+    """Return G′ for each condition and category: the mean strict accuracy of the *other* categories.
 
-    Each category counts once, however many episodes it has. Agents, budgets, promptings and protocols are never
-    pooled. A condition with a single category has no entry.
+    Each category has the same weight. Agents, budgets, promptings and protocols are never pooled. A condition with a
+    single category has no entry.
     """
     return held_out((condition(row.key), row.category, row.is_correct) for row in rows if row.is_scored)
 

@@ -1,4 +1,4 @@
-"""The record that summaries, reports and comparisons read: one episode and everything computed from it alone."""
+"""The record that summaries, reports and comparisons read: one episode with everything computed from it alone."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ from scenes import Erratum, Rung, reference_of
 
 @dataclass(frozen=True, slots=True)
 class ScoredEpisode:
-    """One episode with its grade, scores, grounding and failures. Only `evaluator.scores.scoring` builds it."""
+    """One episode with its grade, scores, grounding and failures. Created only by `evaluator.scores.scoring`."""
 
     episode: Episode
     record: GradeRecord
-    """Its grade, with the answer key and the version of the grader."""
+    """Its grade, with the answer key and the grader's version."""
     scene_name: str
     """Name of its scene."""
     category: str
@@ -27,7 +27,7 @@ class ScoredEpisode:
     """Problem type of its scene."""
     scores: EpisodeScores
     chance: Chance
-    """What a blind guess is worth in its place."""
+    """Expected scores of a blind guess in this episode."""
     experiment_cost: ExperimentCost
     grounding: Grounding
     failures: tuple[Failure, ...]
@@ -37,7 +37,7 @@ class ScoredEpisode:
 
     @property
     def key(self) -> EpisodeKey:
-        """The episode's place in the matrix of a run."""
+        """Scene, seed, agent and settings of the episode."""
         return self.episode.key
 
     @property
@@ -47,7 +47,7 @@ class ScoredEpisode:
 
     @property
     def scene_title(self) -> str:
-        """Reference and name of its scene, such as `28 Glider between cords`; of a world the reference alone."""
+        """Reference and name of its scene, such as `28 Glider between cords`; for a world the reference alone."""
         reference = reference_of(self.key.scene)
         return f"{reference} {self.scene_name}".rstrip() if reference.isdecimal() else reference
 
@@ -58,12 +58,12 @@ class ScoredEpisode:
 
     @property
     def is_open(self) -> bool:
-        """Whether its scene is an open world, which no number of the suite includes."""
+        """Whether its scene is an open world, which is excluded from all scores of the suite."""
         return self.rung == Rung.OPEN
 
     @property
     def is_scored(self) -> bool:
-        """Whether it has a verdict; an episode ended by an infrastructure error has none."""
+        """Whether it has a verdict. An infrastructure error and a withdrawn pack leave none."""
         return self.grade.strict is not Verdict.UNSCORED
 
     @property

@@ -1,6 +1,6 @@
-"""From recorded episodes and answer keys to grades, scores and the summary of a run. Plays nothing.
+"""Grades and scores recorded episodes, and summarises runs. Plays no episode.
 
-Each episode is scored once. What is printed, reported or compared afterwards is taken from the result.
+Each episode is scored once. Output, reports and comparisons use that result.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ from evaluator.store.run_folder import RunFolder
 from scenes import content_hash_of, reference_of
 
 WITHHELD = "withheld until the seeds are revealed"
-"""In place of the reason of a grade, which may quote the key."""
+"""Replaces the reason of a grade, which may quote the key."""
 
 
 class GradedRun(NamedTuple):
@@ -34,15 +34,15 @@ class GradedRun(NamedTuple):
     rows: Sequence[ScoredEpisode]
     summary: RunSummary
     changes: Sequence[str]
-    """Empty if no verdict changed; else one line for each change, and a last line that names the old grades' file."""
+    """One line per changed verdict, and a last line with the file of the old grades; empty if no verdict changed."""
 
 
 def score_episode(episode: Episode, record: GradeRecord, keys: KeyRing) -> ScoredEpisode:
-    """Compute everything that follows from one episode alone.
+    """Compute the scores that depend on one episode alone.
 
     Args:
-        episode: As recorded.
-        record: Its grade. It is replaced if the pack of the episode was withdrawn since.
+        episode: The recorded episode.
+        record: Its grade, which is replaced if the pack of the episode has been withdrawn since.
         keys: Answer keys of the packs that it was played on.
 
     Raises:
@@ -76,7 +76,7 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept:
     Args:
         folder: The run.
         keys: Answer keys of its scenes.
-        withhold: Leave out of the grades what would tell a key, since the seeds of the run are held back.
+        withhold: Whether to omit answer keys and reasons from the grades, because the seeds of the run are held back.
         kept: Scenes whose stored grades are kept, because the packs here are not those of the run.
 
     Raises:
@@ -97,12 +97,12 @@ def grade_run(folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept:
 def graded_rows(
     folder: RunFolder, keys: KeyRing, *, withhold: bool = False, kept: Collection[int] = ()
 ) -> list[ScoredEpisode]:
-    """The episodes of a run, graded and scored anew. Writes nothing.
+    """Grade and score the episodes of a run. Writes nothing.
 
     Args:
         folder: The run.
         keys: Answer keys of its scenes.
-        withhold: Leave out of the grades what would tell a key.
+        withhold: Whether to omit answer keys and reasons from the grades.
         kept: Scenes whose stored grades are kept.
 
     Raises:
@@ -135,7 +135,7 @@ def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> Grade
 
 
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
-    """The grade of one episode, with the key that decided it; without verdict and key if its pack is withdrawn."""
+    """Return the grade record of one episode, with its key; without verdict and key if its pack is withdrawn."""
     erratum = keys.erratum(episode.versions.pack)
     if erratum is not None and is_withdrawn(episode, erratum):
         grade, key = withdrawn_grade(erratum), None
@@ -152,7 +152,7 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
 
 
 def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
-    """The episodes of a run with their stored grades.
+    """Return the episodes of a run with their stored grades.
 
     Raises:
         UsageError: Some episodes have no grade.
@@ -165,7 +165,7 @@ def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
 
 
 def _changes(previous: Mapping[EpisodeKey, GradeRecord], records: Iterable[GradeRecord]) -> list[str]:
-    """One line for each changed verdict, with what else changed. A grade that was missing or unscored is no change."""
+    """Describe each changed verdict on one line. A grade that was missing or unscored before does not count."""
     lines: list[str] = []
     for new in records:
         old = previous.get(new.key)

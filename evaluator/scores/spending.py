@@ -1,6 +1,6 @@
-"""What episodes cost: tokens, money, time. Pure; every number comes with its number of episodes.
+"""Cost of episodes: tokens, money and time. Each value is given with its number of episodes.
 
-Unscored episodes count too: they were paid for although an infrastructure error ended them.
+Unscored episodes are included, because they cost money although they have no verdict.
 """
 
 import math
@@ -13,10 +13,10 @@ from evaluator.scores.scored_episode import ScoredEpisode
 
 
 class Quantiles(Record):
-    """Median and 95th percentile of durations."""
+    """Median and 95th percentile of a set of durations."""
 
     n: int
-    """Durations."""
+    """Number of durations."""
     median: float
     """[s]."""
     p95: float
@@ -29,7 +29,7 @@ class Spending(Record):
     n: int
     """Episodes."""
     n_metered: int
-    """Episodes that report tokens: the denominator of mean tokens."""
+    """Episodes that report tokens, which is the denominator of mean token counts."""
     input_tokens: int
     output_tokens: int
     cached_tokens: int
@@ -44,9 +44,9 @@ class Spending(Record):
     calls: float | None
     """Mean over episodes."""
     agent_turn: Quantiles | None
-    """Time that the agent took for a turn."""
+    """Agent time per turn."""
     server_turn: Quantiles | None
-    """Time that the laboratory took for the calls of a turn."""
+    """Server time for the calls of a turn."""
     episode: Quantiles | None
     """Wall time of an episode."""
 
@@ -57,7 +57,7 @@ class _Paid(NamedTuple):
 
 
 def spending(rows: Sequence[ScoredEpisode]) -> Spending:
-    """What a group of episodes cost."""
+    """Compute the cost of a group of episodes."""
     usages = [row.episode.usage for row in rows if row.episode.usage is not None]
     paid = [
         _Paid(row.episode.usage.cost_usd, row.is_correct)
@@ -85,7 +85,7 @@ def spending(rows: Sequence[ScoredEpisode]) -> Spending:
 
 
 def calls_made(turns: Sequence[Turn]) -> int:
-    """Number of calls that the agent wrote."""
+    """Return the number of calls that the agent wrote."""
     return sum(len(turn.exchanges) for turn in turns)
 
 
@@ -95,7 +95,7 @@ def _mean(counts: Iterable[int]) -> float | None:
 
 
 def _quantiles(durations: Iterable[float]) -> Quantiles | None:
-    """Median and 95th percentile (nearest rank); None if nothing was timed, as in imported transcripts."""
+    """Return median and 95th percentile (nearest rank); None if nothing was timed, as in imported transcripts."""
     values = sorted(durations)
     if not any(values):
         return None

@@ -1,4 +1,4 @@
-"""Scores as text for people: shares, dimensions with what they count, floors, and what a budget curve shows."""
+"""Formats scores as text: shares, dimensions with their sample size, blind-guess scores, and budget curves."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from evaluator.statistics.budget_curve import BudgetCurve, CurveShape
 
 
 def curve_sentence(curve: BudgetCurve) -> str:
-    """One sentence: the shape of a budget curve, the budget after which gains end, and the certainty of both."""
+    """Describe in one sentence the shape of a budget curve, the budget after which gains end, and their certainty."""
     budgets = [point.budget for point in curve.points]
     on = f"{curve.n} episodes of {curve.n_scenes} scenes at each budget"
     if curve.shape is CurveShape.FLAT:
@@ -26,22 +26,22 @@ def curve_sentence(curve: BudgetCurve) -> str:
 
 
 def _certain(value: float | None) -> str:
-    """A certainty in whole per cent, rounded down and at most 99 %."""
+    """Format a certainty in whole per cent, rounded down and at most 99 %."""
     return f"{min(99, int(100 * (value or 0.0)))} % certainty"
 
 
 def share(value: float | None) -> str:
-    """A share in per cent; a dash if it is undefined."""
+    """Format a share in per cent; a dash if it is undefined."""
     return "–" if value is None else f"{100 * value:.1f} %"
 
 
 def decimal(value: float | None) -> str:
-    """A dimension with three decimals; a dash if it is undefined."""
+    """Format a dimension with three decimals; a dash if it is undefined."""
     return "–" if value is None else f"{value:.3f}"
 
 
 def score_text(value: float | None) -> str:
-    """A score of 0 to 100 with one decimal; a dash if it is undefined."""
+    """Format a score from 0 to 100 with one decimal; a dash if it is undefined."""
     return "–" if value is None else f"{value:.1f}"
 
 
@@ -57,23 +57,23 @@ def withdrawn_clause(group: GroupSummary) -> str:
 
 
 def counted(group: GroupSummary, name: str) -> str:
-    """Of how much a dimension of a group is taken; empty if every scored episode defines it.
+    """Describe the sample of a group's dimension; empty if every scored episode defines it.
 
     Args:
         group: The group.
-        name: Field of the dimension.
+        name: Field name of the dimension.
     """
     return counted_of(name, group.n_defined, group.n_numbers, group.n_scored)
 
 
 def counted_of(name: str, n_defined: Mapping[str, int], n_numbers: int, n_scored: int) -> str:
-    """The same from the counts.
+    """Describe the sample of a dimension from counts, as `counted` does.
 
     Args:
-        name: Field of the dimension.
-        n_defined: Field → scored episodes that define it.
-        n_numbers: Numbers that the reasoning states.
-        n_scored: Scored episodes.
+        name: Field name of the dimension.
+        n_defined: Field name → number of scored episodes that define it.
+        n_numbers: Number of numbers that the reasoning states.
+        n_scored: Number of scored episodes.
     """
     if name in {"g", "g_plus"}:
         return f"{n_numbers} number{'' if n_numbers == 1 else 's'} in {n_defined[name]} of {n_scored} episodes"
@@ -81,16 +81,16 @@ def counted_of(name: str, n_defined: Mapping[str, int], n_numbers: int, n_scored
 
 
 def dimension(group: GroupSummary, name: str) -> str:
-    """A dimension of a group with three decimals, and of how much it is taken."""
+    """Format a dimension of a group with three decimals and its sample."""
     note = counted(group, name)
     return decimal(getattr(group, name)) + (f" ({note})" if note else "")
 
 
 def floor_sentence(groups: Mapping[str, GroupSummary]) -> str:
-    """What an agent that never experiments gets in place of some agents; empty if none of them has a Final Score.
+    """State the Final Score of an agent that never experiments; empty if no agent has a Final Score.
 
     Args:
-        groups: Agent → its numbers.
+        groups: Agent → summary of its episodes.
     """
     found = {name: group.blind_score for name, group in groups.items() if group.final_score is not None}
     scores = [f"{score:.1f}" for score in found.values() if score is not None]

@@ -32,7 +32,7 @@ class Attempts(Record):
 
 
 def pass_at_k(tries: int, successes: int, k: int) -> float:
-    """Unbiased estimate of the chance that at least one of k tries succeeds.
+    """Return the unbiased estimate of the probability that at least one of k tries succeeds.
 
     Raises:
         ValueError: k is below 1 or above the number of tries.
@@ -44,7 +44,7 @@ def pass_at_k(tries: int, successes: int, k: int) -> float:
 
 
 def pass_hat_k(tries: int, successes: int, k: int) -> float:
-    """Unbiased estimate of the chance that all of k tries succeed.
+    """Return the unbiased estimate of the probability that all of k tries succeed.
 
     Raises:
         ValueError: k is below 1 or above the number of tries.
@@ -61,7 +61,7 @@ def _check(tries: int, k: int) -> None:
 
 
 def attempts(verdicts: Mapping[int, Sequence[bool]]) -> Attempts | None:
-    """pass@k and pass^k over scenes.
+    """Estimate pass@k and pass^k over scenes.
 
     Args:
         verdicts: Scene → verdicts of its scored episodes under one condition, over all seeds and epochs.

@@ -1,4 +1,4 @@
-"""Accuracy against iteration budget on the same episodes: the gain of each step, where gains end, and the shape."""
+"""Accuracy as a function of the iteration budget on the same episodes: gain per step, saturation, and shape."""
 
 import itertools
 from collections import Counter, defaultdict
@@ -16,7 +16,7 @@ from evaluator.statistics.paired import PairedDifference, holm, paired_differenc
 MARGIN = 0.05
 """Difference of accuracy up to which two budgets count as equally good."""
 LEVEL = 0.05
-"""Chance that a curve without any rise or fall is said to have one."""
+"""Significance level for a rise or fall: the probability of reporting one for a flat curve."""
 
 _ROUNDING = 1e-9
 """Slack for floating-point rounding: 0.85 - 0.80 must not exceed a margin of 0.05."""
@@ -76,7 +76,7 @@ class Cell(NamedTuple):
 
 
 def budget_curve(budgets: Sequence[int], cells: Sequence[Cell], margin: float = MARGIN) -> BudgetCurve:
-    """The curve of accuracy against budget.
+    """Compute the curve of accuracy against budget.
 
     Every pair of budgets is compared on the same episodes (by McNemar's test or by sign flips of scenes), with p-values
     adjusted by Holm's method over all pairs. The shape follows from the differences significant at the 5 % level.
@@ -119,7 +119,7 @@ def _between(cells: Sequence[Cell], smaller: int, larger: int) -> PairedDifferen
 
 
 def _shape(compared: Sequence[PairedDifference]) -> tuple[CurveShape, float | None]:
-    """The shape and its certainty, from the differences of all pairs of budgets; no certainty for a flat shape."""
+    """Return the shape and its certainty from the differences of all pairs of budgets; None for a flat shape."""
     p_values = holm([pair.p_value for pair in compared])
     rise = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference > 0), default=1.0)
     fall = min((p for p, pair in zip(p_values, compared, strict=True) if pair.difference < 0), default=1.0)
@@ -131,7 +131,7 @@ def _shape(compared: Sequence[PairedDifference]) -> tuple[CurveShape, float | No
 
 
 def _resampled(cells: Sequence[Cell]) -> Array | None:
-    """Accuracies (budgets, resamples) over resampled scenes; None if there are too few scenes."""
+    """Return accuracies (budgets, resamples) over resampled scenes; None if there are too few scenes."""
     right: defaultdict[int, list[int]] = defaultdict(lambda: [0] * len(cells[0].verdicts))
     size: Counter[int] = Counter()
     single = len({cell.scene for cell in cells}) == 1
@@ -145,7 +145,7 @@ def _resampled(cells: Sequence[Cell]) -> Array | None:
 
 
 def _enough(accuracies: Sequence[float], margin: float) -> int:
-    """Index of the smallest budget that no larger one exceeds by more than the margin."""
+    """Return the index of the smallest budget that no larger one exceeds by more than the margin."""
     return next(
         index for index, accuracy in enumerate(accuracies) if max(accuracies[index:]) - accuracy <= margin + _ROUNDING
     )

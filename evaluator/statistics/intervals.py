@@ -1,4 +1,4 @@
-"""Intervals of an accuracy: Wilson's, on the effective number of episodes, and the bootstrap over scenes."""
+"""Confidence intervals of an accuracy: Wilson's, on the effective number of episodes, and the bootstrap over scenes."""
 
 import math
 from collections import Counter
@@ -47,9 +47,9 @@ class Proportion(Record):
 
 
 def wilson_interval(successes: float, trials: float) -> Interval:
-    """95 % interval of a proportion, by Wilson's score method.
+    """Return the 95 % interval of a proportion by Wilson's score method.
 
-    Unlike `scipy.stats`, it accepts fractional counts, since an effective number of episodes is seldom whole.
+    Unlike `scipy.stats`, this accepts fractional counts, which an effective number of episodes requires.
 
     Raises:
         ValueError: There are no trials.
@@ -87,7 +87,7 @@ def design_effect(correct: Sequence[int], episodes: Sequence[int]) -> float:
 
 
 def proportion(verdicts: Iterable[tuple[int, bool]]) -> Proportion:
-    """The share of right episodes with its 95 % interval.
+    """Return the share of right episodes with its 95 % interval.
 
     With one episode per scene, this is Wilson's interval. Otherwise it is Wilson's interval on n / deff · (z / t)²
     episodes. The design effect deff corrects for correlation within scenes and is taken as at least 1. The quantile t
@@ -118,7 +118,7 @@ def proportion(verdicts: Iterable[tuple[int, bool]]) -> Proportion:
         n_correct=n_correct,
         n_scenes=scenes,
         share=n_correct / n,
-        # n of n stays exactly all of the effective number, so the upper end stays exactly 1.
+        # If all n episodes are right, this is exactly all of the effective number, so the upper end is exactly 1.
         interval=wilson_interval(effective if n_correct == n else effective * n_correct / n, effective),
         method=IntervalMethod.CLUSTERED if clustered else IntervalMethod.WILSON,
         effective_n=effective,
@@ -136,7 +136,7 @@ Array = NDArray[np.float64]
 
 
 def resampled_means(totals: Sequence[Sequence[float]], counts: Sequence[float]) -> Array:
-    """Resampled means of several quantities over units. All quantities use the same resamples.
+    """Resample means of several quantities over units. All quantities use the same resamples.
 
     Args:
         totals: Sum of each quantity in each unit, (quantities, units).
@@ -153,7 +153,7 @@ def resampled_means(totals: Sequence[Sequence[float]], counts: Sequence[float]) 
 def mean_interval(
     totals: Sequence[float], counts: Sequence[float], lowest: float = -1.0, highest: float = 1.0
 ) -> Interval | None:
-    """95 % interval of a mean over units, by the expanded percentile bootstrap.
+    """Return the 95 % interval of a mean over units by the expanded percentile bootstrap.
 
     Args:
         totals: Sum of the quantity in each unit.

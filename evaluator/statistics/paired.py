@@ -1,4 +1,4 @@
-"""Two accuracies on the same episodes: their difference, its interval, and its p-value."""
+"""Compares two accuracies on the same episodes: difference, interval and p-value."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
@@ -85,7 +85,7 @@ def mcnemar_p(only_first: int, only_second: int) -> float:
 
 
 def sign_flip_p(differences: Sequence[int]) -> float:
-    """Two-sided p-value of the sum of the differences, if each sign were random.
+    """Return the two-sided p-value of a sum of differences under random signs.
 
     The test is exact: it counts all 2ⁿ assignments of signs. The differences are integers, so the distribution of their
     sum is computed by adding one difference at a time. If all differences are ±1, it is McNemar's exact test.

@@ -1,1 +1,1 @@
-"""A run in the browser while it is played. Reads its folder, and changes nothing there."""
+"""Shows a run in the browser while it is played. Only reads the run folder."""

@@ -1,6 +1,6 @@
-"""The page of a watched run over HTTP, on this machine only: three files, and the state of the run as JSON.
+"""The HTTP application that shows a running evaluation, on this machine only: a static page and a JSON state.
 
-Every address begins with a token, so that neither another user of the machine nor a web page can read the run.
+Every path begins with a secret token, which keeps out other users of the machine and other web pages.
 """
 
 import statistics
@@ -31,19 +31,19 @@ from evaluator.watch.followed_run import FollowedEpisode, FollowedRun
 from scenes import reference_of
 
 NEWEST, TROUBLED, OVERTAKEN = 25, 15, 15
-"""Most episodes of each list."""
+"""Largest number of episodes in each list."""
 _PATIENCE_S = 60.0
-"""A run of which no episode ended for this long [s], and for three times its longest episode, is called quiet."""
+"""A run counts as quiet if no episode ended for this long [s] and for three times its longest episode."""
 _RECENT = 50
-"""Episodes that tell the present pace."""
+"""Number of recent episodes from which the pace is computed."""
 
 
 def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
-    """The state of a run at a moment.
+    """Return the state of a run at a moment, as JSON values.
 
     Args:
-        run: The run at the last look.
-        now: The present, in UTC, against which stamps of records are held.
+        run: The run as last read.
+        now: The current time in UTC, compared with the timestamps of records.
     """
     episodes = list(run.episodes.values())
     wanted = _wanted(run.record, run.episodes)
@@ -69,9 +69,9 @@ def state_of(run: FollowedRun, now: datetime) -> dict[str, Any]:
 
 
 def _wanted(record: RunRecord, played: Mapping[EpisodeKey, object]) -> list[EpisodeKey]:
-    """The episodes of the plan, in playing order; none if the plan does not tell them.
+    """Return the planned episodes in playing order; empty if the plan does not determine them.
 
-    A fork plays some episodes of its matrix, and a referee whatever a trainer asks for.
+    A fork plays only some episodes of its matrix, and a referee plays whatever a trainer requests.
     """
     shard = WHOLE if record.shard is None else parse_shard(record.shard)
     wanted = [key for key in record.plan.matrix() if shard.takes(key)]
@@ -79,14 +79,14 @@ def _wanted(record: RunRecord, played: Mapping[EpisodeKey, object]) -> list[Epis
 
 
 def _ended_at(one: FollowedEpisode) -> float:
-    """When an episode ended [s since 1970]."""
+    """Return when an episode ended [s since 1970]."""
     return datetime.fromisoformat(one.started_at).timestamp() + one.duration_s
 
 
 def _phase(
     episodes: Sequence[FollowedEpisode], missing: Sequence[EpisodeKey], *, known: bool, now: datetime
 ) -> tuple[str, float | None]:
-    """`waiting`, `running`, `quiet` or `finished`, and how long no episode has ended [s]."""
+    """Return `waiting`, `running`, `quiet` or `finished`, and the time since the last episode ended [s]."""
     if not episodes:
         return "waiting", None
     quiet_s = max(0.0, now.timestamp() - max(map(_ended_at, episodes)))
@@ -97,7 +97,7 @@ def _phase(
 
 
 def _pace(episodes: Sequence[FollowedEpisode], now: datetime) -> float | None:
-    """Episodes that end in a second, lately; None before the second one."""
+    """Return the current rate of ended episodes [1/s]; None before the second one."""
     ends = sorted(map(_ended_at, episodes))[-_RECENT:]
     if len(ends) < 2 or now.timestamp() <= ends[0]:
         return None
@@ -105,7 +105,7 @@ def _pace(episodes: Sequence[FollowedEpisode], now: datetime) -> float | None:
 
 
 def _rows(episodes: Sequence[FollowedEpisode]) -> Iterator[dict[str, Any]]:
-    """The numbers of each agent under each condition; open worlds apart, as everywhere."""
+    """Yield the results of each agent under each condition, with open worlds in rows of their own."""
     groups: dict[tuple[bool, Condition], list[FollowedEpisode]] = {}
     for one in episodes:
         groups.setdefault((one.is_open, condition(one.key)), []).append(one)
@@ -146,7 +146,7 @@ def _numbers(group: Sequence[FollowedEpisode]) -> dict[str, Any]:
 
 
 def _is_troubled(one: FollowedEpisode) -> bool:
-    """Whether an episode ended by an error, or the laboratory refused most of its calls."""
+    """Whether an error ended an episode, or the server refused most of its calls."""
     return (
         one.outcome in {Outcome.AGENT_ERROR, Outcome.INFRASTRUCTURE_ERROR}
         or one.cost.refused_calls > one.cost.calls / 2 > 1
@@ -182,9 +182,9 @@ def _named(key: EpisodeKey) -> dict[str, Any]:
 def _overtaken(
     wanted: Sequence[EpisodeKey], ended: Mapping[EpisodeKey, FollowedEpisode], now: datetime
 ) -> list[dict[str, Any]]:
-    """The missing episodes that later ones of the same agent have overtaken, those first that wait longest.
+    """Return the missing episodes of which later ones of the same agent have ended, longest wait first.
 
-    They are being played, or wait to be retried; a run folder does not tell which.
+    Such an episode is still being played or waits for a retry; a run folder does not say which.
     """
     found: list[dict[str, Any]] = []
     later: dict[str, list[float]] = {}
@@ -204,7 +204,7 @@ def _damage(lines: int) -> list[str]:
 
 
 _FRESH_S = 0.5
-"""Two looks at the folder are this far apart at least [s], however many pages are open."""
+"""Shortest time between two reads of the folder, regardless of the number of open pages [s]."""
 _HEADERS = {
     b"cache-control": b"no-store",
     b"content-security-policy": b"default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self';"
@@ -215,11 +215,11 @@ _HEADERS = {
 
 
 def app(run: FollowedRun, token: str) -> Starlette:
-    """The ASGI application that shows a run.
+    """Build the ASGI application that shows a run.
 
     Args:
-        run: Which.
-        token: First part of every path.
+        run: The run to show.
+        token: First segment of every path.
     """
     looks = _Looks(run)
     page = files("evaluator.watch") / "page"
@@ -238,7 +238,7 @@ def app(run: FollowedRun, token: str) -> Starlette:
 
 @dataclass(slots=True)
 class _Looks:
-    """Looks at the folder when a page asks, in a thread: keys of some scenes take a second."""
+    """Reads the folder when a page requests the state. In a thread, because some answer keys take a second."""
 
     run: FollowedRun
     lock: anyio.Lock = field(default_factory=anyio.Lock)
@@ -246,7 +246,7 @@ class _Looks:
     last: dict[str, Any] = field(default_factory=dict[str, Any])
 
     async def state(self, _request: Request) -> Response:
-        """The state of the run, or one sentence if its folder cannot be read any more."""
+        """Return the state of the run, or an error message if its folder can no longer be read."""
         async with self.lock:
             if self.run.behind or time.monotonic() - self.looked_at >= _FRESH_S:
                 try:

@@ -1,7 +1,7 @@
-"""Follows the records of a run while they are written: reads each line once, and never locks or writes a file.
+"""Follows the records of a run while they are written. Reads each line once, and never locks or writes a file.
 
-The writer appends whole lines, and replaces the file only to take damaged lines out of it. A last line without a line
-feed is being written, and is read at the next look.
+The writer appends whole lines, and replaces the file only to remove damaged lines. A last line without a line feed is
+still being written, and is read later.
 """
 
 import hashlib
@@ -22,20 +22,20 @@ from evaluator.store.run_folder import RunFolder
 from scenes import LabLimits, PackError, Rung, find_pack, reference_of, same_pack
 
 _SHOWN = 200
-"""Most characters that are kept of an answer or an error."""
+"""Largest number of characters kept of an answer or an error message."""
 
 
 class FollowedEpisode(NamedTuple):
-    """What is kept of an episode that has ended."""
+    """Summary of an episode that has ended."""
 
     key: EpisodeKey
     outcome: Outcome
     verdict: Verdict | None
-    """None if it cannot be graded here."""
+    """None if the episode cannot be graded on this machine."""
     answer: str
-    """In short."""
+    """The answer as JSON, truncated."""
     error: str
-    """Why it ended early; empty if it did not."""
+    """Error message of an episode that ended early; otherwise empty."""
     turns: int
     cost: ExperimentCost
     usage: Usage | None
@@ -46,46 +46,46 @@ class FollowedEpisode(NamedTuple):
 
 
 class FollowedRun:
-    """A run folder at the last look."""
+    """The records of a run folder that have been read so far."""
 
     def __init__(self, folder: RunFolder, keys: KeyRing, *, withheld: bool = False) -> None:
-        """Begin to follow.
+        """Read the run record.
 
         Args:
             folder: The run.
             keys: Answer keys of its scenes.
-            withheld: Whether nothing can be graded, since the seeds of the run are held back.
+            withheld: Whether to grade nothing, because the seeds of the run are held back.
 
         Raises:
-            StoreError: It is no run folder.
+            StoreError: The folder is not a run folder.
         """
         self.folder = folder
         self.record: RunRecord = folder.read_run()
         self.episodes: dict[EpisodeKey, FollowedEpisode] = {}
-        """The episodes that have ended, in the order of their records; the last record of each counts."""
+        """Ended episodes, in the order of their records. If an episode has several records, the last one counts."""
         self.behind = False
-        """Whether the folder holds more lines than were read."""
+        """Whether the folder contains further lines to read."""
         self.damaged = 0
-        """Number of complete lines that cannot be read."""
+        """Number of complete lines that cannot be parsed."""
         self.ungraded: dict[int, str] = {}
         """Scene → why its episodes cannot be graded."""
         self.withheld = withheld
-        """Whether there are no verdicts, since the seeds are held back."""
+        """Whether there are no verdicts, because the seeds are held back."""
         self._keys = keys
         self._played_here: dict[tuple[int, str], bool] = {}
-        """Scene and hash of a pack → whether it is the pack that we have."""
+        """Scene and pack hash → whether the local pack is the same."""
         self._known: dict[bytes, FollowedEpisode | None] = {}
         self._file: tuple[int, int] = (0, 0)
-        """Which file is read, and up to which byte."""
+        """Inode of the file, and the position up to which it was read."""
 
     def look(self, most: int = 100) -> None:
-        """Read what is new.
+        """Read new records.
 
         Args:
-            most: Most lines that are read; `behind` then says that there are more.
+            most: Largest number of lines to read; `behind` says whether there are more.
 
         Raises:
-            StoreError: The folder is gone, or cannot be read.
+            StoreError: The folder is gone or cannot be read.
         """
         self.record = self.folder.read_run()
         file = self.folder.episodes_file
@@ -102,7 +102,7 @@ class FollowedRun:
             found = file.stat()
             number, position = self._file
             if found.st_ino != number or found.st_size < position:
-                # Another file: the writer took damaged lines out. Lines that are known are not graded again.
+                # The writer has replaced the file to remove damaged lines. Known lines are not graded again.
                 position, self.damaged = 0, 0
                 self.episodes.clear()
             stream.seek(position)
@@ -151,10 +151,10 @@ class FollowedRun:
         )
 
     def _verdict(self, episode: Episode) -> Verdict | None:
-        """The verdict; None if seeds are held back.
+        """Grade an episode; None if the seeds are held back.
 
         Raises:
-            UsageError: The pack is missing or malformed, or is not the one that was played.
+            UsageError: The pack is missing or malformed, or differs from the pack that was played.
         """
         key, pack = episode.key, episode.versions.pack
         if self.withheld:

@@ -1,4 +1,4 @@
-"""Detectors that examine the answer: given too early, in the wrong form, or after too little simulated time."""
+"""Detectors of failures in the answer: given too early, in the wrong form, or after too little simulated time."""
 
 import re
 from collections.abc import Sequence
@@ -31,14 +31,14 @@ from evaluator.scores.failures.findings import (
 from scenes import AnswerKind
 
 LEAST_TIME_S = 0.1
-"""Simulated time below which an answer about motion counts as too early [s]: 20 time steps of 5 ms."""
+"""Simulated time below which an answer about motion counts as premature: 20 time steps of 5 ms [s]."""
 
 _PERIOD = re.compile(r"\bperiod\b[^.\n]{0,24}$", re.IGNORECASE)
 _EQUALS = r"(?:=|≈|\\approx)"
 _TERM = r"(?:(?!\\approx)[^\n=≈]){0,40}"
 _PERIOD_BY_FORMULA = re.compile(rf"\bT ?{_EQUALS}{_TERM}(?:{_EQUALS}{_TERM})?{_EQUALS} ?$")
 _LATEX = re.compile(r"\\(?:text|mathrm|rm) ?\{([^{}]{0,40})\}|\$|\\[(),; ]")
-"""Signs between a number and its unit, which say how to set them and no more; a text in braces is kept."""
+"""Typesetting commands between a number and its unit; text in braces is kept."""
 _FROM_GEOMETRY = re.compile(
     r"\bfrom (?:the )?(?:static |initial |given )?(?:geometry|positions?|coordinates)\b", re.IGNORECASE
 )
@@ -47,11 +47,12 @@ _OBJECT_ID = re.compile(r"object_\d+|\d+")
 
 
 def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
-    """Answered with iterations left, before any reading; or wrongly, with half of them left, from the start alone.
+    """Detect an answer with iterations left that was given without a reading, or from the initial state alone.
 
-    The first case: it had seen the result of no successful reading. The second case: it was strictly wrong, changed
-    nothing, let time pass, and had read nothing since, or answered from the start all the same. Readings in the same
-    batch as the answer do not count, because the agent had not seen them.
+    In the first case, the agent had seen no successful reading. In the second case, at least half of the iterations
+    were left, the answer was strictly wrong, and the agent changed nothing, let time pass, and either read nothing
+    afterwards or answered from its readings of the initial state. Readings in the same batch as the answer do not
+    count, because the agent had not seen them.
     """
     left = episode.allowance - len(episode.turns)
     if not has_answered(episode) or left <= 0:
@@ -77,7 +78,7 @@ def premature_answer(episode: Episode, grade: Grade) -> Failure | None:
 
 
 def _knows_only_the_start(episode: Episode, readings: Sequence[Place]) -> bool:
-    """Whether it changed nothing, let time pass, and read nothing after that or did not use what it read."""
+    """Whether the agent only let time pass, and either read nothing afterwards or did not use those readings."""
     steps = [(place.turn, place.position) for place in exchanges(episode) if step_duration(place)]
     acted = any(place.tool in ACTIONS and succeeded(place) for place in exchanges(episode))
     if not steps or acted:
@@ -88,7 +89,7 @@ def _knows_only_the_start(episode: Episode, readings: Sequence[Place]) -> bool:
 
 
 def _uses_the_start(text: str, before: Sequence[Place], after: Sequence[Place]) -> bool:
-    """Whether an answer is said to come from geometry, or repeats readings of the start and none that came later."""
+    """Whether the reasoning refers to geometry, or repeats initial readings and no later ones."""
     if _FROM_GEOMETRY.search(text):
         return True
     start = {abs(value) for place in before for value in measured_numbers(place)} - {0.0}
@@ -100,11 +101,12 @@ def _uses_the_start(text: str, before: Sequence[Place], after: Sequence[Place]) 
 
 
 def too_little_time(episode: Episode) -> Failure | None:
-    """Answered about motion before anything moved, or stated a period longer than the simulated time.
+    """Detect an answer about motion before anything moved, or a stated period longer than the simulated time.
 
-    The first case: less than `LEAST_TIME_S` was simulated in total, and either every reading of motion was 0, or
-    something was pushed or given a velocity and no motion was read. The second case: the reasoning of the answering
-    turn states a period (as T = … only if nothing moved) that is longer than the total simulated time.
+    In the first case, less than `LEAST_TIME_S` was simulated in total, and either every reading of motion was 0, or
+    something was pushed or given a velocity and no motion was read. In the second case, the reasoning of the answering
+    turn states a period that is longer than the total simulated time. A period written as T = … counts only if nothing
+    moved.
     """
     if not has_answered(episode):
         return None
@@ -166,11 +168,12 @@ def _before_a_period(episode: Episode, simulated: float, patterns: Sequence[re.P
 
 
 def answer_format(episode: Episode, grade: Grade, expected: ExpectedForm) -> Failure | None:
-    """Answered in a form that the question does not ask for, and was strictly wrong.
+    """Detect a strictly wrong answer whose form differs from what the question asks for.
 
-    The forms: a right value that only normalised grading accepts, a wrong number of values, words where numbers were
-    requested, a choice that is not among the options, or a quantity in place of the number of an object or a case.
-    Nothing is found if the prompt asks another question than the pack: then the expected form was not asked for.
+    The forms are a right value that only normalised grading accepts, a wrong number of values, words instead of
+    numbers, a choice that is not among the options, and a quantity instead of the number of an object or a case. If
+    the prompt asks a different question than the pack, nothing is detected, because the expected form was not
+    requested.
     """
     if not has_answered(episode) or grade.strict is not Verdict.INCORRECT or not expected.was_asked(episode.prompt):
         return None
@@ -187,7 +190,7 @@ def answer_format(episode: Episode, grade: Grade, expected: ExpectedForm) -> Fai
 
 
 def _difference(episode: Episode, grade: Grade, expected: ExpectedForm) -> str:
-    """How the form of an answer differs from the expected one; empty if it does not."""
+    """Describe how the form of an answer differs from the expected one; empty if it does not."""
     if grade.normalisation is not None:
         return f"right, but for its form ({grade.normalisation.value.replace('_', ' ')})"
     items = _items(episode.answer, expected)
@@ -213,7 +216,7 @@ def _difference(episode: Episode, grade: Grade, expected: ExpectedForm) -> str:
 
 
 def _items(answer: JsonValue, expected: ExpectedForm) -> list[Item] | None:
-    """The parts of an answer; None if their number is not the expected one."""
+    """Split an answer into its parts; None if their number is not the expected one."""
     if expected.parts is None:
         item = as_item(answer)
         return None if item is None else [item]

@@ -1,4 +1,4 @@
-"""Detectors that examine the calls: unknown or confused objects, and arguments that do not fit."""
+"""Detectors of failures in the calls: unknown or confused objects, and arguments that do not fit."""
 
 import re
 from collections import Counter
@@ -29,7 +29,7 @@ MASS_TOLERANCE = 0.05
 """Relative difference above which a mass in a call counts as different from the measured mass."""
 
 MAX_EVIDENCE = 20
-"""Greatest number of pieces of evidence of one kind in a failure; an agent may repeat a mistake without limit."""
+"""Largest number of pieces of evidence of one kind in a failure, because an agent may repeat a mistake often."""
 
 _ID = re.compile(r"\bobject_\d+\b")
 _UNKNOWN = re.compile(r"there is no object\b|\bbody (?:with name|named) '.*' not found", re.IGNORECASE)
@@ -38,7 +38,7 @@ _NAME_THEN_ID = re.compile(r"\b([A-Za-z]\w*)`?\s?\(`?(object_\d+)`?[),]")
 _REFUSED_BY_OTHERS = re.compile(
     r"\bmust be a\b|unexpected keyword argument|missing \d+ required|can't multiply|could not convert"
 )
-"""How the authors' program reports a bad argument; our laboratory starts such a refusal with the name of the tool."""
+"""Wordings of bad-argument errors in the authors' program. Our server starts such an error with the tool's name."""
 _PLACE_READINGS = frozenset({"get_position", "get_displacement", "get_center_of_mass"})
 _PREFERS_MEASURED = re.compile(
     r"\b(?:actual|true|real|verified|simulat\w+|returned|measured)\b[^.\n]{0,16}\bmass\b|"
@@ -50,19 +50,19 @@ _RATIOS = (
     frozenset({"get_rotational_energy", "get_angular_momentum"}),
     frozenset({"get_kinetic_energy", "get_momentum"}),
 )
-"""Tools of whose results the mass cancels in the ratio, which is half the spin or half the speed."""
+"""Pairs of tools in whose ratio of results the mass cancels."""
 _TEXT_ARGUMENTS = frozenset({"name", "joint", "shape", "type", "answer", "reasoning", "label"})
-"""Arguments whose value is a text; a text in any other argument is a placeholder for a value the agent did not have."""
+"""Arguments whose value is text. Text in any other argument is a placeholder for a value that the agent lacked."""
 
 
 def object_id_confusion(episode: Episode, grade: Grade, expected: ExpectedForm) -> Failure | None:
-    """Used an object id that it had not been given, gave an object the id of another one, or answered with a wrong one.
+    """Detect an object id that the agent had not been given, confused objects, or an unmeasured object as the answer.
 
-    A wrong id in the answer: the answer names an object, is strictly wrong, and of this object it measured nothing but
-    its place, while it measured at least two others.
+    The last case: the answer names an object and is strictly wrong, and the agent read at most the position of this
+    object, but measured at least two others.
 
     Args:
-        episode: As recorded.
+        episode: The recorded episode.
         grade: Its grade.
         expected: The form of answer that was asked for. A name that several objects share is ignored.
     """
@@ -80,7 +80,7 @@ def object_id_confusion(episode: Episode, grade: Grade, expected: ExpectedForm) 
     answered = list(_answered_unmeasured(episode, expected)) if grade.strict is Verdict.INCORRECT else []
     if not unknown and not mistaken and not answered:
         return None
-    # An unknown object may exist and be hidden, so the explanation does not say whether it exists.
+    # An unknown object may exist but be hidden, so the explanation must not say whether it exists.
     calls = f"named an object that it did not know of in {len(unknown)} {'call' if len(unknown) == 1 else 'calls'}"
     mistakes = [calls] * bool(unknown) + ["took one object for another"] * bool(mistaken)
     mistakes += ["answered with an object that it had not measured, unlike others"] * bool(answered)
@@ -92,7 +92,7 @@ def object_id_confusion(episode: Episode, grade: Grade, expected: ExpectedForm) 
 
 
 def _answered_unmeasured(episode: Episode, expected: ExpectedForm) -> Iterator[Evidence]:
-    """The answer, if it names an object of which only the place was read, while two others were measured."""
+    """Yield the answer if it names an object of which only the position was read, while two others were measured."""
     asks_for_an_object = expected.kind is AnswerKind.OBJECTS or (
         expected.kind is AnswerKind.CHOICE and not expected.options
     )
@@ -116,13 +116,13 @@ def _names_an_unknown(place: Place, episode: Episode) -> bool:
         return False
     if _UNKNOWN.search(place.exchange.text):
         return True
-    # The error of a call that was rejected before it ran does not say whether its objects exist.
+    # The error of a call that was rejected before it ran does not reveal whether its objects exist.
     known = set(_ID.findall(episode.prompt)) | _returned_ids(episode, place)
     return not place.exchange.returned and any(_ID.fullmatch(name) and name not in known for name in named)
 
 
 def _returned_ids(episode: Episode, before: Place) -> set[str]:
-    """The object ids in the results of all earlier calls."""
+    """Return the object ids in the results of all earlier calls."""
     return {
         found
         for place in exchanges(episode)
@@ -146,11 +146,11 @@ def _mistaken(episode: Episode, objects: Mapping[str, str]) -> Iterator[Evidence
 
 
 def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
-    """Called a tool with arguments that do not fit its schema, with a text in place of a value, or with a wrong mass.
+    """Detect arguments that do not fit a tool's schema, text in place of a value, or a wrong mass.
 
-    A wrong mass differs by more than `MASS_TOLERANCE` from the mass that `get_parameters` returned for the same object,
-    earlier or later, and does not cancel in a ratio. Tools that take a mass use it without checking it. Or it answered,
-    strictly wrong, with a mass that it measured where the task states another one.
+    A mass is wrong if it differs by more than `MASS_TOLERANCE` from what `get_parameters` returned for the same object
+    at any time, and does not cancel in a ratio; tools do not check a given mass. A strictly wrong answer that uses a
+    measured mass where the task states a different one is detected too.
     """
     masses = _measured_masses(episode)
     with_unit_mass = [place for place in exchanges(episode) if _number(place.arguments.get("mass")) == 1]
@@ -196,7 +196,7 @@ def wrong_parameter(episode: Episode, grade: Grade) -> Failure | None:
 def _cancels(place: Place, mass: float, with_unit_mass: Sequence[Place], masses: Mapping[str, float]) -> bool:
     """Whether a mass of 1 kg cancels in the ratio of two results.
 
-    The ratio is that of one object's energy and momentum, or of one tool's results for two objects of equal mass.
+    The two results are the energy and momentum of one object, or one tool's results for two objects of equal mass.
     """
     name = _the_object(place)
     pair = next((tools for tools in _RATIOS if place.tool in tools), frozenset({place.tool}))
@@ -213,7 +213,7 @@ def _the_object(place: Place) -> str:
 
 
 def _adopted_mass(episode: Episode, measured: Mapping[str, float]) -> Iterator[Evidence]:
-    """The place where the answering turn prefers a measured mass to that of the task."""
+    """Yield the place where the answering turn prefers a measured mass to the mass in the task."""
     if not has_answered(episode) or not measured:
         return
     stated = [float(number.value * number.si_factor) for number in _masses_in(episode.prompt)]
@@ -250,7 +250,7 @@ def _does_not_fit(place: Place) -> bool:
 
 
 def _has_placeholder(place: Place) -> bool:
-    """Whether an argument has a text in place of a number, such as `MASS_FROM_PREVIOUS_RESULT`."""
+    """Whether an argument is text in place of a number, such as `MASS_FROM_PREVIOUS_RESULT`."""
     return any(
         isinstance(value, str) and not value.strip().lstrip("+-").replace(".", "", 1).isdecimal()
         for name, value in place.arguments.items()

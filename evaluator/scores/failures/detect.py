@@ -1,6 +1,6 @@
-"""Runs all detectors on one episode; the detector that compares reasoning with readings.
+"""Runs all failure detectors on one episode. Contains the detector that compares reasoning with readings.
 
-Only an agent's words show what it relied on, so that detector searches for phrases.
+That detector searches the reasoning for phrases, because only the agent's words show what it relied on.
 """
 
 import re
@@ -24,7 +24,7 @@ from evaluator.scores.failures.findings import (
 )
 
 _FEWEST_WORDS = 5
-"""Least number of words that count as a theory; fewer are a guess."""
+"""Smallest number of words that counts as a theory; a shorter text is a guess."""
 _SET_ASIDE = re.compile(
     r"\btheoretical(?:ly)? (?:approach|answer|value|analysis|result|calculation|physics|expectation)|"
     r"\bcalculate\b[^.\n]{0,40}\btheoretically|\banalytical(?:ly)?\b|\bconceptual(?:ly)? |\btextbook|"
@@ -40,7 +40,7 @@ _SET_ASIDE = re.compile(
     r"\bgiven (?:values?|parameters) (?:in|from)\b",
     re.IGNORECASE,
 )
-"""Phrases that show an answer from theory after something was tried."""
+"""Phrases that show an answer from theory despite experiments."""
 _BY_NAME = re.compile(
     r"\b(?:given|based on|from|by|using|use|per) (?:the )?(?:objects?'? )?(?:names?|naming|labels?)\b|"
     r"\b(?:names?|naming)\b[^.\n]{0,40}\b(?:indicat|impl(?:y|ies)|suggest|tell)|\bimplied by (?:the )?names?|"
@@ -68,11 +68,11 @@ class _Cue(NamedTuple):
 
 
 def theory_or_simulation(episode: Episode) -> Failure | None:
-    """Answered from theory without or against the readings, or from readings that it doubted.
+    """Detect an answer from theory without or against the readings, or from readings that the agent doubted.
 
-    Theory: an answer with reasoning before any reading; or an answer from formulas, assumptions or textbooks after
-    something was tried in the laboratory; or an answer taken from the names of objects. Reverse: within the last three
-    turns the reasoning calls the readings unexpected, and the agent still answers from them.
+    Theory: an answer with reasoning before any reading; an answer from formulas, assumptions or textbooks after an
+    experiment; or an answer taken from the names of objects. Doubt: within the last three turns the reasoning calls the
+    readings unexpected, and the agent still answers from them.
     """
     if not has_answered(episode):
         return None
@@ -107,7 +107,7 @@ def _from_doubted_readings(episode: Episode, turn: int, text: str) -> Failure | 
 
 
 def _tried(episode: Episode) -> bool:
-    """Whether an action or step was done or attempted before the answering turn."""
+    """Whether an action or step was attempted before the answering turn."""
     last = len(episode.turns) - 1
     return any(
         place.turn < last and (place.tool in ACTIONS or place.tool == STEP or place.exchange.is_error)
@@ -136,10 +136,10 @@ def _failure(explanation: str, cue: _Cue, episode: Episode) -> Failure:
 
 
 def failures_of(episode: Episode, grade: Grade, expected: ExpectedForm) -> tuple[Failure, ...]:
-    """The failures of an episode, at most one of each mode; none if the episode is unscored.
+    """Detect the failures of an episode, at most one of each mode; none if the episode is unscored.
 
     Args:
-        episode: As recorded.
+        episode: The recorded episode.
         grade: Its grade.
         expected: The form of answer that the question asks for.
     """

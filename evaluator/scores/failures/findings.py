@@ -1,4 +1,4 @@
-"""What the detectors share: a failure mode with its evidence, and queries on an episode's readings and actions."""
+"""Failure modes, evidence, and queries on an episode's readings and actions that the detectors share."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -53,7 +53,7 @@ class ExpectedForm:
     """The question whose answer has this form; empty if unknown."""
 
     def was_asked(self, prompt: str) -> bool:
-        """Whether a prompt asks this question. A published log may ask an older one, with an answer of another form."""
+        """Whether a prompt asks this question. A published log may ask an older question with another form."""
         return _words(self.task) in _words(prompt)
 
 
@@ -62,11 +62,11 @@ def _words(text: str) -> str:
 
 
 def expected_form(key: AnswerKey, task: str = "") -> ExpectedForm:
-    """The expected form of an answer; it is the same for all seeds of a scene.
+    """Return the expected form of an answer, which is the same for all seeds of a scene.
 
     Args:
         key: The key at any seed.
-        task: The question as the pack words it.
+        task: The question in the pack's words.
     """
     return ExpectedForm(
         kind=key.spec.kind,
@@ -101,7 +101,7 @@ class Failure(Record):
 
 
 def quote_at(text: str, start: int = 0) -> str:
-    """The sentence or line around a position in a text, shortened for the report."""
+    """Return the sentence or line around a position in a text, truncated for the report."""
     ends = [found.start() for found in _SENTENCE_END.finditer(text)]
     begin = max((end + 1 for end in ends if end < start), default=0)
     end = min((end for end in ends if end > start), default=len(text))
@@ -111,7 +111,7 @@ def quote_at(text: str, start: int = 0) -> str:
 
 
 def answering_turn(episode: Episode) -> int:
-    """Index of the turn with the answer, which is the last turn of an answered episode."""
+    """Return the index of the turn with the answer: the last turn of an answered episode."""
     return len(episode.turns) - 1
 
 
@@ -124,10 +124,10 @@ ACTIONS = frozenset(
         *("create_objects", "delete_objects", "attach_objects"),
     }
 )
-"""Tools that change the laboratory; their result repeats the request, so it is not a reading."""
+"""Tools that change the state. Their result repeats the request, so it is not a reading."""
 
 PUSHES = frozenset({"apply_force", "apply_torque", "set_velocity"})
-"""The actions that set something in motion when time passes."""
+"""Actions that set an object in motion."""
 
 MOTION_READINGS = frozenset(
     {
@@ -135,10 +135,10 @@ MOTION_READINGS = frozenset(
         *("get_kinetic_energy", "get_rotational_energy", "compute_force", "detect_collision", "get_torque"),
     }
 )
-"""Tools that read motion or contact, which mean little before time has passed."""
+"""Tools that read motion or contact, which are uninformative before time has passed."""
 
 _STILL = 1e-9
-"""Largest absolute value that is 0 except for rounding."""
+"""Largest absolute value that counts as 0 because of rounding."""
 _NO_READINGS = ACTIONS | {ANSWER, STEP, "quat_to_rot_matrix"}
 _ID_ARGUMENTS = ("object_id", "obj1_id", "obj2_id", "object1_id", "object2_id")
 
@@ -163,7 +163,7 @@ class Place(NamedTuple):
 
 
 def exchanges(episode: Episode) -> Iterator[Place]:
-    """All exchanges, in order."""
+    """Yield all exchanges with their positions, in order."""
     for number, turn in enumerate(episode.turns):
         for index, exchange in enumerate(turn.exchanges):
             yield Place(number, index, exchange)
@@ -175,7 +175,7 @@ def succeeded(place: Place) -> bool:
 
 
 def is_reading(place: Place) -> bool:
-    """Whether a call succeeded and its result says something about the laboratory that the arguments do not."""
+    """Whether a call succeeded and its result contains information that its arguments do not."""
     return succeeded(place) and place.tool not in _NO_READINGS
 
 
@@ -185,13 +185,13 @@ def shows_motion(place: Place) -> bool:
 
 
 def measured_numbers(place: Place) -> Iterator[float]:
-    """All numbers in a result, but for the clock and the count of time steps; true counts as 1."""
+    """Yield all numbers in a result except the clock and the number of time steps; true counts as 1."""
     content = place.exchange.content or {}
     return _numbers({name: value for name, value in content.items() if name not in {"sim_time", "time", "steps"}})
 
 
 def _numbers(value: Any) -> Iterator[float]:
-    """All numbers in a JSON value; true counts as 1."""
+    """Yield all numbers in a JSON value; true counts as 1."""
     if isinstance(value, dict):
         value = list(value.values())  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - JSON
     if isinstance(value, list):
@@ -207,12 +207,12 @@ def has_answered(episode: Episode) -> bool:
 
 
 def read_before_answer(episode: Episode) -> list[Place]:
-    """The readings that the agent had seen when it wrote its answer: those of earlier turns."""
+    """Return the readings that the agent had seen when it wrote its answer, which are those of earlier turns."""
     return [place for place in exchanges(episode) if place.turn < len(episode.turns) - 1 and is_reading(place)]
 
 
 def step_duration(place: Place) -> float | None:
-    """Duration of a successful `step` call [s]; None for any other call."""
+    """Return the duration of a successful `step` call [s]; None for any other call."""
     duration = place.arguments.get("duration")
     if place.tool != STEP or not succeeded(place) or isinstance(duration, bool):
         return None
@@ -220,7 +220,7 @@ def step_duration(place: Place) -> float | None:
 
 
 def objects_named(place: Place) -> list[str]:
-    """The object ids in a call's arguments, as written."""
+    """Return the object ids in a call's arguments, as written."""
     return [str(place.arguments[name]) for name in _ID_ARGUMENTS if name in place.arguments]
 
 
@@ -234,7 +234,7 @@ class FailureCount(Record):
 
 
 def failure_counts(episodes: Iterable[tuple[Grade, tuple[Failure, ...]]]) -> dict[FailureMode, FailureCount]:
-    """Count each mode over the scored episodes. Every mode has an entry, also with a count of 0.
+    """Count each failure mode over the scored episodes. Every mode has an entry, even if its count is 0.
 
     Args:
         episodes: The grade and the failures of each episode.
