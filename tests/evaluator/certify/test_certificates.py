@@ -25,8 +25,6 @@ from tests.builders.records import episode, episode_key, returned, turn
 
 SCENES = [files.scene_id for files in list_packs()]
 SEEDS = 4
-UNDECLARED = {97: ["family is missing"]}
-"""Scenes whose packs do not declare yet what certificates 11 and 12 test, and the beginnings of the faults."""
 
 
 @pytest.fixture
@@ -339,7 +337,7 @@ async def test_key_twins_and_sanity_hold_for_every_scene_on_its_first_seeds(
     ]
     # Two draws of a choice may be equal; the stored certificates prove that keys differ over twenty seeds.
     reasons = [reason for check in checks for reason in check.reasons if reason != "all seeds have the same key"]
-    assert [reason.split(":")[0] for reason in reasons] == UNDECLARED.get(scene, [])
+    assert [reason.split(":")[0] for reason in reasons] == []
 
 
 def test_the_stored_certificates_match_these_packs_and_all_passed() -> None:
