@@ -1,4 +1,4 @@
-"""Makes films: replays a stored episode and records what is visible. Refuses if a result differs from the stored one.
+"""Makes films: replays a stored episode and records its views. Raises if a result differs from the stored one.
 
 Motion is compressed: values are rounded to integers, and their second differences are stored with run lengths of zeros.
 """
@@ -32,12 +32,12 @@ _MICRO = 1e6
 
 
 class Instant(NamedTuple):
-    """What is visible at one moment of a film."""
+    """Visible state at one moment of a film."""
 
     time: float
     """Simulated time [s]. Two instants may share it: one before and one after a call that takes no time."""
     drawing: int
-    """Index of the drawing that is shown."""
+    """Index of the drawing shown at this moment."""
     poses: Mapping[str, Sequence[float]]
     """Body → position x, y, z [m] and quaternion w, x, y, z."""
 
@@ -72,7 +72,7 @@ def reel(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) -> 
 
 
 def _step(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) -> float:
-    """The resolution of positions [m], a power of ten."""
+    """Return the resolution of positions [m], a power of ten."""
     places = np.array([pose[:3] for instant in instants for pose in instant.poses.values()] or [[0.0, 0.0, 0.0]])
     sizes = [max(part["size"]) for drawing in drawings for body in drawing["bodies"] for part in body["parts"]]
     sizes = [size for size in sizes if size > 0] or [1.0]
@@ -82,7 +82,7 @@ def _step(instants: Sequence[Instant], drawings: Sequence[Mapping[str, Any]]) ->
 
 
 def _columns(poses: Sequence[Sequence[float] | None], step: float) -> Iterator[list[int]]:
-    """The seven numbers of a body's pose over time, in units of the resolution.
+    """Yield the time series of a pose's seven components, in units of the resolution.
 
     While the body is not visible, they keep their last values.
     """
@@ -140,7 +140,7 @@ Opens = Callable[[EpisodeKey], AbstractAsyncContextManager[Client]]
 
 
 async def film_of(episode: Episode, opens: Opens, record_sha256: str, *, revealed: bool) -> Film:
-    """The film of an episode.
+    """Make the film of a stored episode.
 
     Args:
         episode: The stored episode.
@@ -223,7 +223,7 @@ class _Camera:
         instant = Instant(time, drawing, poses)
         if self.instants and self.instants[-1] == instant:
             return
-        # While nothing moves, the first and the last instant are enough.
+        # Of a period without motion, keep only the first and the last instant.
         last = self.instants[max(self._kept - 1, 0) :][-2:]
         still = len(last) == 2 and all(one.drawing == drawing and one.poses == poses for one in last)
         if still and len(self.instants) > self._kept:

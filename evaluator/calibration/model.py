@@ -27,63 +27,63 @@ from scenes import Pack, default_folder, find_pack, read_pack
 
 Array = NDArray[np.float64]
 ABILITY_SD, EFFECT_SD = 3.0, 1.0
-"""Spreads of the priors of abilities and of effects of standardised features [logits]."""
+"""Prior standard deviations of abilities and of effects of standardised features [logits]."""
 _RESTS, _DEVIATIONS, _REACH = 25, 9, 4.0
-"""Points of the grids of rests and of deviations, and how far they reach [standard deviations]."""
+"""Number of grid points for rests and for deviations, and the half-width of both grids [standard deviations]."""
 _CHANGE = 1e-4
-"""Step of the differences that give the curvature [logits]."""
+"""Step of the finite differences for the curvature [logits]."""
 
 
 class Spreads(NamedTuple):
-    """Standard deviations of the random parts [logits]."""
+    """Standard deviations of the random effects [logits]."""
 
     scene: float
-    """Of the rests of scenes that their features do not explain."""
+    """Standard deviation of the difficulties of scenes that their features do not explain."""
     variant: float
-    """Of the deviations of variants from their scene; 0 where no scene has two."""
+    """Standard deviation of variants around their scene; 0 if no scene has two variants."""
 
 
 @dataclass(frozen=True, slots=True)
 class RaschFit:
-    """A fitted model; all in logits."""
+    """A fitted model; all values except probabilities are in logits."""
 
     ability: Array
-    """For each taker."""
+    """Ability of each taker."""
     ability_covariance: Array
     difficulty: Array
-    """For each scene. Where it was played at one seed, that of this variant."""
+    """Difficulty of each scene; if it was played at one seed, the difficulty of that variant."""
     difficulty_se: Array
     effect: Array
-    """For each standardised feature: how much harder a scene is with one standard deviation more of it."""
+    """Change of difficulty per standard deviation of each feature."""
     effect_se: Array
     spreads: Spreads
     probability: Array
-    """For each cell: probability of a right answer at another variant of the scene."""
+    """Probability of a right answer at another variant of the scene, for each cell of taker, scene and seed."""
 
     @property
     def ability_se(self) -> Array:
-        """For each taker."""
+        """Standard error of each ability."""
         return np.sqrt(np.diag(self.ability_covariance))
 
 
 class _State(NamedTuple):
-    """What follows from a vector of parameters: abilities, effects, logarithms of the spreads."""
+    """Quantities computed from a parameter vector: abilities, effects and logarithms of the spreads."""
 
     loss: float
-    """Minus the logarithm of the posterior density."""
+    """Negative logarithm of the posterior density."""
     gradient: Array
     difficulty: Array
-    """Mean for each scene, given the parameters."""
+    """Posterior mean of each scene's difficulty, given the parameters."""
     variance: Array
-    """Its variance, given the parameters."""
+    """Posterior variance of each scene's difficulty, given the parameters."""
 
 
 def fit(data: Responses, features: Array) -> RaschFit:
-    """RaschFit the model.
+    """Fit the model.
 
     Args:
         data: The answers.
-        features: Standardised features; a row for each scene.
+        features: Standardised features, one row per scene.
     """
     posterior = _Posterior(data, features)
     start = np.zeros(posterior.size)
@@ -98,17 +98,17 @@ def fit(data: Responses, features: Array) -> RaschFit:
 
 
 def _grid(points: int) -> tuple[Array, Array]:
-    """Points in standard deviations, and the logarithms of their normal weights."""
+    """Return grid points in standard deviations, and the logarithms of their normal weights."""
     at = np.linspace(-_REACH, _REACH, points) if points > 1 else np.zeros(1)
     weight = np.exp(-(at**2) / 2)
     return at, np.log(weight / weight.sum())
 
 
 class _Posterior:
-    """The density of abilities, effects and spreads, given the answers."""
+    """The posterior density of abilities, effects and spreads, given the answers."""
 
     def __init__(self, data: Responses, features: Array) -> None:
-        # Cells of a variant, and variants of a scene, stand together, so that sums run over slices.
+        # Sort cells by variant and variants by scene, so that `np.add.reduceat` can sum over slices.
         order = np.lexsort((data.taker, data.variant))
         self.taker, self.scene, variant = (part[order] for part in (data.taker, data.scene, data.variant))
         self.right, self.answers = data.right[order], data.answers[order]
@@ -133,7 +133,7 @@ class _Posterior:
         odds = np.exp(middle)[:, None, None] * np.exp(-shift)
         right, stated = (np.add.reduceat(part, self.first_cells) for part in (self.right, self.right * middle))
         certain = np.add.reduceat(self.answers[:, None, None] * np.log1p(odds), self.first_cells, axis=0)
-        # Integrated over the deviation of each variant, then over the rest of each scene.
+        # Integrate over the deviation of each variant, then over the rest of each scene.
         of_variant = stated[:, None, None] - right[:, None, None] * shift - certain + self.deviation_weights
         inner = _log_sum(of_variant, 2)
         of_scene = np.add.reduceat(inner, self.first_variants, axis=0) + self.rest_weights
@@ -173,7 +173,7 @@ class _Posterior:
             slope[:, place] = (above.difficulty - state.difficulty) / _CHANGE
         covariance = np.asarray(np.linalg.inv((curvature + curvature.T) / 2), dtype=float)
         ability, effect, spreads = self.split(mode)
-        # The logistic curve, averaged over normal deviations, is nearly a flatter logistic curve.
+        # A logistic curve averaged over normal deviations is approximately a logistic curve with a smaller slope.
         flatter = float(np.sqrt(1 + (16 * np.sqrt(3) / (15 * np.pi)) ** 2 * spreads.variant**2))
         logits = (ability[self.data.taker] - state.difficulty[self.data.scene]) / flatter
         return RaschFit(
@@ -189,7 +189,7 @@ class _Posterior:
 
 
 def _log_sum(values: Array, axis: int) -> Array:
-    """Logarithm of the sum of exponentials along an axis."""
+    """Return the logarithm of the sum of exponentials along an axis."""
     most = values.max(axis=axis, keepdims=True)
     return np.log(np.exp(values - most).sum(axis=axis)) + most.squeeze(axis)
 
@@ -205,14 +205,14 @@ FEATURES = (
     "interventions of the reference",
     "lab time of the reference",
 )
-"""Names of the features; the last three are logarithms."""
+"""Names of the features. The last three are logarithms."""
 
 
 def features_of(scenes: Sequence[int], scenes_dir: Path | None = None) -> Array:
-    """The features of scenes, a row for each, standardised; a feature in which they do not differ is 0.
+    """Return the standardised features of scenes, one row per scene; a constant feature is 0.
 
     Args:
-        scenes: Their ids.
+        scenes: Ids of the scenes.
         scenes_dir: Folder of scene packs; None for the suite.
 
     Raises:
@@ -244,13 +244,13 @@ def _row(pack: Pack, certificate: SceneCertificate | None) -> list[float]:
 
 
 def _figure(certificate: SceneCertificate | None, check: str, name: str) -> object:
-    """A figure of a certificate; None if there is none."""
+    """Return a value that a check of a certificate recorded; None if there is none."""
     checks = certificate.checks if certificate else ()
     return next((one.figures.get(name) for one in checks if one.name == check), None)
 
 
 def _structures(labels: object) -> int:
-    """How many structures a scene may have; 1 where its certificate names none."""
+    """Return the number of structures that a scene may have; 1 if its certificate names none."""
     return len(cast("list[str]", labels)) if isinstance(labels, list) and labels else 1
 
 

@@ -29,38 +29,38 @@ MOST_ITERATIONS = 1_000_000
 
 
 class WantedWorld(BaseModel):
-    """Which worlds are meant: those of a level, or those that have so many parts. Absent fields leave it open."""
+    """Selects worlds by level or by their parts. A field that is None matches every world."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     level: int | None = Field(default=None, ge=1, le=10)
     terms: int | None = Field(default=None, ge=1, le=6)
-    """Terms of its law."""
+    """Number of terms of the law."""
     modulations: int | None = Field(default=None, ge=0, le=6)
     hidden: int | None = Field(default=None, ge=0, le=3)
-    """Hidden bodies."""
+    """Number of hidden bodies."""
     apparatus: Literal["puck", "pair", "wheel", "glider"] | None = None
 
 
 class WantedEpisode(BaseModel):
-    """Body of `POST /episodes`: which variant, and how it is played. `variants` says what names a variant."""
+    """Body of `POST /episodes`: the variant and how it is played. `variant_of` lists the ways to name a variant."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
     scene: int | None = Field(default=None, ge=0, le=LARGEST)
     seed: int | None = Field(default=None, ge=0, le=LARGEST)
     world: WantedWorld | None = None
-    """Which worlds are meant, in the place of a scene; `index` and `random_seed` then choose among them."""
+    """Selects worlds instead of a scene; `index` or `random_seed` then chooses one of them."""
     split: str | None = Field(default=None, max_length=100)
     """Name of a split, with or without its version, such as `train` or `train@1`."""
     index: int | None = Field(default=None, ge=0, le=LARGEST)
     """Place in the split."""
     random_seed: int | None = Field(default=None, ge=-LARGEST, le=LARGEST)
-    """Draws a place in the split."""
+    """Seed of a random place in the split."""
     budget: int = Field(default=20, ge=1, le=1000)
-    """Iterations that the opening prompt names. Whoever asks the model counts them."""
+    """Number of iterations stated in the opening prompt. The trainer counts them."""
     max_calls: int = Field(default=MOST_CALLS, ge=1, le=MOST_CALLS)
-    """Tool calls after which the laboratory ends the episode."""
+    """Number of tool calls after which the server ends the episode."""
     prompting: Literal["zero-shot", "one-shot-cot", "few-shot-cot"] = "zero-shot"
 
 
@@ -70,9 +70,9 @@ class EndedEpisode(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     iterations: int | None = Field(default=None, ge=0, le=MOST_ITERATIONS)
-    """Replies of the agent; None counts each call as one."""
+    """Number of replies of the agent; None to count each call as one."""
     end: Literal["budget_exhausted", "agent_error"] | None = None
-    """Ends an episode without an answer, and says why; None only asks."""
+    """Reason for ending an episode without an answer; None if the episode has already ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Variant:
 
     scene: int
     seed: int
-    """As recorded: the number of the variant if its seed is held back."""
+    """Seed as recorded; if the seed is held back, the number of the variant."""
     split: str = ""
     """Name and version of the split, such as `train@1`; empty if none was named."""
     index: int | None = None
@@ -90,26 +90,26 @@ class Variant:
 
 @dataclass(frozen=True, slots=True)
 class OpenedEpisode:
-    """What a trainer gets."""
+    """An opened episode, as the trainer receives it."""
 
     variant: Variant
     episode_id: str
     owner_token: str
-    """Asks for the reward, and closes the episode. Never for the agent."""
+    """Bearer token for requesting the reward and closing the episode. The agent must not receive it."""
     mcp_url: str
     player_token: str | None
-    """What every request of the agent's client must carry."""
+    """Bearer token that every request of the agent's client must carry."""
     briefing: Briefing
 
 
 @dataclass(frozen=True, slots=True)
 class Reward:
-    """What an episode was worth. Holds no key, and no reason, since a reason may state the key."""
+    """Reward of an episode. It contains no key and no reason, because a reason may state the key."""
 
     reward: float
     answer: AnswerReward
     cost: float
-    """What was taken off for iterations and calls."""
+    """Deduction for iterations and calls."""
     grade: Grade
     outcome: Outcome
     calls: int
@@ -120,20 +120,20 @@ _WORLD_EXAMPLES = '{"world": {"level": 5}}, {"world": {"level": 5}, "split": "tr
 
 
 def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = None) -> Variant:
-    """The variant that a request means.
+    """Return the variant that a request selects.
 
-    At place `index` of a split with N scenes is its scene number `index % N`, in ascending order, with its seed number
-    `index // N`: the first N places are all scenes at the first seed. A `random_seed` draws uniformly among all places,
-    or among those of one scene if that is named too. Worlds with their seeds are places in the same way; a request
-    that names none of them gets any.
+    A split with N scenes is numbered by `index`: scene number `index % N` in ascending order, at seed number
+    `index // N`. The first N places are therefore all scenes at the first seed. A `random_seed` selects uniformly among
+    all places, or among those of `scene` if the request names one. Worlds are numbered in the same way; a request for
+    a world without `index` and `random_seed` gets a random one.
 
     Args:
         wanted: The request.
-        held_back: Whether the referee has a key, so that all its seeds are held back.
+        held_back: Whether the referee has a seed key, so that all its seeds are held back.
         folder: Folder of packs and worlds; the suite by default.
 
     Raises:
-        RefusedRequest: It names no variant, more than one, or one that the split does not have.
+        RefusedRequest: The request names no variant, more than one, or one outside the split.
     """
     if wanted.world is not None:
         return _world(wanted, wanted.world, held_back, folder or default_folder())
@@ -158,7 +158,7 @@ def variant_of(wanted: WantedEpisode, *, held_back: bool, folder: Path | None = 
 
 
 def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: Path) -> Variant:
-    """The world that a request means, with the seed of its noise."""
+    """Return the world that a request selects, with the seed of its noise."""
     if wanted.scene is not None or wanted.seed is not None or None not in {wanted.index, wanted.random_seed}:
         raise RefusedRequest(400, f"of a world, name one of index and random_seed, or neither: send {_WORLD_EXAMPLES}")
     if held_back:
@@ -186,7 +186,7 @@ def _world(wanted: WantedEpisode, world: WantedWorld, held_back: bool, folder: P
 
 
 def _split_of_worlds(name: str) -> Split:
-    """The split that is named; `held-back` has the worlds of a key."""
+    """Find a split of worlds by name; `held-back` contains the worlds of a seed key."""
     if name == HELD_BACK:
         return Split(HELD_BACK, (), range(SEED_SHIFT), splits()["test"].version)
     found = _split(name, held_back=False)
@@ -207,7 +207,7 @@ def _fits(record: WorldRecord, world: WantedWorld) -> bool:
 
 
 def _split(name: str, *, held_back: bool) -> Split:
-    """The split that is named, with or without its version."""
+    """Find a split by name, with or without its version."""
     plain = name.partition("@")[0]
     if held_back:
         if plain != HELD_BACK:
@@ -232,7 +232,7 @@ def _split(name: str, *, held_back: bool) -> Split:
 
 
 def _index(split: Split, wanted: WantedEpisode) -> int:
-    """The place in the split that is wanted."""
+    """Return the place in the split that a request selects."""
     if wanted.index is not None:
         return wanted.index
     count = len(split.scenes)
@@ -243,7 +243,7 @@ def _index(split: Split, wanted: WantedEpisode) -> int:
                 404, f"seed {wanted.seed} is not in the split {split.label}; it has {split.seeds[0]}-{split.seeds[-1]}"
             )
         return split.scenes.index(wanted.scene) + count * split.seeds.index(wanted.seed)
-    # A hash and no generator, so that trainers in every language can draw the same variants.
+    # A hash instead of a random generator, so that trainers in every language can select the same variants.
     digest = hashlib.sha256(f"{split.label} {wanted.random_seed}".encode()).digest()
     drawn = int.from_bytes(digest, "big")
     if wanted.scene is None:
@@ -252,7 +252,11 @@ def _index(split: Split, wanted: WantedEpisode) -> int:
 
 
 def _placed(split: Split, index: int, scene: int | None) -> Variant:
-    """The variant at a place of a split; `scene` is the one that it must have, if any."""
+    """Return the variant at a place of a split.
+
+    Raises:
+        RefusedRequest: The place is outside the split, or its scene is not the requested `scene`.
+    """
     count = len(split.scenes)
     if index >= count * len(split.seeds):
         raise RefusedRequest(
