@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parser().parse_args(sys.argv[1:] if argv is None else argv)
         logging.basicConfig(
-            handlers=[NonBlockingHandler()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
+            handlers=[NonBlockingLog()], level=args.log_level.upper(), format="%(levelname)s %(name)s: %(message)s"
         )
         return args.run(args)
     except (SceneError, UsageError) as error:
@@ -131,7 +131,7 @@ def _waiting(scene: int | None) -> str:
     )
 
 
-class NonBlockingHandler(logging.Handler):
+class NonBlockingLog(logging.Handler):
     """A log handler that never blocks: a thread writes to standard error, and a full queue drops lines."""
 
     def __init__(self) -> None:

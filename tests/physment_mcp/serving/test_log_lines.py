@@ -13,8 +13,8 @@ def test_lines_are_written_or_lost_and_never_waited_for(read: bool) -> None:
     """5000 lines of 200 characters are far more than a pipe holds."""
     source = f"""
 import logging
-from physment_mcp.commands.program import NonBlockingHandler
-logging.basicConfig(handlers=[NonBlockingHandler()], format="%(message)s")
+from physment_mcp.commands.program import NonBlockingLog
+logging.basicConfig(handlers=[NonBlockingLog()], format="%(message)s")
 for number in range({LINES}):
     logging.warning("%d %s", number, "x" * 200)
 print("done", flush=True)
