@@ -18,7 +18,7 @@ from pydantic import JsonValue
 from evaluator.quantities.units import Unit, parse_unit
 
 MAX_CHARS = 2000
-"""Longer answers are not parsed; no key of the published suite needs more than 50 characters."""
+"""Longest answer that is parsed; no key of the published suite needs more than 50 characters."""
 
 _MAX_INTEGER = 10**300
 Item = str | int | float

@@ -101,7 +101,7 @@ def _draw(files: PackFiles) -> Picture:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """What the gallery shows of a scene."""
+    """Content of a scene's card in the gallery."""
 
     scene: int
     name: str

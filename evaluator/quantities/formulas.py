@@ -14,7 +14,7 @@ from evaluator.quantities.arithmetic import FUNCTIONS, Token, TokenKind, evaluat
 from evaluator.quantities.spoken import unit_at
 
 _MAX_TOKENS = 120
-"""Longer formulas are not evaluated."""
+"""Largest number of tokens in a formula that is evaluated."""
 _MAX_COEFFICIENT = 12
 """Largest whole number that is a coefficient: the 12 of a rod's moment of inertia."""
 

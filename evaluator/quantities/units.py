@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 MAX_UNIT_CHARS = 60
-"""Longer text is not a unit."""
+"""Longest text that is parsed as a unit."""
 
 _CYCLE = Fraction(2 * math.pi)
 _TORQUE_OR_ENERGY = (2, 1, -2)

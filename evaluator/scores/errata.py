@@ -1,4 +1,4 @@
-"""What the known faults of packs do to the verdicts of a run."""
+"""Applies the known faults of packs to the verdicts of a run."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -7,16 +7,16 @@ from evaluator.records.episode import Episode, Grade, Outcome, Record, Verdict
 from scenes import Erratum, ErratumEffect
 
 WITHDRAWN = "withdrawn: "
-"""Start of the reason of a grade without verdict because of a known fault; the fault follows."""
+"""Prefix of the reason of a grade that has no verdict because of a known fault; the fault follows it."""
 
 
 class AccuracyBounds(Record):
-    """The strict accuracy of a group, had its withdrawn episodes counted, 0 to 1."""
+    """Bounds on the strict accuracy of a group if its withdrawn episodes had been counted, 0 to 1."""
 
     all_wrong: float
-    """If all of them were wrong."""
+    """Accuracy if all withdrawn episodes were wrong."""
     all_right: float
-    """If all of them were right."""
+    """Accuracy if all withdrawn episodes were right."""
 
 
 class AppliedErratum(Record):
@@ -28,10 +28,10 @@ class AppliedErratum(Record):
 
 
 def is_withdrawn(episode: Episode, erratum: Erratum | None) -> bool:
-    """Whether a known fault of its pack takes the verdict from an episode, which would else have one.
+    """Whether an episode that would otherwise have a verdict has none because of a known fault of its pack.
 
     Args:
-        episode: As recorded.
+        episode: The recorded episode.
         erratum: The known fault; None if none is known.
     """
     faulty = erratum is not None and erratum.effect is ErratumEffect.WITHDRAWN
@@ -39,14 +39,14 @@ def is_withdrawn(episode: Episode, erratum: Erratum | None) -> bool:
 
 
 def withdrawn_grade(erratum: Erratum) -> Grade:
-    """The grade of an episode that was played on a pack with this fault."""
+    """Return the grade of an episode that was played on a pack with this fault."""
     return Grade(
         strict=Verdict.UNSCORED, graded=None, normalised=Verdict.UNSCORED, reason=f"{WITHDRAWN}{erratum.fault}"
     )
 
 
 def applied_errata(faults: Iterable[Erratum | None]) -> tuple[AppliedErratum, ...]:
-    """The known faults of the packs of some episodes, by scene, with the number of episodes.
+    """Count the episodes affected by each known fault, ordered by scene.
 
     Args:
         faults: The known fault of the pack of each episode; None if none is known.
@@ -57,12 +57,12 @@ def applied_errata(faults: Iterable[Erratum | None]) -> tuple[AppliedErratum, ..
 
 
 def accuracy_bounds(correct: int, scored: int, withdrawn: int) -> AccuracyBounds | None:
-    """The least and the greatest strict accuracy with the withdrawn episodes; None if there are none.
+    """Return the bounds on strict accuracy that include withdrawn episodes; None if no episode is withdrawn.
 
     Args:
-        correct: Correct episodes.
-        scored: Episodes with a verdict.
-        withdrawn: Episodes that are withdrawn.
+        correct: Number of strictly correct episodes.
+        scored: Number of episodes with a verdict.
+        withdrawn: Number of withdrawn episodes.
     """
     whole = scored + withdrawn
     return AccuracyBounds(all_wrong=correct / whole, all_right=(correct + withdrawn) / whole) if withdrawn else None

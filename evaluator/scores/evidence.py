@@ -132,11 +132,11 @@ class Derivation(Record):
     turn: int
     """Index of the turn that states it, from 0."""
     start: int
-    """Its first character in the turn's reasoning, from 0."""
+    """Index of its first character in the turn's reasoning, from 0."""
     end: int
-    """The character after its result."""
+    """Index of the character after its result."""
     value: float
-    """What it gives, in the unit in which the result is written."""
+    """Result of the arithmetic, in the unit in which the number is written."""
 
 
 class Derived(NamedTuple):

@@ -43,7 +43,7 @@ class Support(Record):
     path: str
     """JSON path in the returned content, such as `$.velocity[2]`."""
     value: float
-    """What was returned there."""
+    """The value that was returned at this path."""
 
 
 class Assertion(Record):
@@ -52,15 +52,15 @@ class Assertion(Record):
     turn: int
     """Index of the turn, from 0."""
     start: int
-    """Its first character in the turn's reasoning, from 0."""
+    """Index of its first character in the turn's reasoning, from 0."""
     end: int
-    """The character after its last."""
+    """Index of the character after its last."""
     text: str
-    """As written, unit included."""
+    """The number as written, with its unit."""
     support: Support | None
     """The latest returned value that supports it; None if none does."""
     derivation: Derivation | None = None
-    """The stated arithmetic that it follows from; None if it is supported, or follows from none."""
+    """The stated arithmetic that gives the number; None if it is supported, or if there is none."""
 
 
 class Grounding(Record):
@@ -70,12 +70,12 @@ class Grounding(Record):
 
     @property
     def share(self) -> float | None:
-        """G: share of supported assertions; None without any."""
+        """G: share of supported assertions; None if there are no assertions."""
         return self._share(self.n_supported)
 
     @property
     def share_with_derived(self) -> float | None:
-        """G+: share of supported and derived assertions; None without any."""
+        """G+: share of supported and derived assertions; None if there are no assertions."""
         return self._share(self.n_supported + self.n_derived)
 
     @property

@@ -38,7 +38,7 @@ class Spending(Record):
     cost_usd: float | None
     """Sum over the priced episodes [US$]; None if there are none."""
     cost_per_correct_usd: float | None
-    """That sum divided by the number of priced episodes that are strictly correct [US$]; None if there are none."""
+    """`cost_usd` divided by the number of priced episodes that are strictly correct [US$]; None if there are none."""
     iterations: float | None
     """Mean over episodes."""
     calls: float | None

@@ -46,7 +46,7 @@ def score_text(value: float | None) -> str:
 
 
 def withdrawn_clause(group: GroupSummary) -> str:
-    """How many episodes of a group are withdrawn, and the bounds of its accuracy; empty if none is."""
+    """State the number of withdrawn episodes of a group and the bounds of its accuracy; empty if there are none."""
     bounds = group.accuracy_bounds
     if bounds is None:
         return ""

@@ -225,7 +225,7 @@ def objects_named(place: Place) -> list[str]:
 
 
 class FailureCount(Record):
-    """How many episodes show a failure mode. An episode may show several, so the counts may overlap."""
+    """Number of episodes that show a failure mode. One episode may show several modes, so the counts overlap."""
 
     n: int
     """Among the scored episodes."""
