@@ -1,1 +1,1 @@
-"""Privileged checks of scenes: the one room of the client side that may know the server's code and the engine."""
+"""Certification of scenes: the only package of the evaluator that may import the server's code and the engine."""

@@ -1,4 +1,4 @@
-"""Certificates 7, 8 and 9: attempts without understanding fail, shortcuts mislead, the law has to be found."""
+"""Certificates 7, 8 and 9: naive attempts fail, shortcuts mislead, and the structure of the law must be identified."""
 
 import math
 from collections import Counter
@@ -13,28 +13,28 @@ from evaluator.records.episode import Episode
 from scenes.protocol import AnswerValue, Exchanges, Protocol
 
 ENOUGH_SEEDS = 20
-"""Number of seeds from which on a share is taken exactly."""
+"""Smallest number of seeds for which `at_most` and `at_least` use the exact share."""
 _ROUNDING = 1e-9
 
 
 def at_most(share: float, of: int, seeds: int) -> int:
-    """The greatest number that a share may have.
+    """Largest number of seeds that is allowed by an upper limit on a share.
 
     Args:
-        share: From 0 to 1.
-        of: Number of seeds of which it is a share.
+        share: Limit, from 0 to 1.
+        of: Number of seeds that the share refers to.
         seeds: Number of seeds on which the scene is certified.
     """
     return math.floor(share * of + _ROUNDING) if seeds >= ENOUGH_SEEDS else math.ceil(share * of - _ROUNDING)
 
 
 def at_least(share: float, of: int, seeds: int) -> int:
-    """The smallest number that a share must have; arguments as for `at_most`."""
+    """Smallest number of seeds that satisfies a lower limit on a share; arguments as for `at_most`."""
     return math.ceil(share * of - _ROUNDING) if seeds >= ENOUGH_SEEDS else math.floor(share * of + _ROUNDING)
 
 
 BATCH_CALLS = 60
-"""Greatest number of calls of `batch`, its answer not counted."""
+"""Largest number of calls of `batch`, without its answer."""
 _BATCH_SHARE, _ATTACKER_SHARE, _ABOVE_CHANCE = 1 / 3, 0.20, 0.10
 
 
@@ -83,7 +83,7 @@ def _right(subject: Subject, attempts: list[Drive]) -> int:
 
 
 def _stage_faults(subject: Subject, name: str, attempts: list[Drive]) -> list[str]:
-    """The first seed on which a direct attempt is right, or fails for a reason of its own."""
+    """Report the first seed on which a direct attempt is correct, or fails with an unrelated error."""
     for seed, attempt in enumerate(attempts):
         if _is_right(subject, attempt, seed):
             return [f"{name} is right at seed {seed}: what is asked can be brought about in the laboratory"]
@@ -145,7 +145,7 @@ def _misses(subject: Subject, value: AnswerValue, key: AnswerValue) -> bool:
 
 
 def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that seeds draw several structures, and that only the right one explains what the reference reads.
+    """Check that seeds draw several structures, and that only the correct one explains the reference's readings.
 
     Args:
         subject: The scene.
@@ -156,7 +156,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
         missing = [name for name in ("structure", "fit") if getattr(subject.solution, name) is None]
         return check("structure", [f"solution.py defines no {name}" for name in missing])
     reasons: list[str] = []
-    # Labels cost nothing, so there are always enough of them.
+    # Drawing a structure is cheap, so at least ENOUGH_SEEDS are drawn.
     labels = [structure(subject.draw(seed).knobs) for seed in range(max(ENOUGH_SEEDS, len(episodes)))]
     commonest, most = Counter(labels).most_common(1)[0]
     if len(set(labels)) < _STRUCTURES:
@@ -194,7 +194,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def _explains(subject: Subject, seed: int, exchanges: Exchanges, label: str) -> bool:
-    """Whether the model of a structure, fitted to calls and readings, gives the right answer at a seed."""
+    """Whether the model of a structure, fitted to calls and readings, gives the correct answer at a seed."""
     assert subject.solution.fit is not None
     try:
         found = subject.solution.fit(exchanges, label)

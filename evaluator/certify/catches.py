@@ -1,4 +1,4 @@
-"""Watches the catches of a scene while it is driven: whether they hold, and whether its readings stay consistent."""
+"""Monitors the catches of a scene (latches, stops) under load: whether they hold and readings stay consistent."""
 
 import re
 from collections import deque
@@ -16,28 +16,28 @@ from scenes import Catch, Pack
 from scenes.draw import evaluate
 
 _WINDOW, _DISAGREEMENT, _FLOOR = 40, 0.5, 2e-3
-"""Looks over which the way gone and the speeds are compared; share and way [m or rad] by which they may differ."""
+"""Number of samples over which displacement and speeds are compared; allowed relative and absolute [m or rad] error."""
 _JUMPS = 2
-"""Sudden changes of speed in a window, of which nobody knows when between two looks they happened."""
+"""Allowed number of sudden changes of speed in a window; their times between two samples are unknown."""
 _PLACE, _MOTION, _HINGE = ("x", "y", "z"), ("vx", "vy", "vz", "wx", "wy", "wz"), ("angle", "spin")
 _CAUGHT = "caught_"
 _PARTS = re.compile(
     r"\b(?:(latch|net|rim|guard|pawl)(?:e?s)?|(?:an?|the|both|each) (catch)(?:es)?|(?:an?|the|soft|hard) (stop)s?)\b",
     re.IGNORECASE,
 )
-"""What a catch may be called. The noun is the one group that matches."""
+"""Nouns for a catch. The noun is the group that matches."""
 _ACTS = re.compile(r"\b(?:catch(?:es)?|caught|stops|for good)\b", re.IGNORECASE)
-"""Words for what a catch does."""
+"""Words for the action of a catch."""
 _OTHER_SENSES = re.compile(
     r"\b(?:com\w+|came|brought|bring\w*|slow\w*) to (?:a|the) stop\b|\bafter the stop\b"
     r"|\b(?:round|of) (?:its|the) rim\b",
     re.IGNORECASE,
 )
-"""Words that tell of a motion or of a place on a wheel, and not of something that holds."""
+"""Phrases in which these words describe a motion or a place on a wheel instead of a catch."""
 
 
 def undeclared_catches(pack: Pack) -> list[str]:
-    """The words of the prompt that tell of a latch, catch, net, rim, guard or stop which the pack does not name.
+    """The words of the prompt for a latch, catch, net, rim, guard or stop that the pack does not declare.
 
     Each part must be among the words of a catch. If a pack names none, words for what a catch does count too.
     """
@@ -55,7 +55,7 @@ def unknown_words(pack: Pack) -> list[str]:
 
 
 class _State:
-    """The true state of bodies by the names of laws, such as `object_1_vx`; only what is asked for is read."""
+    """The true state of bodies under the names used in laws, such as `object_1_vx`. Values are read on demand."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -70,7 +70,7 @@ class _State:
         return ("t", *self._of)
 
     def values(self, names: Sequence[str]) -> dict[str, float]:
-        """The present values of some names."""
+        """The present values of the given names."""
         return {name: self._value(name) for name in names}
 
     def _value(self, name: str) -> float:
@@ -117,11 +117,11 @@ class _Watched:
 
     @property
     def has_acted(self) -> bool:
-        """Whether it was sprung; True for what bounds at all times."""
+        """Whether the catch has acted; always True for one that bounds at all times."""
         return self._caught is not None
 
     def look(self) -> tuple[float, str | None]:
-        """How near a bounded quantity is to its bounds (1 at one of them), and what is wrong with it."""
+        """Sample the bounded quantities: how near one is to its bounds (1 at a bound), and a fault or None."""
         now = self._state.values(self._wanted)
         if self._caught is None:
             if not _evaluated(self._sprung, now)[0]:
@@ -162,7 +162,7 @@ def _evaluated(compiled: tuple[Compiled, tuple[str, ...]], values: Mapping[str, 
 
 
 class _Consistency:
-    """Compares the way that a body has gone with what its speeds say, over a window of looks."""
+    """Compares the displacement of a body with its integrated speed over a window of samples."""
 
     def __init__(self) -> None:
         self._last: tuple[NDArray[np.float64], float] | None = None
@@ -171,7 +171,7 @@ class _Consistency:
         self._jumps: deque[float] = deque(maxlen=_WINDOW)
 
     def look(self, place: NDArray[np.float64], speed: float, duration_s: float) -> str | None:
-        """What is wrong with a new reading of the place and of the speed, if anything is."""
+        """Add a reading of position and speed; returns a fault, or None if they are consistent."""
         if not (np.isfinite(place).all() and np.isfinite(speed)):
             return "reads a number that is not finite"
         last, self._last = self._last, (place, speed)
@@ -188,7 +188,7 @@ class _Consistency:
 
 
 class Watch:
-    """All catches of a scene, and the consistency of what can be read of its objects."""
+    """Monitors all catches of a scene and the consistency of the readings of its objects."""
 
     def __init__(self, subject: Subject, draw: Draw, engine: Engine) -> None:
         """Begin at the present state of the engine.
@@ -208,11 +208,11 @@ class Watch:
 
     @property
     def acted(self) -> int:
-        """How many catches have acted, without what bounds at all times."""
+        """Number of catches that have acted, without those that bound at all times."""
         return sum(watched.has_acted for watched in self.catches if watched.catch.sprung)
 
     def look(self) -> str | None:
-        """What is wrong with the present state, if anything is."""
+        """Check the present state; returns a fault, or None."""
         duration, self._then = self._engine.time - self._then, self._engine.time
         for body, consistency in self._moves.items():
             speed = float(np.linalg.norm(self._engine.twist(body).linear))

@@ -1,6 +1,6 @@
-"""Checks on the compiled MJCF model of a pack: start contacts, energy, the friction that acts, parts without a joint.
+"""Checks on the compiled MJCF model of a pack: start contacts, energy, effective friction, parts without a joint.
 
-It examines the start state and simulations without calls. The server's `World` is not used here.
+It examines the start state and simulations without tool calls, directly with MuJoCo and without the server's `World`.
 """
 
 # MuJoCo ships no type stubs.
@@ -31,7 +31,7 @@ _COUNTED = {
     "activations of actuators": "na",
     "sensors": "nsensor",
 }
-"""Kind of part → the engine's field with its number."""
+"""Kind of part → MuJoCo field that holds the number of such parts."""
 _CREATED_FRICTION = 1.0
 """Sliding friction of a created ball, MuJoCo's default."""
 
@@ -76,10 +76,10 @@ def deepest_contact(mjcf: str) -> float:
 
 
 def numbers_of_parts(mjcf: str) -> dict[str, int]:
-    """Kind of part → how many the model has, for those that cost time in each step.
+    """Number of parts of each kind that affects the duration of a step.
 
-    Of geoms only those count that can collide; bodies in a fluid count once more. Rows of the constraint solver are
-    counted at the start.
+    Only geoms that can collide are counted; bodies in a fluid are counted a second time. Rows of the constraint solver
+    are counted at the start state.
 
     Raises:
         ValueError: The model does not compile.

@@ -1,4 +1,4 @@
-"""The hidden constants of a draw: their neighbours, and how far they determine the answer."""
+"""The hidden constants of a draw, neighbouring values, and the sensitivity of the answer to them."""
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,20 +19,20 @@ from scenes.protocol import AnswerValue
 Array = NDArray[np.float64]
 
 _STEP = 1e-3
-"""Share of its range by which a constant is shifted for the gradient of the answer."""
+"""Step of the numerical gradient of the answer, as a share of the constant's range."""
 _SAMPLES = 100
-"""Plausible sets of constants by which the probability of a choice is estimated."""
+"""Number of sampled sets of constants with which the probability of a choice is estimated."""
 
 
 @dataclass(frozen=True)
 class Constants:
-    """The hidden values of an episode: continuous ones, counted in their ranges, and discrete ones."""
+    """The hidden values of an episode: continuous ones, in units of their ranges, and discrete ones."""
 
     subject: Subject
     knobs: Mapping[str, KnobValue]
-    """The drawn values, without derived ones."""
+    """Drawn values by knob, without derived values."""
     names: tuple[str, ...]
-    """The continuous ones."""
+    """Names of the continuous constants."""
 
     @classmethod
     def of(cls, subject: Subject, seed: int) -> "Constants":
@@ -50,7 +50,7 @@ class Constants:
 
         Args:
             shifts: Continuous constant → share of its range by which it is shifted.
-            discrete: Other values of discrete ones.
+            discrete: Discrete constant → other value.
         """
         values = {**self.knobs, **(discrete or {})}
         for name, by in (shifts or {}).items():
@@ -69,7 +69,7 @@ class Constants:
         """The parts of the answer for these values.
 
         Raises:
-            NotMeasurable: They have no answer.
+            NotMeasurable: The values have no answer.
         """
         values = self.values(shifts, discrete)
         theory = self.subject.solution.theory
@@ -97,7 +97,7 @@ class Constants:
         for column, name in enumerate(self.names):
             above, below = self.answer({name: _STEP}), self.answer({name: -_STEP})
             gradient[:, column] = [
-                (float(above[part]) - float(below[part])) / (2 * _STEP)  # a number at a neighbour too
+                (float(above[part]) - float(below[part])) / (2 * _STEP)  # neighbours give numbers too
                 for part in parts
             ]
         spec = self.subject.spec
@@ -108,7 +108,11 @@ class Constants:
         return parts, gradient, tolerance
 
     def bounds(self, fisher: Array) -> list[float]:
-        """Smallest standard error of each asked number, over its tolerance."""
+        """Cramér-Rao bound of the standard error of each asked number, divided by its tolerance.
+
+        Args:
+            fisher: Fisher information on the continuous constants.
+        """
         parts, gradient, tolerance = self._asked
         if not parts or not self.names:
             return [0.0 for _ in parts]
@@ -116,7 +120,7 @@ class Constants:
         return [float(bound) for bound in np.sqrt(np.maximum(variance, 0.0)) / tolerance]
 
     def choice_probability(self, fisher: Array) -> float | None:
-        """Probability of the right words, by constants that the readings leave plausible; None if all is numbers."""
+        """Probability of the correct choice over plausible constants; None if the answer contains only numbers."""
         if len(self._asked[0]) == len(self.key):
             return None
         if not self.names:
@@ -142,7 +146,7 @@ class Constants:
         return kept
 
     def others(self) -> Iterator[tuple[str, dict[str, KnobValue]]]:
-        """Each change of one discrete value, with its name; of a permutation, each exchange of two of its values."""
+        """Yield each change of one discrete value, with a name; for a permutation, each swap of two of its values."""
         for name, knob in self.subject.pack.knobs.items():
             drawn = self.knobs[name]
             for value in knob.choice or ():
@@ -162,7 +166,7 @@ def span(knob: Knob) -> tuple[float, float] | None:
 
 
 def unit(knob: Knob, value: float) -> float:
-    """Where a value lies in its range, from 0 to 1, in the logarithm where it is drawn so."""
+    """Position of a value in its range, from 0 to 1; on a logarithmic scale if the knob is drawn on one."""
     low, high = cast("tuple[float, float]", span(knob))
     if knob.uniform is not None:
         return (value - low) / (high - low)
@@ -170,6 +174,6 @@ def unit(knob: Knob, value: float) -> float:
 
 
 def shifted(knob: Knob, value: float, by: float) -> float:
-    """A value that is shifted by a share of its range."""
+    """Shift a value by a share of its range."""
     low, high = cast("tuple[float, float]", span(knob))
     return value + (high - low) * by if knob.uniform is not None else value * (high / low) ** by

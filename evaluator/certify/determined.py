@@ -1,4 +1,4 @@
-"""Certificate 12: the readings and the stated family of laws determine the answer, and the asked state is stable."""
+"""Certificate 12: readings and the stated family of laws determine the answer, and the asked equilibrium is stable."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -14,23 +14,23 @@ from scenes.family import EXCLUDED_SIGMAS, reduced_chi_square, surviving
 from scenes.protocol import Member, Solution
 
 _PLAUSIBLE, _AGREEING_SHARE = 40, 0.95
-"""Number of answers by plausible constants, and the share of them that must agree with the key."""
+"""Number of answers computed from plausible constants, and the share of them that must agree with the key."""
 _LARGEST_MISFIT = 4.0
 """Reduced chi-square of the drawn law above which its stated errors are wrong: misfits twice as large as stated."""
 _OFF, _LEFT, _SHIFT = 0.02, 0.25, 0.005
-"""Disturbance of the asked state, the share of it that may be left, and by how much the state itself may be off."""
+"""Disturbance of the asked state, largest share of it that may remain, and tolerated offset of the state itself."""
 _STATED = re.compile(r"\b(?:one|two|three|some) of: [^.:;]+;")
-"""How a task states a family: "one of: first law; second law; or third law", "at most two of: …"."""
+"""Matches the statement of a family in a task: "one of: first law; second law; or third law", "at most two of: …"."""
 _EQUILIBRIUM = re.compile(
     r"\bis at rest at\b|\b(?:held|hold|holds|keeps?|stays?) (?:\w+ ){0,3}at\b(?! any)|\bequilibrium\b"
     r"|\b(?:has|would [^.?]{0,30})come to rest\b|\b(?:steady|constant) (?:speed|spin|angle)"
 )
-"""Words of a question about a state that lasts."""
+"""Phrases of a question about an equilibrium or another lasting state."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Weighed:
-    """What the readings of one episode say about the family."""
+    """Fit of the family's members to the readings of one episode."""
 
     faults: list[str]
     survivors: int = 0
@@ -103,7 +103,7 @@ def _right_share(subject: Subject, draw: Draw, fit: Member) -> float:
 
 
 def _unsettled(subject: Subject, draw: Draw) -> Iterator[str]:
-    """Yield a sentence if the asked state is none in the engine, or if a small disturbance does not die out."""
+    """Yield a sentence if the asked state is not a steady state in the engine, or if a disturbance does not decay."""
     if subject.solution.settles is None:
         return
     for off in (0.0, _OFF, -_OFF):
@@ -135,6 +135,6 @@ def family_faults(pack: Pack, solution: Solution) -> Iterator[str]:
 
 
 def _question(task: str) -> str:
-    """What a task asks: all from "Suppose" on, or its last two sentences."""
+    """The question in a task: the text from "Suppose" on, or the last two sentences."""
     supposed = task.rfind("Suppose")
     return task[supposed:] if supposed >= 0 else " ".join(re.split(r"(?<=[.?]) ", task)[-2:])

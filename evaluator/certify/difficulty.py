@@ -1,4 +1,4 @@
-"""Certificate 5: a scene is as hard as its category says. Runs reference protocols on a session, without MCP."""
+"""Certificate 5: the difficulty of a scene matches its category. Runs reference protocols on a session, without MCP."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class Drive:
     calls: list[Call] = field(default_factory=list[Call])
     iterations: int = 0
     refusals: list[str] = field(default_factory=list[str])
-    """What refused calls returned."""
+    """Messages of refused calls."""
     answer: object = None
     failure: str = ""
     """Why the protocol failed; empty if it answered."""
@@ -37,8 +37,8 @@ async def drive(session: Session, solve: Callable[[str], Protocol], replaced: Se
     Args:
         session: A new session.
         solve: The protocol.
-        replaced: Calls that take the place of the first interventions, in order, where the tool is the same. The
-            protocol continues with the real readings.
+        replaced: Calls that replace the first interventions, in order, where the tool is the same. The protocol
+            continues with the real readings.
     """
     driven, spare = Drive(), list(replaced)
     protocol = solve(opening_prompt(session))
@@ -109,7 +109,7 @@ def play(files: PackFiles, seed: int) -> Transcript:
 
 
 def _recorded(solve: Callable[[str], Protocol], turns: list[ReferenceTurn]) -> Callable[[str], Protocol]:
-    """The same protocol, which also appends its turns to a list."""
+    """Wrap a protocol so that it also appends its turns to a list."""
 
     def recorded(task: str) -> Protocol:
         protocol = solve(task)
@@ -127,14 +127,14 @@ def _recorded(solve: Callable[[str], Protocol], turns: list[ReferenceTurn]) -> C
 
 
 EASY_INTERVENTIONS, EASY_ITERATIONS, ITERATIONS = 3, 5, 20
-"""Greatest number of interventions and of iterations in an Easy scene, and of iterations in any scene."""
+"""Largest numbers of interventions and of iterations in an Easy scene, and of iterations in any scene."""
 
 
 async def check_difficulty(subject: Subject, episodes: Sequence[Episode]) -> Check:
     """Check the length of the reference protocol and the number of concepts.
 
-    A Hard scene that states no limits must also force to adapt; what scenes with limits must do instead, certificates
-    7 to 9 say.
+    A Hard scene without stated limits must also require adaptive experiments (see `_wrong_by_rote`). For scenes with
+    limits, certificates 7 to 9 check this instead.
     """
     category = subject.pack.category
     assert category is not None
@@ -200,7 +200,7 @@ def _interventions(episode: Episode) -> int:
 
 
 async def _wrong_by_rote(subject: Subject, seeds: int) -> int:
-    """Number of seeds on which the interventions of seed 0, with the seed's own readings, give a wrong answer."""
+    """Number of seeds at which the interventions of seed 0, with the readings of the seed, give a wrong answer."""
     solve = subject.solution.solve
     assert solve is not None
     first = await drive(subject.session(subject.draw(0)), solve)

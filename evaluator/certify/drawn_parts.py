@@ -1,4 +1,4 @@
-"""What the time of a step may tell of the draw: how many laws, bodies, joints and other parts a model has at each seed.
+"""Timing side channel: checks that all seeds of a pack have equal numbers of laws, bodies, joints and other parts.
 
 An agent can measure how long a step takes. Each law and each part costs time in every step, so their numbers must be
 the same at every seed. Measured with two bodies and one law, where a time step of the Euler integrator takes 7 µs: a
@@ -19,9 +19,9 @@ from physment_mcp.world import World
 from scenes import Pack, PackFiles, draw_knobs, drawn_mjcf
 
 SEEDS = 20
-"""Seeds whose models are compared."""
+"""Number of seeds whose models are compared."""
 _DRIVEN_S, _PIECE_S = 2.0, 0.1
-"""How long laws are tried in motion, and after which time the push turns round [s]."""
+"""Duration of the test of laws in motion, and time after which the push is reversed [s]."""
 _LAWS = "laws"
 
 
@@ -29,13 +29,13 @@ def models_of(files: PackFiles, pack: Pack) -> list[str]:
     """The models of a pack at the seeds that are compared.
 
     Raises:
-        PackError: One cannot be drawn.
+        PackError: A model cannot be drawn.
     """
     return [drawn_mjcf(files, pack, draw_knobs(files, pack, seed), canonical=seed == 0) for seed in range(SEEDS)]
 
 
 def model_faults(files: PackFiles, pack: Pack) -> Iterator[str]:
-    """Yield a sentence for each way in which parts or laws of a pack tell of the draw, or spoil a draw without them.
+    """Yield a sentence for each fault: numbers of parts or laws depend on the seed, or an absent law has no value.
 
     Raises:
         PackError: A model cannot be drawn.
@@ -56,8 +56,8 @@ def unequal_laws(models: Sequence[str]) -> Iterator[str]:
 def unequal_parts(models: Sequence[str]) -> Iterator[str]:
     """Yield a sentence for each kind of part of which the models of a pack, from seed 0 on, have different numbers.
 
-    Besides the elements it counts what costs the engine time by its value: rows of the constraint solver at the start,
-    such as those of joints and tendons with a `frictionloss` above 0, and the bodies, if the fluid has a density.
+    Besides elements, it counts rows of the constraint solver at the start, such as those of joints and tendons with a
+    `frictionloss` above 0, and bodies in a fluid with a density, because these also cost time.
 
     Raises:
         ValueError: A model does not compile.
@@ -80,15 +80,15 @@ def _unequal(kind: str, numbers: Sequence[int]) -> Iterator[str]:
 def absent_laws_without_value(
     models: Sequence[str], bodies: Sequence[str], force: float, torque: float
 ) -> Iterator[str]:
-    """Yield a sentence for the first seed at which a law that the draw leaves out ends a motion.
+    """Yield a sentence for the first seed at which a law left out by the draw makes a step fail.
 
-    Such a law has the factor 0, but a value that is not finite still ends the step. Everything is pushed to and fro.
+    Such a law has the factor 0, but a non-finite value still fails the step. The test pushes all bodies back and forth.
 
     Args:
         models: The models, from seed 0 on.
-        bodies: What an agent can push.
-        force: Its largest force [N].
-        torque: Its largest torque [N·m].
+        bodies: Names of the bodies that an agent can push.
+        force: Largest force of the agent [N].
+        torque: Largest torque of the agent [N·m].
     """
     for seed, mjcf in enumerate(models):
         reduced = _without_absent(mjcf)
@@ -107,7 +107,7 @@ def _laws(mjcf: str) -> list[dict[str, object]]:
 
 
 def _without_absent(mjcf: str) -> str | None:
-    """The model without the laws that have the factor 0; None if it has none of them."""
+    """The model without its laws of factor 0; None if it has no such laws."""
     laws = _laws(mjcf)
     acting = [law for law in laws if law.get("factor") != 0]
     if len(acting) == len(laws):
@@ -119,7 +119,7 @@ def _without_absent(mjcf: str) -> str | None:
 
 
 def _moves(mjcf: str, bodies: Sequence[str], force: float, torque: float) -> bool:
-    """Whether the world can be stepped while everything is pushed to and fro along (1, 1, 1)."""
+    """Whether the world can be stepped while all bodies are pushed back and forth along (1, 1, 1)."""
     world = World(mjcf)
     along = np.ones(3) / np.sqrt(3)
     movable = [body for body in bodies if world.is_movable(body)]

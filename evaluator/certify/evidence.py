@@ -1,17 +1,16 @@
-"""What the experiments of an episode could tell, whoever reasons about them: the bound of Cramér and Rao.
+"""Information in the readings of an episode about the answer, by the Cramér-Rao bound.
 
-A reading whose derivatives from above and from below differ, because the constant moves a contact or springs a latch,
-has no derivative; it is marked as rough.
+The calls of the episode are replayed at the drawn values, and with each continuous hidden constant slightly larger and
+slightly smaller. With the derivatives J of all readings with respect to the constants, and the covariance Σ of the
+readings, the Fisher information is F = Jᵀ Σ⁻¹ J + 12 I. Constants are in units of their ranges, and 12 is the inverse
+variance of a uniform distribution. No unbiased estimator of an answer with gradient g has a standard error below
+sqrt(gᵀ F⁻¹ g).
 
-A pack that fits its family of laws (`rivals`) says itself how well each fits. Other discrete values are replayed.
+Where a constant moves a contact or releases a latch, readings jump, and the one-sided derivatives differ. Such readings
+are marked as rough and ignored. If they decide whether the evidence suffices, the evidence is not measurable.
 
-The calls of the episode are played again at the drawn values, and with every continuous hidden constant a little larger
-and a little smaller. With the derivatives J of all readings by the constants, and their covariance Σ, the Fisher
-information is F = Jᵀ Σ⁻¹ J + 12 I: constants are counted in their ranges, and 12 is the inverse variance of a uniform
-one. No unbiased inference has a standard error below sqrt(gᵀ F⁻¹ g) for an answer with the gradient g.
-
-Where a constant moves a contact or springs a latch, readings jump, and their derivatives from above and from below
-differ. Such readings count for nothing; if they decide whether the evidence suffices, it is not measurable.
+Discrete values are compared by replaying the calls with other values. For a family of laws, the pack's own fits
+(`rivals`) are used instead.
 """
 
 import contextlib
@@ -37,49 +36,49 @@ from scenes.family import EXCLUDED_SIGMAS, surviving
 Flags = NDArray[np.bool_]
 
 PRIOR = 12.0
-"""Inverse variance of a constant that is uniform in its range, counted in this range."""
+"""Inverse variance of a constant with a uniform distribution, in units of its range."""
 _SHIFTS = (1e-4, 2e-2)
-"""By which share of its range a constant is shifted; the second where readings are rough at the scale of the first."""
+"""Finite-difference steps, as shares of a constant's range; the second is for readings that are rough at the first."""
 _ROUGH, _TOLD = 0.25, 1.0
-"""Difference of the two one-sided derivatives, over the larger one, from which on a reading is rough; it matters if the
-whole range of the constant changes the reading by so many standard deviations."""
+"""Relative difference of the one-sided derivatives above which a reading is rough, and smallest relevant effect: the
+change of the reading over the constant's whole range, in standard deviations."""
 _FLOOR = 1e-6
-"""Standard deviation of a reading of full precision, over its size: nobody infers from more digits."""
+"""Assumed relative standard deviation of readings at full precision."""
 _APART = 6.0
-"""Standard deviations by which a stored reading may differ from the true one."""
+"""Largest difference between a stored reading and the true value, in standard deviations."""
 
 
 class Information(NamedTuple):
-    """What all readings of an episode tell of the constants."""
+    """Information of all readings of an episode about the constants."""
 
     whitened: Array
     """Derivatives of the readings by the constants, in units of independent standard deviations (readings, constants);
     rough readings are 0."""
     rough: Array
-    """The same with rough readings."""
+    """`whitened` with the derivatives of rough readings included."""
     whiten: Array
-    """Takes the readings to these units (readings, readings)."""
+    """Whitening matrix of the readings (readings, readings)."""
     values: Array
     """The readings at the drawn values."""
     calls: tuple[int, ...]
     """For each reading, the number of its call, from 0."""
 
     def fisher(self, rows: Sequence[int]) -> Array:
-        """Fisher information of some readings on the constants, that of their ranges included."""
+        """Fisher information of selected readings and of the prior about the constants."""
         part = self.whitened[list(rows)]
         return PRIOR * np.eye(part.shape[1]) + part.T @ part
 
     @property
     def fisher_with_rough(self) -> Array:
-        """The same of all readings, rough ones too."""
+        """Fisher information of all readings, rough ones included, and of the prior."""
         return PRIOR * np.eye(self.rough.shape[1]) + self.rough.T @ self.rough
 
 
 def information(constants: Constants, episode: Episode) -> Information:
-    """What the readings of an episode tell of the constants.
+    """Compute the information of an episode's readings about the constants.
 
     Raises:
-        NotMeasurable: The record is not what the laboratory returns, or a neighbouring draw refuses a call.
+        NotMeasurable: The recorded results differ from the laboratory's, or a neighbouring draw refuses a call.
     """
     files = constants.subject.files
     base = replayed(files, constants.mjcf(), episode, slopes=True)
@@ -104,7 +103,7 @@ def information(constants: Constants, episode: Episode) -> Information:
 def _slopes(
     constants: Constants, episode: Episode, base: Sequence[Read], name: str, shift: float
 ) -> tuple[Array, Array]:
-    """Derivatives of the readings by a constant from above and from below."""
+    """One-sided derivatives of the readings with respect to a constant, from above and from below."""
     middle = joined(base)
     ends: list[Array] = []
     for by in (shift, -shift):
@@ -117,14 +116,14 @@ def _slopes(
 
 
 def _is_rough(above: Array, below: Array, whiten: Array) -> Flags:
-    """Which readings have no derivative, as far as it matters."""
+    """Mask of the readings without a derivative and with a relevant effect."""
     largest = np.maximum(np.abs(above), np.abs(below))
     matters = largest * np.abs(np.diag(whiten)) > _TOLD
     return matters & (np.abs(above - below) > _ROUGH * largest)
 
 
 def _whitening(reads: Sequence[Read]) -> Array:
-    """The matrix W with Wᵀ W = Σ⁻¹: lower triangular, so that a reading counts by what it adds to those before it."""
+    """The matrix W with Wᵀ W = Σ⁻¹. It is lower triangular, so a row depends only on its reading and earlier ones."""
     size = sum(len(read.values) for read in reads)
     whiten, begin = np.zeros((size, size)), 0
     for _, group in groupby(reads, key=attrgetter("time")):
@@ -147,7 +146,7 @@ def _whitening(reads: Sequence[Read]) -> Array:
 
 
 def _refuse_other_record(base: Sequence[Read], episode: Episode) -> None:
-    """Refuse a record whose readings are not those of the laboratory, such as one that somebody edited."""
+    """Refuse a record whose readings differ from the laboratory's, such as an edited one."""
     stored = [exchange.content for _, exchange in calls_of(episode)]
     for read in base:
         values = np.array(list(numbers(stored[read.place] or {})))
@@ -163,7 +162,7 @@ def _has_errors(reads: Sequence[Read]) -> bool:
 
 
 MOST = 24
-"""Most changes of discrete values that are replayed."""
+"""Largest number of changes of discrete values that are replayed."""
 
 
 class Other(NamedTuple):
@@ -171,11 +170,11 @@ class Other(NamedTuple):
 
     name: str
     apart: Array | None
-    """By how much they change the readings, whitened; None if a replay with them returns other things altogether."""
+    """Whitened change of the readings; None if a replay with these values returns results of a different form."""
 
 
 def others_of(constants: Constants, told: Information, episode: Episode, fitted: Sequence[Rival] | None) -> list[Other]:
-    """The changes of one discrete value that give another answer; of a fitted structure none."""
+    """The changes of one discrete value that give another answer, except values of a fitted structure."""
     structure = constants.subject.solution.structure
     found: list[Other] = []
     for name, change in constants.others():
@@ -197,13 +196,13 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
 
 
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
-    """What the pack's own fits say; None if it has none, or if they do not take these calls."""
+    """Rivals from the pack's own fits; None if it has none, or if they do not support these calls."""
     solution = constants.subject.solution
     if solution.rivals is None or solution.structure is None:
         return None
     drawn = solution.structure(constants.values())
     fits = None
-    with contextlib.suppress(Exception):  # written for the reference's calls; others may not fit
+    with contextlib.suppress(Exception):  # fits are written for the reference's calls
         fits = solution.rivals(calls_and_readings(episode))
     if fits is None or drawn not in fits or drawn not in surviving(fits):
         return None
@@ -225,17 +224,17 @@ def _apart(constants: Constants, told: Information, episode: Episode, change: di
 
 
 _FAR = 1e9
-"""Chi-square of what a replay contradicts altogether."""
+"""Chi-square of a rival whose replay returns results of a different form."""
 
 
 def measured(subject: Subject, seed: int, episode: Episode, line_sha256: str) -> EvidenceRecord:
-    """The evidence of an episode.
+    """Measure the evidence of an episode.
 
     Args:
-        subject: Its scene.
-        seed: The seed that it was played at.
+        subject: The scene of the episode.
+        seed: Seed of the episode.
         episode: The episode.
-        line_sha256: Of its line in `episodes.jsonl`.
+        line_sha256: SHA-256 of the episode's line in `episodes.jsonl`.
     """
     begun = time.process_time()
     found = EvidenceRecord(key=episode.key, episode=line_sha256)
@@ -254,7 +253,7 @@ def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object
     constants = Constants.of(subject, seed)
     told = information(constants, episode)
     if not told.calls:
-        return {}  # nothing was read, so nothing is known
+        return {}  # no readings
     fitted = fitted_rivals(constants, episode)
     others = others_of(constants, told, episode, fitted)
     steps = list(_steps(constants, told, others, [turn for turn, _ in calls_of(episode)]))
@@ -269,7 +268,7 @@ def _measured(subject: Subject, seed: int, episode: Episode) -> dict[str, object
 def _steps(
     constants: Constants, told: Information, others: Sequence[Other], turns: Sequence[int]
 ) -> Iterator[CallEvidence]:
-    """What is known after each call that read something."""
+    """Yield the evidence after each call with a reading."""
     seen: list[int] = []
     for call, rows in groupby(range(len(told.calls)), key=told.calls.__getitem__):
         seen += rows

@@ -1,7 +1,7 @@
-"""Certificate 11: what the prompt calls a latch, catch, net, rim, guard or stop holds against every allowed load.
+"""Certificate 11: each latch, catch, net, rim, guard or stop in the prompt holds against every allowed load.
 
-A pack names its catches. Scenes are driven with the loads of `loads` on every seed and on the draws that respond most
-and least to them: whatever springs a catch is followed by loads that could set free what it holds.
+A pack declares its catches. Scenes are driven with the loads of `loads` on every seed, and harder on the draws that
+respond most and least to loads. After a load that engages a catch, further loads try to release what the catch holds.
 """
 
 import math
@@ -22,19 +22,19 @@ from physment_mcp.session import MAX_SIMULATED_S
 from scenes import Pack, PackError
 
 _CANDIDATES = 100
-"""Seeds among which the draws that respond most and least to the loads are looked for."""
+"""Number of seeds that are searched for the draws that respond most and least to the loads."""
 _EXTREME_SHARE = 3
-"""How many times the work of a seed each of these two draws gets."""
+"""Factor by which these two draws are driven longer than other seeds."""
 _WORK_US = 18e6
 """Estimated processor time of the certificate [µs]."""
 _STEP_US, _LAW_US, _LOOK_US = 12.0, 8.0, 90.0
-"""Estimated processor time of a stage of the integrator, of a law in it, and of a look [µs]."""
+"""Estimated processor time of a stage of the integrator, of a law in it, and of a check of the state [µs]."""
 _SEQUENCE = 7
-"""Attacks one after the other in a run, the one that springs the catch included."""
+"""Number of consecutive attacks in a run, including the one that engages the catch."""
 _CHANGES = 70
-"""Most changes of the load in a run: an agent needs two of its 150 calls for each."""
+"""Largest number of load changes in a run. An agent needs two of its 150 calls for each."""
 _STRIDE = 7
-"""Attacks between the first ones of two runs of a draw."""
+"""Offset in the list of attacks between the first attacks of consecutive runs of a draw."""
 _REASONS = 5
 _LEAST_KG = 1e-9
 
@@ -46,7 +46,7 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
         subject: The scene.
         seeds: Number of seeds, from 0 on. The draws among the first hundred that respond most and least to the
             loads are driven too, and harder.
-        effort: Share of the usual number of looks, for which about 20 s of processor time suffice.
+        effort: Factor of the default number of checked time steps, which takes about 20 s of processor time.
     """
     pack = subject.pack
     reasons = [f"{tool} is enabled: no limit bounds what it does" for tool in unbounded_tools(pack)]
@@ -103,17 +103,17 @@ def _looks_in_all(subject: Subject) -> float:
 
 @dataclass(slots=True)
 class _Tally:
-    """What was done in all runs."""
+    """Totals over all runs."""
 
     sprung: list[int]
-    """For each catch, in how many runs it acted."""
+    """For each catch, the number of runs in which it acted."""
     loads: int = 0
     time_s: float = 0.0
     worst: float = 0.0
     """Largest distance of a bounded quantity from the middle of its bounds, over half their distance."""
 
     def add(self, run: "_Run") -> None:
-        """Add what a run did."""
+        """Add the totals of a run."""
         catches = run.watch.catches
         self.sprung = [count + catch.has_acted for count, catch in zip(self.sprung, catches, strict=True)]
         self.loads += len(run.history)
@@ -126,7 +126,7 @@ def _drive_all(subject: Subject, draws: Sequence[tuple[int, int]], in_a_row: int
 
     Raises:
         ExpressionError: A condition of a catch cannot be computed.
-        PackError: A condition names what is not there.
+        PackError: A condition refers to an unknown name.
     """
     reasons: list[str] = []
     for number, (seed, looks) in enumerate(draws):
@@ -164,13 +164,13 @@ def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int,
 
 
 def _sequence(attacks: Sequence[Attack], turn: int, in_a_row: int) -> list[Attack]:
-    """Attacks of a run; over the runs each of them comes first, and each meets each."""
+    """The attacks of a run. Over all runs, each attack comes first, and each is combined with each."""
     first, pace = turn % len(attacks), turn // len(attacks) + 1
     return [attacks[(first + pace * place) % len(attacks)] for place in range(in_a_row)]
 
 
 class _Run:
-    """A draw that is loaded in many ways one after the other, as an agent could in one episode."""
+    """A draw that is loaded in several ways in sequence, as an agent could do in one episode."""
 
     def __init__(self, engine: Engine, subject: Subject, draw: Draw, looks: int, removed: Sequence[str]) -> None:
         for body in removed:
@@ -182,7 +182,7 @@ class _Run:
         self._changes = 0
 
     def through(self, sequence: Sequence[Attack]) -> str | None:
-        """Each attack for its share of the time, and after one that springs a catch its reverse; why it failed."""
+        """Apply each attack for its share of the time, then its reverse if it engages a catch; returns a fault."""
         pending = deque(sequence)
         while pending and self.left > 0:
             attack, acted = pending.popleft(), self.watch.acted
@@ -205,7 +205,7 @@ class _Run:
         self._set({**released, **attack.pushes(self.engine)})
 
     def _look(self, attack: Attack) -> str | None:
-        """One time step under the attack; what is wrong after it."""
+        """Advance one time step under the attack; returns a fault or None."""
         if attack.way != "constant" and self._changes < _CHANGES:
             self._set(attack.pushes(self.engine))
         self.left -= 1

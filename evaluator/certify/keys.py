@@ -1,4 +1,4 @@
-"""Certificates 1, 4 and 10: the key, constant answers, the stated instruments; faults of what a pack asks for."""
+"""Certificates 1, 4 and 10: answer key, constant answers, stated instruments; and faults of a pack's answer form."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +18,7 @@ from scenes.draw import step_values
 HALVED_SEEDS = 3
 """Number of seeds on which the time step is halved."""
 THEORY_DRAWS, ENGINE_DRAWS = 200, 30
-"""Number of draws on which constants are tried; fewer if each key needs an engine run."""
+"""Number of draws on which constant answers are tested, with a closed-form key and with a key from an engine run."""
 
 
 def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
@@ -69,7 +69,7 @@ def check_key(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def _wrong_steps(subject: Subject, episode: Episode, draw: Draw) -> list[str]:
-    """What the reference does not state rightly of the intermediate quantities that the scene names."""
+    """The intermediate quantities of the scene that the reference states incorrectly or not at all."""
     values = step_values(subject.files, subject.pack, draw.knobs)
     graded = grade_steps(episode, values) or {}
     return [
@@ -89,7 +89,7 @@ def _refusals(episode: Episode) -> list[str]:
 
 
 def check_constant(subject: Subject) -> Check:
-    """Check that even the best constant answer is not right more often than allowed."""
+    """Check that no constant answer is correct more often than allowed."""
     count = THEORY_DRAWS if subject.solution.theory else ENGINE_DRAWS
     keys = [subject.truth(subject.draw(seed)) for seed in range(1, count + 1)]
     _, share = best_constant(keys, subject.spec)
@@ -105,11 +105,11 @@ def check_constant(subject: Subject) -> Check:
 
 MOST_CALLS = 150
 _NEEDED_SHARE = 0.5
-"""Share of the calls and of the simulated time that the reference needs at least, so that they are scarce."""
+"""Smallest share of the allowed calls and simulated time that the reference must use, so that they are scarce."""
 
 
 def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that limits and instruments are stated, that the reference keeps them, and that it needs half of them.
+    """Check that limits and instruments are stated, and that the reference keeps the limits but uses at least half.
 
     Args:
         subject: The scene.
@@ -156,9 +156,9 @@ def unstated(pack: Pack) -> Iterator[str]:
 _SENTENCE_END = re.compile(r"(?<=[.?!])\s+(?=[A-Z(])")
 _UNIT = r"in (?P<unit>[A-Za-zµ°%][\wµ°%·^*/⁻¹²³]*(?: per [a-z]+)*)"
 _IN_QUESTION = re.compile(rf"[,(] ?{_UNIT}")
-"""In a question a unit stands apart, as in `how fast is it, in m/s, after 2 s?`, unlike `with t in seconds`."""
+"""Matches a unit in a question, where it is set off: `how fast is it, in m/s, after 2 s?`, not `with t in seconds`."""
 _IN_INSTRUCTION = re.compile(rf"\b{_UNIT}")
-"""Anywhere in a sentence that tells how to answer, as in `Answer both in N.`"""
+"""Matches a unit anywhere in an instruction on how to answer, as in `Answer both in N.`"""
 _NUMERIC = {AnswerKind.NUMBER, AnswerKind.NUMBERS}
 
 
@@ -226,5 +226,5 @@ def _asked_units(task: str) -> list[str]:
 
 
 def _read(units: Iterable[str]) -> list[Unit | None]:
-    """The units without repetition; `degree` and `degrees` are one."""
+    """Parse units and remove duplicates; `degree` and `degrees` are the same unit."""
     return list(dict.fromkeys(map(parse_unit, units)))

@@ -1,4 +1,4 @@
-"""Finds faults of a pack without running it: one sentence for each, with its remedy."""
+"""Static checks of a pack: a sentence for each fault, with its remedy."""
 
 import difflib
 import json
@@ -44,7 +44,7 @@ _TOLD = {
     "rail": "rail|guide|track|groove|ramp",
     "pulley": "pulley",
 }
-"""Kind of a part of the schematic → words by which a task tells of it."""
+"""Kind of a part of the schematic → words by which a task mentions it."""
 _VARIANTS = 20
 """Number of seeds that are compiled if the parts or the forces of a model depend on the draw."""
 _EDITS = ("create_objects", "attach_objects", "delete_objects")
@@ -132,7 +132,7 @@ def _solution(files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
 
 
 def _undeclared(_files: PackFiles, pack: Pack, _mjcf: str) -> Iterator[str]:
-    """Report what a task tells of and the pack does not declare: certificates 11 and 12 would skip it."""
+    """Report catches and families that the task mentions and the pack lacks; certificates 11 and 12 would skip them."""
     if not pack.predicts:
         return
     if not pack.family and pack.category is not Category.OPEN:

@@ -1,6 +1,6 @@
-"""The loads with which certificate 11 attacks a scene: the largest that an agent may apply, in many ways.
+"""The loads of certificate 11: the largest that an agent may apply to a scene, in many combinations.
 
-Knows what a pack permits and how bodies move. What must hold is known to `holds`.
+Knows what a pack permits and how bodies move. `holds` checks the catches.
 """
 
 import math
@@ -20,25 +20,25 @@ from scenes import Pack
 Vector = NDArray[np.float64]
 Kind = Literal["force", "torque"]
 Pushes = Mapping[tuple[str, Kind], Vector]
-"""Body and kind → what acts on it, in world axes [N, N·m]."""
+"""Body and kind of load → force [N] or torque [N·m] on it, world axes."""
 
 _KINDS: Sequence[Kind] = ("force", "torque")
 _FEELS = 1e-6
-"""Share of the greatest response from which on an axis counts as one along which a body can be moved."""
+"""Smallest response of a body along an axis, as a share of the largest, at which it counts as movable along it."""
 _AXES = "xyz"
 BALL = "created:load"
-"""Body of the ball that loads something."""
+"""Name of the body of the loading ball."""
 _DENSITY = 20000.0
 """Density of balls [kg/m³], so that they are small."""
 _PARTS = (0.6, 0.1, 0.02)
-"""Masses of balls, over the mass that can be created."""
+"""Masses of balls, as shares of the mass that can be created."""
 _DROP_M, _TRIES = 3.0, 12
-"""Height from which a ball is dropped, and how often it is made a little higher where there is no room."""
+"""Height from which a ball is dropped [m], and number of attempts, each slightly higher, if there is no room."""
 
 
 @dataclass(frozen=True, slots=True)
 class Handle:
-    """A direction in which a body can be pushed or turned, and how hard."""
+    """A direction in which a body can be pushed or turned, with the largest load."""
 
     body: str
     kind: Kind
@@ -62,9 +62,9 @@ def motion(engine: Engine, body: str, kind: Kind) -> Vector:
 
 
 def handles_of(engine: Engine, pack: Pack) -> dict[Handle, float]:
-    """What an agent can push, with the speeds that the largest load gives to all bodies in two time steps.
+    """The loads that an agent can apply, each with the speeds that its maximum gives to all bodies in two time steps.
 
-    A body that is sealed or fixed has no handle, and a tool that is disabled gives none.
+    Sealed and fixed bodies have no handles. Handles that need a disabled tool are omitted.
     """
     found: dict[Handle, float] = {}
     start = engine.save()
@@ -99,9 +99,9 @@ def largest(pack: Pack) -> dict[Kind, float]:
 
 
 def unbounded_tools(pack: Pack) -> list[str]:
-    """Tools that the pack leaves enabled and that change a motion without any limit, so that no catch can hold.
+    """Enabled tools that change a motion without limit, against which no catch can hold.
 
-    The elastic bounce of `detect_collision` is none of them: it only exchanges the momentum of what touches.
+    The elastic bounce of `detect_collision` is not among them, because it only exchanges momentum of touching bodies.
     """
     limits = pack.limits
     always = ("move_object", "change_position", "set_velocity")
@@ -116,7 +116,7 @@ def unbounded_tools(pack: Pack) -> list[str]:
 
 
 def push(engine: Engine, pushes: Pushes) -> None:
-    """Apply loads; all others stay as they are."""
+    """Apply loads; other loads stay unchanged."""
     for (body, kind), vector in pushes.items():
         if kind == "force":
             engine.push(body, force=vector)
@@ -130,16 +130,16 @@ class Ball:
 
     body: str
     share: float
-    """Place along the body's greatest extent, from -1 to 1; that along its axle does not count."""
+    """Position along the body's largest extent, from -1 to 1; the extent along its axle is ignored."""
     mass: float
-    """[kg]"""
+    """Mass [kg]."""
     height: float | None
-    """From which it falls [m]; None if it is joined to the body."""
+    """Height from which the ball falls [m]; None if it is joined to the body."""
     axle: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Direction in which its place turns nothing."""
+    """Unit vector along the body's hinge axis; zeros without a hinge."""
 
     def put(self, engine: Engine) -> bool:
-        """Make it, unless there is no room for it; returns whether it was made."""
+        """Create the ball; returns False if there is no room for it."""
         radius = (3 * self.mass / (4 * math.pi * _DENSITY)) ** (1 / 3)
         box = engine.shape(self.body).box
         extent = np.zeros(3) if box is None else box * (1 - np.array(self.axle))
@@ -164,7 +164,7 @@ def axle(engine: Engine, body: str) -> tuple[float, ...]:
     if engine.turn(body) is None:
         return (0.0, 0.0, 0.0)
     start, spins = engine.save(), np.zeros(3)
-    for axis, sign in product(range(3), (1.0, -1.0)):  # the difference is what the torque does, without the laws
+    for axis, sign in product(range(3), (1.0, -1.0)):  # the difference cancels the effect of laws
         push(engine, {(body, "torque"): sign * np.eye(3)[axis]})
         engine.step(1)
         spins[axis] += sign * float(motion(engine, body, "torque")[axis])
@@ -173,7 +173,7 @@ def axle(engine: Engine, body: str) -> tuple[float, ...]:
 
 
 def removals(engine: Engine, pack: Pack) -> list[tuple[str, ...]]:
-    """Which fixed objects, such as a pin that holds something, may be deleted at first: all, each one alone, none."""
+    """Sets of fixed objects, such as a pin, that are deleted at the start of a run: all, each one alone, none."""
     if "delete_objects" in pack.disabled_tools:
         return [()]
     listed = {f"object_{entry.object_id}": key for key, entry in pack.objects.items()}
@@ -189,18 +189,18 @@ def take_away(engine: Engine) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """A way of loading some handles, or a ball. Every other load is released."""
+    """A combination of loads on handles, or a ball. All other loads are released."""
 
     name: str
     parts: tuple[tuple[Handle, float], ...]
-    """Handles, each with the share of its largest load with which it begins; negative for the other direction."""
+    """Handles, each with its initial load as a share of the largest one; negative for the opposite direction."""
     way: Literal["constant", "pumped", "along"] = "constant"
-    """Pumped: each load reverses as soon as the motion along its axis does. Along: it has the direction of motion."""
+    """`pumped`: each load reverses when the motion along its axis reverses. `along`: the load follows the velocity."""
     ball: Ball | None = None
-    """A ball that is made at the beginning and deleted at the end."""
+    """A ball that is created at the beginning of the attack and deleted at its end."""
 
     def reversed(self) -> "Attack":
-        """The opposite loads, constant; without a ball."""
+        """An attack with the opposite loads, constant and without a ball."""
         return Attack(f"{self.name} reversed", tuple((handle, -sign) for handle, sign in self.parts))
 
     def pushes(self, engine: Engine) -> Pushes:
@@ -223,10 +223,10 @@ RELEASE = Attack("no load", ())
 
 
 def attacks_on(handles: Sequence[Handle], engine: Engine, pack: Pack) -> list[Attack]:
-    """Every handle with the largest load to both sides and pumped, every body along its motion, and pairs of bodies.
+    """All attacks: each handle loaded in both directions and pumped, each body along its motion, and pairs of bodies.
 
-    A tenth of the load brings a body to places and speeds from which the largest one then drives it. Where balls can
-    be made, they are joined to every body and dropped on it.
+    Attacks with a tenth of the load bring a body to other positions and speeds before the largest load follows. If
+    balls can be created, they are joined to every body and dropped on it.
     """
     found = [*_constant(handles), *_following(handles), *_pairs(handles), *_balls(engine, pack)]
     return [*found, RELEASE]
@@ -249,7 +249,7 @@ def _following(handles: Sequence[Handle]) -> Iterator[Attack]:
 
 
 def _balls(engine: Engine, pack: Pack) -> Iterator[Attack]:
-    """Balls of different parts of the allowed mass, so that several of them come into a run."""
+    """Attacks with balls of different shares of the allowed mass, so that a run can contain several."""
     if "create_objects" in pack.disabled_tools or pack.limits is None or pack.limits.created_mass is None:
         return
     joins = "attach_objects" not in pack.disabled_tools

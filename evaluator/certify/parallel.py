@@ -1,4 +1,4 @@
-"""Runs jobs in parallel worker processes, and hands over each result as soon as it is there."""
+"""Runs jobs in parallel worker processes, and delivers each result when it is ready."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -14,15 +14,15 @@ R = TypeVar("R")
 async def in_processes(
     jobs: Iterable[J], work: Callable[[J], Callable[[], R]], workers: int, on_done: Callable[[J, R], None]
 ) -> None:
-    """Run a job for each of some things.
+    """Run a function for each job.
 
     Args:
-        jobs: The things.
-        work: What is run for a thing in a worker process; it can be pickled.
+        jobs: The jobs.
+        work: Returns the function to run for a job in a worker process. The function must be picklable.
         workers: Number of processes.
-        on_done: Called in this process with each thing and its result, in the order in which they end.
+        on_done: Called in this process with each job and its result, in order of completion.
     """
-    # Inherited by the processes. The matrices are small: a second thread of OpenBLAS would only spin beside the first.
+    # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     limiter = anyio.CapacityLimiter(workers)
 

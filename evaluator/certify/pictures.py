@@ -1,6 +1,6 @@
-"""Draws scenes at their start, and schematics of scenes of which nothing may be shown.
+"""Draws images of scenes at their start, and schematics of scenes without visible bodies.
 
-They follow from the public half of a pack alone: they tell no hidden value, and are the same for every seed.
+The images depend only on the public half of a pack: they show no hidden value and are the same for every seed.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _READ = {
     "body_quat": "orientation",
     "velocity": "velocity",
 }
-"""Permission → what it allows to read."""
+"""Permission → name of the attribute that it allows to read."""
 _EDGE, _GAP, _TITLE = 40, 28, 104
 _COLUMNS = 3
 _LARGEST = (560.0, 300.0)
@@ -37,7 +37,7 @@ _STEP = LINE + 4
 
 
 def schematic(pack: PublicPack) -> Pixels:
-    """A picture (HEIGHT, WIDTH, 3) of the objects that an agent knows from the start."""
+    """Draw an image (HEIGHT, WIDTH, 3) of the objects that an agent knows from the start."""
     listed = [item for item in pack.objects if not item.permissions.hidden]
     overlay = Overlay(WIDTH, HEIGHT)
     columns = min(_COLUMNS, max(1, len(listed)))
@@ -66,14 +66,14 @@ def schematic(pack: PublicPack) -> Pixels:
 
 
 def _backdrop() -> Pixels:
-    """From the colour of the sky down to that of the ground."""
+    """A vertical colour gradient from sky to ground."""
     share = np.linspace(0, 1, HEIGHT)[:, None, None]
     rows = np.array(SKY) * (1 - share) + np.array(GROUND) * share
     return np.round(np.broadcast_to(rows * 255, (HEIGHT, WIDTH, 3))).astype(np.uint8)
 
 
 def _card(overlay: Overlay, may: Permissions, width: float) -> list[str]:
-    """What is written of an object, in lines that fit."""
+    """The label of an object, wrapped to a width."""
     read = [word for field, word in _READ.items() if getattr(may, field)]
     withheld = [word for field, word in _READ.items() if not getattr(may, field)]
     sealed = "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"
@@ -95,9 +95,9 @@ def _wrapped(overlay: Overlay, text: str, width: float) -> Sequence[str]:
 __all__ = ["DrawnScene", "check_renderer", "draw_picture", "draw_scene"]
 
 _SMALLER = 3
-"""A thumbnail is this many times smaller than its picture."""
+"""Reduction factor of thumbnails."""
 _COLOURS = 128
-"""Colours of a file: a third of the size of one with all; pixels are off by a quarter of a step of 256 in the mean."""
+"""Size of the colour palette. Files shrink to a third of true-colour ones; the mean error is 0.25 of 256 levels."""
 _MARKED = "grey spheres: only the position may be read"
 
 
@@ -105,13 +105,13 @@ class DrawnScene(NamedTuple):
     """A scene at seed 0 as PNG files."""
 
     picture: bytes
-    """960 by 640 pixels."""
+    """PNG file of 960 by 640 pixels."""
     thumbnail: bytes
-    """320 by 213 pixels."""
+    """PNG file of 320 by 213 pixels."""
 
 
 def at_start(files: PackFiles, seed: int = 0) -> tuple[Session, list[ShownBody], list[ShownBody]]:
-    """A session of a scene, the bodies of it that may be seen at the start, and markers for others.
+    """A session of a scene, the bodies that are visible at its start, and markers for others.
 
     Raises:
         SceneError: The pack cannot be read or drawn from, or its model does not compile.
@@ -123,7 +123,7 @@ def at_start(files: PackFiles, seed: int = 0) -> tuple[Session, list[ShownBody],
 
 
 def draw_picture(files: PackFiles, seed: int = 0) -> Pixels:
-    """A scene at its start as (height, width, 3); a schematic of its public half if nothing of it may be shown.
+    """Draw a scene at its start as an array (height, width, 3); a schematic if no body is visible.
 
     Raises:
         SceneError: As for `at_start`.
@@ -136,7 +136,7 @@ def draw_picture(files: PackFiles, seed: int = 0) -> Pixels:
 
 
 def draw_scene(files: PackFiles) -> DrawnScene:
-    """The picture at seed 0 and its thumbnail."""
+    """Draw the image of a scene at seed 0 and its thumbnail."""
     pixels = draw_picture(files)
     height, width, _ = (length // _SMALLER for length in pixels.shape)
     blocks = pixels[: height * _SMALLER, : width * _SMALLER].reshape(height, _SMALLER, width, _SMALLER, 3)

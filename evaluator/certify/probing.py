@@ -1,7 +1,7 @@
-"""Plays the calls of a stored episode again with chosen hidden values, and reads without rounding and noise.
+"""Replays the calls of a stored episode with chosen hidden values, and reads without rounding and noise.
 
-Every reading comes with its derivatives by the errors of the instruments, so that its standard deviation, and the
-covariance of all readings at one moment, are known whatever a tool computes from what it reads.
+Each reading has derivatives with respect to the instrument errors. They give the standard deviation of the reading and
+the covariance of all readings at one moment, also for quantities that a tool derives from several readings.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,14 +24,14 @@ from scenes.protocol import ANSWER
 
 Array = NDArray[np.float64]
 Source = tuple[Quantity, str, int]
-"""What an error belongs to: the quantity, what it is read from, and the number of the time step."""
+"""Source of an instrument error: the quantity, the identifier of the measured thing, and the time step's number."""
 Error = tuple[Source, int]
 """One component of the error of a source."""
 
 _CLOCKS = frozenset({"sim_time", "lab_time_left", "calls_left", "steps"})
-"""Fields that tell the time and nothing of the scene."""
+"""Fields that hold times or counters and no information about the scene."""
 _SMALL = 1e-3
-"""Size of a chosen error, in standard deviations: small, because an energy is no linear function of a velocity."""
+"""Step of numerical derivatives by an error, in standard deviations. It is small because energies are nonlinear."""
 _READING = frozenset(tool.name for tool in READING_TOOLS)
 
 
@@ -41,12 +41,12 @@ class NotMeasurable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Probe(Readout):
-    """Instruments without rounding and noise that note what is read, and can be given a chosen error."""
+    """Instruments without rounding and noise that record their sources and add chosen errors to readings."""
 
     asked: dict[Source, int] = field(default_factory=dict[Source, int])
-    """Sources that were read, with their number of components."""
+    """Source that was read → number of its components."""
     errors: dict[Source, Array] = field(default_factory=dict[Source, Array])
-    """The error that a source is read with; none where it is not named."""
+    """Source → error that is added to its readings; other sources are read exactly."""
 
     def noise(self, quantity: Quantity, source: str, step: int, count: int) -> Array:
         """The chosen error of a reading; see `Readout.noise`."""
@@ -54,31 +54,31 @@ class Probe(Readout):
         return self.errors.get((quantity, source, step), np.zeros(count))
 
     def rounded(self, quantity: Quantity, value: Array) -> Array:
-        """The value itself: the error of rounding is part of `sigma`."""
+        """Return the value unrounded. `sigma` includes the rounding error."""
         del quantity
         return value
 
     def on_grid(self, place: Array) -> Array:
-        """The place to which an object is really put, which is rounded as in the episode."""
+        """Round a target position as in the episode."""
         return Readout(self.fineness, self.seed).rounded("position", place)
 
     def sigma(self, quantity: Quantity) -> float:
-        """Standard deviation of one component: noise, and the error of rounding, which is uniform."""
+        """Standard deviation of one component, from the noise and the uniformly distributed rounding error."""
         fine = self.fineness.get(quantity)
         return 0.0 if fine is None else float(np.hypot(fine.noise, fine.resolution / np.sqrt(12)))
 
 
 class Read(NamedTuple):
-    """What a call returned."""
+    """The numbers that a call returned, with their derivatives."""
 
     place: int
     """Number of the call in the episode, from 0."""
     time: float
-    """When it was made [s]."""
+    """Simulated time of the call [s]."""
     values: Array
-    """The numbers of its result."""
+    """Numbers in the result."""
     slopes: Mapping[Error, Array]
-    """For each error of an instrument, by how much one standard deviation of it changes the values."""
+    """Instrument error → change of the values per standard deviation of the error."""
 
 
 def calls_of(episode: Episode) -> Iterator[tuple[int, Exchange]]:
@@ -90,16 +90,16 @@ def calls_of(episode: Episode) -> Iterator[tuple[int, Exchange]]:
 
 
 def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> list[Read]:
-    """Play the calls of an episode in a model.
+    """Replay the calls of an episode in a model.
 
     Args:
-        files: The pack.
-        mjcf: The model with hidden values in it.
-        episode: The episode.
-        slopes: Whether to find the derivatives by the errors of the instruments too.
+        files: The pack of the scene.
+        mjcf: MuJoCo XML with chosen hidden values.
+        episode: The stored episode.
+        slopes: Whether to compute derivatives with respect to the instrument errors.
 
     Raises:
-        NotMeasurable: A call that the laboratory accepted is refused here.
+        NotMeasurable: The replay refuses a call that the laboratory accepted.
     """
     session = session_of(files, mjcf, any_calls=True)
     public = readout_of(session.scene.public)
@@ -123,9 +123,9 @@ def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> 
 def _again(
     session: Session, tool: str, arguments: dict[str, Any], result: dict[str, Any]
 ) -> Callable[[], Array] | None:
-    """What reads the same once more at this moment; None for a call that tells nothing.
+    """A function that repeats the reading of a call at this moment; None for a call without a reading.
 
-    Nothing is revealed twice, so what `find_objects` told of each object is read from the session.
+    `find_objects` reveals objects only once, so its values are read from the session.
     """
     if tool in _READING:
         return lambda: _array(call(session, tool, arguments).model_dump())
@@ -140,7 +140,7 @@ def _array(result: Any) -> Array:
 
 
 def _slopes(probe: Probe, read: Callable[[], Array]) -> dict[Error, Array]:
-    """By how much each error of an instrument, one standard deviation large, changes a reading."""
+    """Change of a reading per standard deviation of each instrument error."""
     found: dict[Error, Array] = {}
     for source, count in dict(probe.asked).items():
         sigma = probe.sigma(source[0])
@@ -155,7 +155,7 @@ def _slopes(probe: Probe, read: Callable[[], Array]) -> dict[Error, Array]:
 
 
 def numbers(value: Any) -> Iterator[float]:
-    """The numbers of a result in their order, without clocks and truth values."""
+    """Yield the numbers in a result in order, without clocks and booleans."""
     if isinstance(value, Mapping):
         for name, part in value.items():  # pyright: ignore[reportUnknownVariableType]
             if name not in _CLOCKS:
@@ -168,5 +168,5 @@ def numbers(value: Any) -> Iterator[float]:
 
 
 def joined(reads: Sequence[Read]) -> Array:
-    """All values of several calls, one after the other."""
+    """Concatenate the values of several calls."""
     return np.concatenate([read.values for read in reads]) if reads else np.zeros(0)

@@ -43,7 +43,7 @@ class SceneCertificate(Record):
     name: str
     category: str
     pack: str
-    """Hash of the certified pack."""
+    """Hash of the certified pack's content."""
     seeds: int
     """Number of seeds it was certified on, from 0 on."""
     checks: tuple[Check, ...]
@@ -80,10 +80,10 @@ def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> 
 
 
 def file_for(folder: Path, engine: str) -> Path:
-    """Where the certificates of a folder of packs are that hold on an engine, or would be written.
+    """Path of the certificates of a folder of packs for a version of the engine. The file need not exist.
 
-    The first engine has `certificates.json`. Each other has a file of its own, such as `certificates-4.0.0.json`, so
-    that proving scenes on one engine never replaces what was proven on another.
+    The first engine uses `certificates.json`. Every other version has its own file, such as `certificates-4.0.0.json`,
+    so that certifying on one engine never replaces the certificates of another.
     """
     first = read_certificates(folder)
     other = first is not None and first.engine != engine
@@ -91,11 +91,11 @@ def file_for(folder: Path, engine: str) -> Path:
 
 
 def read_certificates(folder: Path, engine: str | None = None) -> Certificates | None:
-    """The certificates stored in a folder of packs; None if there are none that can be read.
+    """Read the certificates stored in a folder of packs; None if the file is missing or unreadable.
 
     Args:
-        folder: The folder.
-        engine: Version of MuJoCo on which they must hold; None for the first one, that of `certificates.json`.
+        folder: Folder of packs.
+        engine: Version of MuJoCo that the certificates must be for; None for that of `certificates.json`.
     """
     file = folder / CERTIFICATES_FILE if engine is None else file_for(folder, engine)
     try:
@@ -106,7 +106,7 @@ def read_certificates(folder: Path, engine: str | None = None) -> Certificates |
 
 
 def engine_note(folder: Path) -> str:
-    """What to know if scenes are certified, but not on the engine that is installed here; otherwise empty."""
+    """A note if the scenes are certified, but not for the installed engine; otherwise empty."""
     stored, engine = read_certificates(folder), version("mujoco")
     if stored is None or read_certificates(folder, engine) is not None:
         return ""

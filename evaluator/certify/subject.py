@@ -34,7 +34,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Subject:
-    """A pack with all that its certificates need."""
+    """A pack with its solution, draws and keys, as input of the certificates."""
 
     files: PackFiles
     pack: Pack
@@ -64,7 +64,12 @@ class Subject:
         return self._draw(seed, "", 0)
 
     def twin(self, knob: str, seed: int) -> Draw:
-        """The canonical scene with only this knob redrawn."""
+        """The scene at seed 0 with only this knob redrawn.
+
+        Args:
+            knob: Name of the knob.
+            seed: Seed from which the knob is redrawn.
+        """
         return self._draw(0, knob, seed)
 
     def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
@@ -80,7 +85,7 @@ class Subject:
         return session_of(self.files, draw.mjcf)
 
     def session_to_compare(self, draw: Draw) -> Session:
-        """A new session of a draw that takes any number of calls, so that everything in it can be read."""
+        """A new session of a draw without a limit of calls, so that all its readings can be compared."""
         return session_of(self.files, draw.mjcf, any_calls=True)
 
     def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
@@ -105,7 +110,7 @@ class Subject:
         return self._truths[wanted]
 
     def agrees(self, value: object, key: AnswerValue, share: float = 1.0) -> bool:
-        """Whether a value agrees with the key within this share of the tolerance; words must be equal."""
+        """Whether a value agrees with the key within a share of the tolerance; words must be equal."""
         pairs = list(zip_longest(_parts(value), _parts(key)))
         return all(self._part_agrees(got, want, share) for got, want in pairs)
 

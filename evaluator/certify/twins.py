@@ -18,12 +18,12 @@ from scenes import Category, LabLimits
 from scenes.protocol import Call, Reading
 
 RESEEDS = 3
-"""How often each knob is redrawn on its own."""
+"""Number of twins per knob, each with only this knob redrawn."""
 RANDOM_SEQUENCES = 20
 """Number of random call sequences tried on twins."""
 _EDITS = ("create_objects", "delete_objects", "attach_objects")
 _EPSILON = 1e-9
-"""Smaller differences come from the order of additions in the engine."""
+"""Largest difference that is attributed to floating-point rounding in the engine."""
 
 
 async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
@@ -43,7 +43,7 @@ async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def modalities(subject: Subject) -> list[str]:
-    """The tools that the scene's category is about."""
+    """The tools that the scene's category requires."""
     category = subject.pack.category
     if category is None:
         return []
@@ -122,7 +122,7 @@ def _random_calls(source: random.Random, known: Sequence[str], limits: LabLimits
 
 
 def _within(vector: Sequence[float], limit: float | None) -> list[float]:
-    """The vector, shortened if it is longer than a limit."""
+    """Scale a vector down to a limit of its length; None is no limit."""
     size = math.hypot(*vector)
     scale = 1.0 if limit is None or size <= limit else limit / size
     return [scale * part for part in vector]

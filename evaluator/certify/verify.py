@@ -42,14 +42,14 @@ from scenes import PackError, PackFiles, list_packs, pack_hash, read_pack
 
 @dataclass(frozen=True, slots=True)
 class MemoryConnector:
-    """Serves the packs of a folder."""
+    """Opens episodes of the packs in a folder over MCP in memory."""
 
     folder: Path | None = None
     toolboxes: Toolboxes = field(default_factory=Toolboxes, repr=False, compare=False)
 
     @contextlib.asynccontextmanager
     async def open(self, scene: int, seed: int) -> AsyncGenerator[Client]:
-        """A client connected to a new episode."""
+        """Open a new episode and yield a client connected to it."""
         server = open_episode(scene, seed, scenes_dir=self.folder).server()
         async with Client(server, cache=None) as client:
             yield client
@@ -58,17 +58,17 @@ class MemoryConnector:
 BUDGET = 20
 _SANE_SEEDS = 3
 _WIRED_SEEDS = 4
-"""Number of seeds played with the given laboratory; the others are played in memory."""
+"""Number of seeds that are played on the given laboratory; the others are played in memory."""
 
 
 async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) -> SceneCertificate:
-    """Prove a scene sound, or say why it is not.
+    """Check all certificates of a scene.
 
     Args:
-        files: The pack. Its `solution.py` is run.
+        files: The pack of the scene. Its `solution.py` is executed.
         seeds: Number of seeds, from 0 on.
-        laboratory: Plays the reference protocol on the first seeds. On the others the same server and client are
-            connected in memory, because sockets would take most of the time.
+        laboratory: Laboratory on which the reference protocol is played on the first seeds. On the others, the same
+            server and client are connected in memory, because sockets would take most of the time.
 
     Raises:
         InfrastructureError: The laboratory failed.
@@ -173,9 +173,9 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
 
 
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
-    """The stored certificates that need not be made again: of sound packs, unchanged, on as many seeds or more.
+    """The stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
 
-    A certificate that was made with another engine than the one installed, or that lacks a check, does not count.
+    A certificate that lacks a check, or was made with another version of the engine, is not valid.
     """
     stored = read_certificates(folder, version("mujoco"))
     if stored is None:
@@ -202,8 +202,8 @@ def _needed(files: PackFiles) -> tuple[str, ...]:
 def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path:
     """Write the certificates of the installed engine into a folder of packs; see `file_for`.
 
-    Scenes that were not certified now keep their stored certificate. So does a scene whose stored certificate proves
-    the same on more seeds.
+    Scenes that are not in `proven` keep their stored certificates. So do scenes whose stored certificate shows the same
+    on more seeds.
 
     Raises:
         StoreError: The file cannot be written.
@@ -220,7 +220,7 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
             scenes[certificate.scene] = certificate
     certificates = Certificates(engine=engine, scenes=tuple(scenes[scene] for scene in sorted(scenes)))
     try:
-        # Written beside it first: a process that is killed now must not leave half a file.
+        # Write to a temporary file first, so that a kill cannot leave a partial file.
         part.write_text(certificates.model_dump_json(indent=1) + "\n", encoding="utf-8")
         part.replace(file)
     except OSError as error:
@@ -229,7 +229,7 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
 
 
 def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
-    """Whether a stored certificate proves what the new one does, on more seeds."""
+    """Whether a stored certificate shows the same as the new one on more seeds."""
     return (
         stored is not None
         and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)

@@ -1,4 +1,4 @@
-"""An episode in this process whose client is shown what may be seen, or for authors all that there is."""
+"""In-process episodes whose client receives views: of the visible bodies, or for authors of all bodies."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
@@ -22,7 +22,7 @@ _ALL = Permissions(geom_type=True, geom_size=True, geom_radius=True, body_pos=Tr
 
 @dataclass(frozen=True, slots=True)
 class _Everything(Visibility):
-    """Sees all objects, also those that the agent does not know of, as they are drawn from the seed."""
+    """A visibility without restrictions: all objects, hidden ones included, with their true attributes."""
 
     def now(self, session: Session) -> Visible:
         objects = tuple(replace(item, permissions=_ALL) for item in session.state.objects.values())
@@ -34,11 +34,11 @@ class _Everything(Visibility):
 
 
 def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visibility]:
-    """What finds out what is seen in the scenes of a folder.
+    """Create the function that determines the visibility in scenes of a folder.
 
     Args:
         scenes_dir: Folder of scene packs; None for the suite.
-        reveal: Whether everything is seen, and not only what an agent may see.
+        reveal: Whether all bodies are visible, and not only those that an agent may see.
     """
     if not reveal:
         return cached_visibility(scenes_dir)
@@ -54,10 +54,10 @@ def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visib
 async def viewed_episode(
     scene: int, seed: int, scenes_dir: Path | None, find_visibility: Callable[[Scene], Visibility]
 ) -> AsyncGenerator[Client]:
-    """A client of a new episode that is shown what is seen, as clients are that show apps.
+    """Open a new episode and yield a client that receives views, like clients that support MCP Apps.
 
     Raises:
-        UsageError: There is no such scene, or too few of its variants are there to tell what may be seen.
+        UsageError: There is no such scene, or the folder lacks variants of it that the visibility rule needs.
     """
     try:
         session = Session(load_scene(scene, seed, scenes_dir))

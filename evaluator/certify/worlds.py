@@ -1,4 +1,4 @@
-"""Makes worlds, proves stored ones and computes their answers by the engine. Runs in worker processes."""
+"""Makes worlds, verifies stored ones and computes their answers with the engine, in worker processes."""
 
 import hashlib
 import os
@@ -27,17 +27,17 @@ from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.terms import Structure
 
 _ROUGH_S = 0.03
-"""Longest step of the integration by theory near whose force the engine's is looked for [s]."""
+"""Largest time step of the integration by theory that gives the starting point of the search for a force [s]."""
 _BESIDE = 1.02
-"""Second force of that search, as a multiple of the first."""
+"""Second force of the search for a force, as a multiple of the first."""
 _FORCE_TOL = 1e-4
-"""How near two forces of it are in the end [N, N·m]."""
+"""Distance of consecutive forces at which the search ends [N, N·m]."""
 _HELD = 1e12
-"""Inertia by which bodies are held where they are [kg, kg·m²]."""
+"""Inertia that keeps bodies at rest until they are released [kg, kg·m²]."""
 
 
 def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
-    """The answers by the engine, with the laws of the world and without a wall.
+    """The answers computed with the engine, with the laws of the world and without a wall.
 
     Args:
         record: The world.
@@ -47,7 +47,7 @@ def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
 
 
 def course_gap(record: WorldRecord) -> float:
-    """Greatest distance of the engine from theory in the certificate's course, in standard deviations of a reading."""
+    """Largest distance of engine and theory along the certificate's course, in standard deviations of a reading."""
     structure = record.structure
     course = simulated(structure, record.constants, record.told, None, 0.01)
     engine, worst = Engine(mjcf_of(record)), 0.0
@@ -68,7 +68,7 @@ def _answer(record: WorldRecord, question: Question, timestep: float | None) -> 
     def beyond(force: float) -> float:
         return _ended(record, question, force * way, timestep)
 
-    # That there is one such force is shown by theory, which tries many of them; the engine's is looked for from there.
+    # Theory, which tries many forces, shows that the force is unique. The search with the engine starts from it.
     begin = float(answers(record.structure, record.constants, [question], _ROUGH_S)[0, 0])
     if np.isnan(begin):
         return begin
@@ -77,7 +77,7 @@ def _answer(record: WorldRecord, question: Question, timestep: float | None) -> 
 
 
 def _ended(record: WorldRecord, question: Question, push: Array, timestep: float | None) -> float:
-    """The asked number, with a push."""
+    """The asked number for a given push."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = _at_release(record, question, timestep)
     engine = Engine(
@@ -89,7 +89,7 @@ def _ended(record: WorldRecord, question: Question, push: Array, timestep: float
 
 
 def _at_release(record: WorldRecord, question: Question, timestep: float | None) -> Array:
-    """The state in which the bodies are let go: what is hidden moves while they are held."""
+    """The state at which the bodies are released. Hidden bodies move while the others are held."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = np.array(structure.start)
     rows = state[: structure.read].reshape(structure.bodies, 2, width)
@@ -114,7 +114,7 @@ def _push(engine: Engine, apparatus: Apparatus, held: Array) -> None:
 
 
 def _seen(engine: Engine, structure: Structure) -> Array:
-    """Places and velocities of what can be pushed."""
+    """Positions and velocities of the bodies that can be pushed."""
     found: list[float] = []
     for body in (f"object_{number}" for number in range(1, structure.bodies + 1)):
         hinge = engine.turn(body)
@@ -127,7 +127,7 @@ def _seen(engine: Engine, structure: Structure) -> Array:
 
 
 def _hidden(engine: Engine, structure: Structure) -> Array:
-    """Places and velocities of hidden bodies, then the way."""
+    """Positions and velocities of the hidden bodies, then the distance covered."""
     axes, found = slice(0, 2 if structure.apparatus.flat else 1), list[float]()
     for at in structure.hidden:
         found += [*engine.centre(f"hidden_{at}")[axes], *engine.velocity(f"hidden_{at}")[axes]]
@@ -138,16 +138,16 @@ def _hidden(engine: Engine, structure: Structure) -> Array:
 
 _HALF_STEP_S = 0.0025
 ENGINE_GAP = 0.05
-"""Greatest distance of the engine's answers from the key, and of those at half the time step, in tolerances."""
+"""Largest distance of the engine's answers from the key, also at half the time step, in tolerances."""
 _BOUND_GAP = 0.01
-"""Greatest relative difference of the bounds on another machine: they are differences of nearly equal numbers."""
+"""Largest relative difference of the bounds between machines. They suffer from cancellation."""
 COURSE_GAP = 0.5
 """Greatest distance of the engine from theory in the certificate's course, in standard deviations of a reading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A world that was accepted, and why draws before it were not."""
+    """An accepted world, and the reasons why earlier draws were rejected."""
 
     record: WorldRecord
     certificate: Certificate
@@ -156,23 +156,23 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Unmade:
-    """A world of which no draw was accepted."""
+    """The index of a world for which no draw was accepted, and the reasons."""
 
     index: int
     reason: str
 
 
 def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> Made:
-    """The world of a level and an index.
+    """Make the world of a level and an index.
 
-    The draws are the same everywhere. Which of them is accepted depends on the last bits of numpy and LAPACK, so the
-    record says what was accepted.
+    The draws are the same on every machine. Which draw is accepted may depend on rounding in numpy and LAPACK, so the
+    record contains the accepted one.
 
     Args:
-        level: Its level, for the record.
-        difficulty: What it has.
+        level: Level of the world, for the record.
+        difficulty: Attributes of the world.
         secret: `PUBLIC`, or the text of a key.
-        index: Its number, from 0.
+        index: Number of the world, from 0.
 
     Raises:
         WorldError: No draw is accepted.
@@ -202,17 +202,17 @@ def make_world(level: int, difficulty: Difficulty, secret: str, index: int) -> M
 
 
 def fault_of(record: WorldRecord, certificate: Certificate) -> str | None:
-    """What is wrong with a world; None if it is sound.
+    """Verify a world; returns its fault, or None if it is sound.
 
-    Everything is computed again from the record: the key by theory, by the engine and at half the time step, the
-    course, and the bounds. Not repeated are the tests by random numbers, which decided whether it was made.
+    The key (by theory, by the engine and at half the time step), the course and the bounds are computed again from the
+    record. The randomised tests that decided whether the draw was accepted are not repeated.
     """
     gaps = {"engine": _gaps(record, certificate.key, None), "half_step": _gaps(record, certificate.key, _HALF_STEP_S)}
     return _fault(record, certificate.model_copy(update=gaps))
 
 
 def _fault(record: WorldRecord, certificate: Certificate) -> str | None:
-    """The same if the gaps of the certificate have just been computed."""
+    """The fault of a world if the gaps in its certificate have just been computed; None if it is sound."""
     return next((fault for fault, is_wrong in _FAULTS.items() if is_wrong(record, certificate)), None)
 
 
@@ -235,7 +235,7 @@ _FAULTS: Mapping[str, Callable[[WorldRecord, Certificate], bool]] = {
     "the readings give other bounds": _has_other_bounds,
     "not identifiable": lambda _, proved: max(proved.bounds) > IDENTIFIABLE,
 }
-"""What can be wrong with a world, in the order in which it is asked."""
+"""Fault → predicate that detects it, in the order of checking."""
 
 
 def _gaps(record: WorldRecord, key: tuple[float, ...], timestep: float | None) -> tuple[float, ...]:
@@ -253,12 +253,12 @@ async def make_worlds(
     workers: int,
     on_made: Callable[[Made | Unmade], None],
 ) -> None:
-    """Make worlds in parallel processes; `on_made` gets each when it is ready, and also each that cannot be made.
+    """Make worlds in parallel processes; `on_made` is called with each world, or with each that cannot be made.
 
     Raises:
-        WorldError: No draw of the first one is accepted, so those of the others will hardly be.
+        WorldError: No draw of the first world is accepted, so the others are unlikely to succeed.
     """
-    # Inherited by the processes. The matrices are small: a second thread of OpenBLAS would only spin beside the first.
+    # Inherited by the processes. The matrices are small, so a second OpenBLAS thread would only busy-wait.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     limiter, some = anyio.CapacityLimiter(workers), False
 
@@ -284,7 +284,7 @@ async def faults_of(
     workers: int,
     on_checked: Callable[[WorldRecord, str | None], None],
 ) -> None:
-    """Prove stored worlds in parallel processes; `on_checked` gets each with its fault, None if it is sound."""
+    """Verify stored worlds in parallel processes; `on_checked` is called with each and its fault, None if sound."""
     await in_processes(
         worlds, lambda world: partial(fault_of, *world), workers, lambda world, found: on_checked(world[0], found)
     )
