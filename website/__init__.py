@@ -1,5 +1,5 @@
-"""The documentation as a website: which files become pages, how they are joined, what a built site must fulfil.
+"""Builds the documentation website: selects the pages, rewrites their links, adds navigation, checks the result.
 
-Not part of the wheel. Only `conf.py` concerns Sphinx, which reads it; the rest needs nothing but the standard library,
-so that the tests of this package run without Sphinx.
+Not part of the wheel. Only Sphinx reads `conf.py`; the other modules need only the standard library, so that the tests
+of this package run without Sphinx.
 """

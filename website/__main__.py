@@ -26,8 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except LookupError as fault:
         print(f"website: {fault}", file=sys.stderr)
         return 1
-    # In a process of its own, since Sphinx changes the interpreter that it runs in. -W -n: each warning, and each name
-    # that cannot be resolved, is an error; --keep-going: all of them are told.
+    # In a child process, because Sphinx changes global state. -W -n: warnings and unresolved references are errors;
+    # --keep-going: report all of them.
     words = ("-W", "--keep-going", "-n", "-q", "-j", "auto", "-c", str(Path(__file__).parent), str(pages), str(site))
     if subprocess.run((sys.executable, "-m", "sphinx", *words), check=False).returncode != 0:  # noqa: S603 - ours
         return 1

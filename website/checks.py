@@ -1,4 +1,4 @@
-"""What a built site must fulfil: every link inside it leads somewhere, and no page loads anything from elsewhere."""
+"""Checks of the built site: internal links must resolve, and no page may load resources from other sites."""
 
 import re
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ _LOADS = {
     ("object", "data"),
     ("video", "src"),
 }
-"""What a browser fetches without being asked; of a `link` it depends on `rel`."""
+"""Elements and attributes whose targets browsers load automatically; for `link` it depends on `rel`."""
 _HARMLESS = {"canonical", "next", "prev", "index", "search", "author", "license"}
-"""Relations of a `link` that only name a page."""
+"""Values of `rel` of a `link` whose target is not loaded."""
 _STYLE = re.compile(r"(?:@import\s+|url\()\s*[\"']?((?:https?:)?//[^\"')\s]+)")
 
 
 class _Page(HTMLParser):
-    """The places of a page, what it links, and what it loads."""
+    """Parser that collects the anchors of a page, its links and the resources that it loads."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class _Page(HTMLParser):
         self.loads: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note what an element names, links or loads."""
+        """Record the anchor, link or resource of an element."""
         named = {name: value or "" for name, value in attrs}
         self.places |= {named[name] for name in ("id", "name") if name in named}
         if tag == "a" and "href" in named:
@@ -41,7 +41,7 @@ class _Page(HTMLParser):
 
 
 def faults(site: Path) -> list[str]:
-    """What is wrong with a site, a sentence for each fault.
+    """Check a site; returns a sentence for each fault.
 
     Args:
         site: Folder of the built pages.

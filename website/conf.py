@@ -1,4 +1,4 @@
-"""How Sphinx makes the website. Read by Sphinx alone; docs/decisions/0036-a-site-by-sphinx.md has the reasons."""
+"""Sphinx configuration of the website. docs/decisions/0036-a-site-by-sphinx.md gives the reasons."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ extensions = ["myst_parser"]
 exclude_patterns: list[str] = []
 nitpicky = True
 
-# Anchors as code hosts make them, so that a link to a heading holds there and here.
+# Heading anchors as on code hosts, so that links to headings work on both.
 myst_heading_anchors = 4
-# Sphinx takes `$` and `:::` as they are written, as code hosts do.
+# Sphinx keeps `$` and `:::` literal, as code hosts do.
 myst_enable_extensions: list[str] = []
 
 html_theme = "furo"

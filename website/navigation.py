@@ -12,14 +12,14 @@ _RECORDS = "decisions/README.md"
 
 
 def add_navigation(folder: Path, pages: Sequence[str]) -> None:
-    """Append tables of contents, in the notation of the generator, to the index and to the list of decisions.
+    """Append `toctree` directives to the index and to the list of decisions.
 
     Args:
-        folder: The pages of the site.
-        pages: Their names.
+        folder: Folder of the site's pages.
+        pages: Names of the pages.
 
     Raises:
-        LookupError: A page would be in no section.
+        LookupError: A page belongs to no section.
     """
     index = (folder / _INDEX).read_text(encoding="utf-8")
     sections = {title: _ENTRY.findall(text) for title, text in _SECTION.findall(index) if _ENTRY.search(text)}

@@ -1,7 +1,7 @@
-"""Which files of the checkout are on the website, and under which names.
+"""Selects the files of the checkout that are on the website, and their names.
 
-The files in `docs/` are also read on a code host, with links as on disk. For the website they are copied to where their
-addresses shall be, and their links are led there.
+The files in `docs/` are also read on a code host, with links as on disk. For the website they are copied to the paths
+of their URLs, and their links are rewritten.
 """
 
 import shutil
@@ -30,17 +30,17 @@ def names(root: Path) -> Mapping[Path, str]:
 
 
 def write_pages(root: Path, target: Path) -> list[str]:
-    """Write the pages as the generator of the site reads them.
+    """Write the pages in the form that Sphinx reads.
 
     Args:
-        root: The checkout.
-        target: A new folder.
+        root: Root of the checkout.
+        target: Folder to create.
 
     Returns:
-        Names of the pictures, which the generator does not know because pages show them in HTML.
+        Names of the images, which Sphinx does not find because pages show them in HTML.
 
     Raises:
-        LookupError: A link leads to nothing, or the index does not list a page.
+        LookupError: The target of a link does not exist, or the index does not list a page.
     """
     places = Places(root.resolve(), names(root.resolve()), _source_address(root))
     for path, name in places.names.items():
@@ -55,7 +55,7 @@ def write_pages(root: Path, target: Path) -> list[str]:
 
 
 def _source_address(root: Path) -> str | None:
-    """Where the source can be read; None as long as nobody has set the address."""
+    """URL of the source on a code host; None if it is not configured."""
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     address: str | None = project.get("urls", {}).get("Source")
     return None if address is None else address.rstrip("/")

@@ -1,1 +1,1 @@
-"""What several test folders build alike: sessions, packs, records, and where the project's files are."""
+"""Test helpers shared by several folders: builders of sessions, packs and records, and paths of the project."""

@@ -25,14 +25,14 @@ _SECTIONS = ("Args", "Returns", "Raises", "Source")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Definition = ast.ClassDef | Function
 LINE = 100
-"""Most characters of a signature on one line."""
+"""Largest length of a signature on one line [characters]."""
 
 
 def api_page(packages: tuple[ModuleType, ...]) -> str:
     """The text of the page.
 
     Args:
-        packages: Whose names in `__all__` are described.
+        packages: Packages whose `__all__` is documented.
     """
     parts = [_HEAD]
     for package in packages:

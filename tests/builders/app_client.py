@@ -9,5 +9,5 @@ from physment_mcp.contract.names import APP_TYPE, APPS
 
 
 def app_client(server: Any, mode: Any = "auto") -> Client:
-    """A client of a server that shows apps in HTML."""
+    """Create a client that declares support of HTML apps."""
     return Client(server, mode=mode, extensions=[advertise(APPS, {"mimeTypes": [APP_TYPE]})])

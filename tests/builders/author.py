@@ -1,4 +1,4 @@
-"""An author of scenes, who makes mistakes."""
+"""A builder of scenes with deliberate faults."""
 
 import json
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from scenes import Category, PackFiles, find_pack, write_new_scene
 
 
 class Author:
-    """Writes a sound scene from the template, and plants a fault in it."""
+    """Writes a valid scene from the template and introduces a fault into it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -1,4 +1,4 @@
-"""A bench: a session on MJCF written in the test, without MCP; by default its objects may be read completely."""
+"""A bench: a session on inline MJCF, without MCP. By default all attributes of its objects may be read."""
 
 import re
 from collections.abc import Mapping
@@ -16,11 +16,11 @@ from scenes import Permissions, PublicObject, PublicPack
 PUBLIC: dict[str, bool] = dict.fromkeys(
     ("geom_type", "geom_density", "body_mass", "geom_size", "geom_radius", "body_pos", "body_quat"), True
 )
-"""Permissions of an object about which everything may be read."""
+"""Permissions of an object with all attributes readable."""
 
 
 def fingerprint(session: Session) -> tuple[Any, ...]:
-    """Everything that a refused call must leave as it was: the state of the session, and the world bit by bit."""
+    """Everything that a refused call must not change: the state of the session, and the world bit for bit."""
     world = session.world.save()
     return (
         session.state,
@@ -47,7 +47,7 @@ class Bench:
         return (await call_async(self.session, tool, arguments, report)).model_dump(mode="json")
 
     async def refused(self, tool: str, /, **arguments: Any) -> str:
-        """The sentence of a call that is refused; checks that it changed nothing."""
+        """Make a call that must be refused, check that it changed nothing, and return the error message."""
         before = self.fingerprint()
         with pytest.raises(RefusedCall) as refusal:
             await call_async(self.session, tool, arguments)
@@ -76,7 +76,7 @@ class Bench:
         return value
 
     def fingerprint(self) -> tuple[Any, ...]:
-        """As `fingerprint` of the session."""
+        """`fingerprint` of the session."""
         return fingerprint(self.session)
 
 

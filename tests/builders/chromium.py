@@ -38,9 +38,9 @@ class Page:
         self._ids = itertools.count(1)
         self._loaded = False
         self.complaints: list[str] = []
-        """What the console was told as an error, exceptions, and what the page's policy refused."""
+        """Console errors, exceptions and violations of the content security policy."""
         self.requests: list[str] = []
-        """Addresses that the page asked for, if the domain Network is enabled; without its own data."""
+        """URLs that the page requested, without data URLs; recorded if the DevTools domain Network is enabled."""
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
         number = next(self._ids)
@@ -65,11 +65,11 @@ class Page:
             self.complaints.append(said["entry"]["text"])
 
     def open(self, file: Path, anchor: str = "") -> None:
-        """Open a file from disk, and wait until it is all there."""
+        """Open a file from disk and wait until it is loaded."""
         self.visit(file.resolve().as_uri() + anchor)
 
     def visit(self, address: str) -> None:
-        """Open an address, and wait until it is all there."""
+        """Open a URL and wait until it is loaded."""
         for url in ("about:blank", address):
             self._loaded = False
             self.send("Page.navigate", url=url)
@@ -83,7 +83,7 @@ class Page:
         return found["result"].get("value")
 
     def wait(self, condition: str) -> None:
-        """Wait until an expression holds; the page itself looks at every frame."""
+        """Wait until a JavaScript expression is true; it is evaluated in every animation frame."""
         for _ in range(200):
             if self.run(condition):
                 return
@@ -98,26 +98,26 @@ class Page:
             self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
 
     def look(self, width: int, scheme: str, height: int = 900, scale: int = 1) -> None:
-        """Set the size of the window [px], the colours that the reader prefers, and the screen's pixels per px."""
+        """Set the size of the window [px], the preferred colour scheme, and the device pixel ratio."""
         self.send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
         )
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 
     def picture(self, file: Path, *, whole: bool = True) -> None:
-        """A screenshot."""
+        """Write a screenshot to a file."""
         found = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
         file.write_bytes(base64.b64decode(found["data"]))
 
 
 def installed() -> str | None:
-    """The program that is Chromium here; None if there is none."""
+    """Path of the installed Chromium; None if there is none."""
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @contextmanager
 def chromium(program: str, profile: Path, *flags: str) -> Generator[Page]:
-    """A tab of a browser of its own, ended with the block."""
+    """Start a browser and yield a tab; the browser ends with the block."""
     command = [program, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:

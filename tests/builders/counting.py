@@ -13,7 +13,7 @@ def calls_counted(*functions: Callable[..., Any]) -> Generator[Counter[str]]:
     """Count the calls of some functions in this thread.
 
     Args:
-        functions: Written in Python, and no generators, which would count once for each value.
+        functions: Python functions. Generators are not supported, because each resumption would count as a call.
 
     Yields:
         Name of the function → its calls so far.
@@ -34,7 +34,7 @@ def calls_counted(*functions: Callable[..., Any]) -> Generator[Counter[str]]:
 
 
 def calls_made(work: Callable[[], object]) -> int:
-    """How many functions a piece of work calls, those written in C included: the same on every machine."""
+    """Number of function calls that a piece of work makes, including C functions; the same on every machine."""
     calls = 0
 
     def note(_frame: FrameType, event: str, _argument: object) -> None:

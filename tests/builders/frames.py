@@ -15,7 +15,7 @@ from physment_mcp.session import Session
 
 
 def open_painter() -> Iterator[Painter]:
-    """The process that draws; skips the test where nothing can be drawn."""
+    """Start the rendering process; skips the test if rendering is not available."""
     try:
         made = Painter()
     except UsageError as error:

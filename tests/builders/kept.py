@@ -1,10 +1,10 @@
-"""What a process keeps of scenes that it has opened, forgotten: the next episode of any scene is made anew."""
+"""Clears the caches of scenes and compiled models, so that the next episode loads its scene again."""
 
 from physment_mcp import scene
 from physment_mcp.world import loading
 
 
 def forget_scenes() -> None:
-    """Forget all scenes and compiled models that are kept; open episodes go on."""
+    """Clear the caches of scenes and compiled models. Open episodes are not affected."""
     scene._SCENES.clear()  # pyright: ignore[reportPrivateUsage] - nothing but a test has a use for this
     loading.cached_model.cache_clear()

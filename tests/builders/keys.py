@@ -1,4 +1,4 @@
-"""Answer keys, and the one verdict of an answer that says everything about it."""
+"""Answer keys, and a combined verdict of strict and normalised grading."""
 
 from pydantic import JsonValue
 

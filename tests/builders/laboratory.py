@@ -86,7 +86,7 @@ class Lab:
         return result.structured_content
 
     async def refused(self, tool: str, **arguments: Any) -> str:
-        """The sentence of a call that is refused; checks that it changed nothing."""
+        """Make a call that must be refused, check that it changed nothing, and return the error message."""
         before = self.state()
         result = await self.client.call_tool(tool, arguments)
         assert result.is_error, result.structured_content
@@ -107,12 +107,12 @@ class Lab:
 
     @property
     def server_info(self) -> Implementation:
-        """Who the server says it is."""
+        """Name and version that the server reports."""
         assert self.client.server_info is not None
         return self.client.server_info
 
     def state(self) -> tuple[Any, ...]:
-        """All that a refused call must leave as it was."""
+        """Everything that a refused call must not change."""
         return fingerprint(self.session)
 
 

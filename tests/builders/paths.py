@@ -1,4 +1,4 @@
-"""Where the files of the project are, and the published prototype, where a checkout of it lies beside."""
+"""Paths of the project's files, and of the published prototype if a copy of it is present."""
 
 import os
 from pathlib import Path

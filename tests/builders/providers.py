@@ -1,6 +1,6 @@
-"""Providers on loopback: one real HTTP server that speaks the three wire formats, and says what a test tells it to.
+"""Model providers on loopback: an HTTP server that implements the three wire formats with scripted replies.
 
-It refuses what the real ones refuse, above all a history in which a call has no return of its own.
+It refuses requests that the real services refuse, above all a history in which a tool call has no result.
 """
 
 import itertools
@@ -21,27 +21,27 @@ Calls = Sequence[tuple[str, Any]]
 
 @dataclass
 class Say:
-    """A reply of a model, in no provider's words."""
+    """A model's reply, independent of the provider's wire format."""
 
     text: str = ""
     calls: Calls = ()
     thought: str = ""
     finish: str = ""
-    """Empty, or the provider's own word for why it ended."""
+    """The provider's finish reason; empty for the default."""
     extra: dict[str, Any] = field(default_factory=dict)
-    """Put over the body at the top."""
+    """Fields that override top-level fields of the response body."""
 
 
 @dataclass
 class Computed:
-    """A reply made from the request."""
+    """A reply computed from the request."""
 
     make: Callable[["Seen"], Say]
 
 
 @dataclass
 class Bare:
-    """Anything that can be done to a connection."""
+    """A scripted response below the level of replies, such as a broken connection."""
 
     serve: Callable[[Scope, Receive, Send], Awaitable[None]]
 
@@ -51,30 +51,30 @@ Step = Say | Computed | Bare
 
 @dataclass
 class Seen:
-    """A request that came in."""
+    """A received request."""
 
     path: str
     headers: dict[str, str]
     body: dict[str, Any]
     returns: list[str]
-    """What came of the calls of the turn before, in order."""
+    """Results of the calls of the previous turn, in order."""
     last: str
-    """The last thing the user said."""
+    """The last user message."""
 
 
 class Dialect(ABC):
-    """How one provider writes replies and reads requests."""
+    """Wire format of one provider."""
 
     name = ""
     model = ""
 
     @abstractmethod
     def reply(self, say: Say) -> dict[str, Any]:
-        """A whole reply, as the service writes it."""
+        """Format a complete reply."""
 
     @abstractmethod
     def problem(self, body: Mapping[str, Any]) -> str:
-        """Why the real service would refuse a request; empty if it would not."""
+        """The reason why the real service would refuse a request; empty if it would accept it."""
 
     @abstractmethod
     def returns(self, body: Mapping[str, Any]) -> list[str]:
@@ -82,7 +82,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def last(self, body: Mapping[str, Any]) -> str:
-        """The last thing the user said."""
+        """The last user message."""
 
     def error(self, status: int, message: str, code: str) -> dict[str, Any]:
         return {"error": {"message": message, "code": code, "type": code}}
@@ -203,7 +203,7 @@ class Anthropic(Dialect):
         return {"type": "error", "error": {"type": code, "message": message}}
 
     def stream(self, message: Mapping[str, Any]) -> str:
-        """The same message as events."""
+        """Format a message as server-sent events."""
         events: list[dict[str, Any]] = [
             {"type": "message_start", "message": {**message, "content": [], "stop_reason": None}}
         ]
@@ -279,7 +279,7 @@ class Google(Dialect):
 
 @dataclass
 class Service:
-    """One provider as one test knows it: what it will say next, and what it was asked."""
+    """One provider in one test, with its queue of scripted replies and its received requests."""
 
     dialect: Dialect
     url: str
@@ -287,14 +287,14 @@ class Service:
     seen: list[Seen] = field(default_factory=list)
     latency_s: float = 0.0
     crowd: int = 0
-    """Nothing is answered before so many requests have been under way at once."""
+    """Number of concurrent requests for which the service waits before it answers any."""
     under_way: int = 0
     most_under_way: int = 0
     _crowded: anyio.Event = field(default_factory=anyio.Event)
 
     @property
     def environ(self) -> dict[str, str]:
-        """Environment variables that lead here."""
+        """Environment variables that direct clients to this service."""
         name = self.dialect.name.upper()
         return {f"{name}_API_KEY": KEY, f"{name}_BASE_URL": self.url}
 
@@ -302,7 +302,7 @@ class Service:
         self.steps.append(Say(text, calls, **more))
 
     def compute(self, step: Callable[[Seen], Say]) -> None:
-        """A reply made from the request."""
+        """A reply computed from the request."""
         self.steps.append(Computed(step))
 
     def fail(self, status: int, message: str = "no luck", code: str = "", details: Any = None, **headers: str) -> None:
@@ -312,11 +312,11 @@ class Service:
         self.steps.append(Bare(JSONResponse(body, status, named)))
 
     def raw(self, content: str) -> None:
-        """Send this with status 200."""
+        """Queue a response with status 200 and this body."""
         self.steps.append(Bare(Response(content, media_type="application/json")))
 
     def hang(self) -> None:
-        """Keep silent until the client gives up."""
+        """Queue a response that never comes, until the client times out."""
 
         async def silent(scope: Scope, receive: Receive, send: Send) -> None:
             while (await receive())["type"] != "http.disconnect":
@@ -325,7 +325,7 @@ class Service:
         self.steps.append(Bare(silent))
 
     def drip(self) -> None:
-        """Send a byte now and then until the client gives up."""
+        """Queue a response that is sent byte by byte until the client times out."""
 
         async def dripping(scope: Scope, receive: Receive, send: Send) -> None:
             await send(
@@ -346,7 +346,7 @@ class Service:
         self.steps.append(Bare(dripping))
 
     def cut(self, text: str = "half a rep") -> None:
-        """Hang up in the midst of the reply."""
+        """Queue a response whose connection is closed in the middle."""
 
         async def half(scope: Scope, receive: Receive, send: Send) -> None:
             body = json.dumps(self.dialect.reply(Say(text))).encode()
@@ -392,7 +392,7 @@ class Service:
 
 
 class Port:
-    """The server, and which path belongs to which test."""
+    """The HTTP server, which maps paths to the services of tests."""
 
     def __init__(self) -> None:
         self.services: dict[str, Service] = {}

@@ -1,4 +1,4 @@
-"""What holds for the public names of every package of ours."""
+"""Checks of the public names of a package."""
 
 import ast
 import inspect
@@ -21,7 +21,7 @@ def check_public_names(package: ModuleType) -> None:
 
 
 def _as_ruff_sorts(name: str) -> tuple[int, str]:
-    """Constants, then classes, then the rest."""
+    """Sort key of ruff's `__all__` order: constants, then classes, then other names."""
     return (0 if name.isupper() else 1 if name[0].isupper() else 2), name
 
 
