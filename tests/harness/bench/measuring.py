@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import NamedTuple
 
 Timed = Callable[[], Awaitable[float]]
-"""Does the work once and returns its time [s]."""
+"""Function that does the work once and returns its duration [s]."""
 Work = Callable[[], object]
-"""Does the work once."""
+"""Function that does the work once."""
 
 
 class Row(NamedTuple):
@@ -17,7 +17,7 @@ class Row(NamedTuple):
     what: str
     ours_s: float
     theirs_s: float
-    """What ours is compared with; or the time that is aimed at."""
+    """Time of the reference, or the target time [s]."""
     ratio: float
     aim: float
     """The ratio that we want to stay below."""

@@ -23,7 +23,7 @@ from physment_mcp.world.loading import load
 from tests.harness.bench.measuring import Row, Work, busy_against_aim, compare_busy
 
 SCENES = (7, 25, 100, 203)
-"""Small and large, without and with laws."""
+"""Scenes of small and large size, without and with laws."""
 _OPENED = 200
 
 

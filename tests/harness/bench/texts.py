@@ -1,4 +1,4 @@
-"""Times of reading what an agent wrote."""
+"""Benchmarks of parsing text written by agents."""
 
 import time
 from collections.abc import AsyncGenerator, Callable
@@ -22,9 +22,9 @@ READERS: dict[Reader, tuple[str, ...]] = {
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Texts made to hold up whoever reads what an agent wrote: one of twice the length, against one of the length.
+    """Adversarial texts that are slow to parse: a text of twice the length is compared with one of the single length.
 
-    That the counted work grows in proportion to the length is a test; it does not see what one call into C costs.
+    A test checks that the number of function calls grows linearly; it does not measure the time inside C functions.
     """
     for read, pieces in READERS.items():
         for piece in pieces:

@@ -11,7 +11,7 @@ from evaluator.calibration.responses import Responses, counted_responses
 
 
 class Design(NamedTuple):
-    """How many play what; spreads in logits."""
+    """Design of a simulation: numbers of takers, scenes and variants; standard deviations in logits."""
 
     takers: int
     scenes: int = 105
@@ -31,7 +31,7 @@ DESIGNS = (
 
 
 class Drawn(NamedTuple):
-    """Answers, and what they were drawn from."""
+    """Simulated answers and the true parameters that they were drawn from."""
 
     data: Responses
     features: np.ndarray

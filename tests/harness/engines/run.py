@@ -48,7 +48,7 @@ class Row:
     minutes: float
 
     def cells(self) -> list[str]:
-        """As a line of the table."""
+        """The cells of the table row."""
         right = f"{self.scenes - len(self.wrong)} of {self.scenes}"
         return [self.engine, self.python, right, str(len(self.other_keys)), f"{self.minutes:.0f}"]
 

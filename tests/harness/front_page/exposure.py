@@ -21,7 +21,7 @@ GHOST = "0.80 0.30 0.20 0.30"
 
 
 class Moments(NamedTuple):
-    """What may be seen at two moments of an iteration, as MJCF."""
+    """The visible bodies at two moments of an iteration, as MJCF."""
 
     before: str
     """The slider has been set down."""

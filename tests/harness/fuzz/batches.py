@@ -1,4 +1,4 @@
-"""Fixed lists of calls, played on many seeds of a scene: what an agent learns that does not adapt."""
+"""Fixed lists of calls, played on many seeds of a scene, as by an agent that does not adapt to results."""
 
 import json
 import random

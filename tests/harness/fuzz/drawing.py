@@ -20,12 +20,12 @@ MOODS: tuple[dict[str, float], ...] = (
     {"step": 2, "create_objects": 25, "attach_objects": 10, "delete_objects": 4, "change_position": 3},
     {"step": 9, "set_velocity": 5, "apply_force": 5, "apply_torque": 5, "move_object": 4, "detect_collision": 4},
 )
-"""How often tools are drawn in an episode: a mixture, mostly building, mostly moving. Others have `_WEIGHT`."""
+"""Relative frequencies of tools in an episode: mixed, mostly building, mostly moving. Other tools have `_WEIGHT`."""
 _WEIGHT = {"find_objects": 0.2, "delete_objects": 0.5, "answer": 0.15}
-"""How often a tool is drawn if its mood does not say; others 1."""
+"""Relative frequencies of tools that a mood does not list; all others have 1."""
 _DISABLED_WEIGHT = 0.1
 _MISCHIEF = 0.3
-"""Share of calls that are spoiled."""
+"""Share of calls that are made invalid."""
 _FEW, _CROWD = 3, 10
 """Created objects above which steps are kept short, and very short, because every step of a crowd is slow."""
 _NO_TOOLS = ("", "Step", "step ", "get_position\x00", "__class__", "reset", "𝚜𝚝𝚎𝚙", "s" * 65, "create-objects")
@@ -161,7 +161,7 @@ class _Drawing:
         return value if value != schema.get("exclusiveMinimum") else self.source.choice((5e-324, 1e-3, 1.0, high))
 
     def suit(self, name: str, arguments: dict[str, Any]) -> None:
-        """Make a fitting call one that this laboratory would often do, and that does not take long."""
+        """Adjust a valid call so that this laboratory often accepts it and it does not take long."""
         limits = self.session.limits
         match name:
             case "step":

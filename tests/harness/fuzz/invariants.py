@@ -1,4 +1,4 @@
-"""What holds after every call, whatever was asked: plays one call and returns the problem that it shows, if any."""
+"""Invariants that must hold after every call: makes one call and returns the broken invariant, if any."""
 
 import functools
 import json
@@ -41,7 +41,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What came of a call."""
+    """The outcome of a call."""
 
     problem: Problem | None
     refused: bool
@@ -87,7 +87,7 @@ def changes_nothing(call: Call) -> bool:
 
 
 def fingerprint(session: Session, saved: Snapshot | None = None) -> tuple[Any, ...]:
-    """All that a refusal must leave as it was, bit by bit: the session without its counters, state and model."""
+    """Everything that a refusal must not change, bit for bit: session without counters, state and model."""
     world, state = saved or session.world.save(), session.state
     earlier = world.before_step
     objects = tuple(

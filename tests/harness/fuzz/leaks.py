@@ -1,4 +1,4 @@
-"""Searches for what gives a key away: anything that tells two seeds apart at the start, and fixed lists of calls.
+"""Searches for leaks of answer keys: differences between seeds at the start, and fixed lists of calls that suffice.
 
 python -m tests.harness.fuzz.leaks [--scenes 7,20-25] [--minutes N] [--batches N] [--seed N]
 
@@ -34,18 +34,18 @@ from tests.harness.fuzz.run import parse_scenes
 FITTED, HELD_OUT = 24, 12
 """Numbers of seeds on which formulas are fitted and judged."""
 PAIRS = 4
-"""How many seeds are compared with seed 0."""
+"""Number of seeds that are compared with seed 0."""
 _RESOURCES = ("scene", "episode", "scenes", "measurements", "measurements/1")
 _ROW = "{:>5}  {:>7}  {:>7}  {:>5}  {}"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found about a scene."""
+    """Result of the search in one scene."""
 
     scene: int
     twins: str
-    """What tells two seeds apart at the start; empty if nothing."""
+    """A difference between two seeds at the start; empty if there is none."""
     batches: int
     constant: Fit | None
     """The best answer without any call; None if the key is no number."""
@@ -71,7 +71,7 @@ async def published(session: Session) -> dict[str, Any]:
 
 
 async def revealing(subject: Subject, pairs: int = PAIRS) -> str:
-    """What tells a seed with another key from seed 0 at the start; empty if nothing does."""
+    """A difference at the start between seed 0 and a seed with another key; empty if there is none."""
     base = subject.draw(0)
     first = await _at_start(subject.session_to_compare(base))
     seeds = [
@@ -114,7 +114,7 @@ def _first_numbers(truths: Sequence[object]) -> Array | None:
 
 
 def finding(scene: int, seconds: float, least: int, source: random.Random) -> Finding:
-    """All about one scene, in about this time and with at least so many batches."""
+    """Search one scene for about `seconds`, with at least `least` batches."""
     until = time.perf_counter() + seconds
     subject = Subject.open(find_pack(scene, None))
     twins = anyio.run(revealing, subject)

@@ -1,4 +1,4 @@
-"""What a scene permits, said a second time and apart from the server: which results overstep it."""
+"""An independent implementation of a scene's permissions, which detects results that exceed them."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,7 @@
-"""What must never stand in a result or a refusal: words and numbers of a scene that are private at this moment.
+"""Detects leaks in results and refusals: words and numbers of a scene that are private at this moment.
 
-A word that the server's code or the opening prompt contains can stand in a text by chance, so it is not searched for.
-Nor is a number that instruments could show. They round, so many drawn values have more decimals than a reading.
+Words in the server's code or in the opening prompt may occur by chance and are not searched for. Nor are numbers that
+instruments could show. Instruments round, so many drawn values have more decimals than a reading.
 """
 
 import functools

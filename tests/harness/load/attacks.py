@@ -1,4 +1,4 @@
-"""What a hostile client can do with one episode of a host, kind by kind. Each runs until it is cancelled.
+"""Attacks of a hostile client on a host, one function for each kind. Each runs until it is cancelled.
 
 python -m tests.harness.load.attacks PORT KIND    attacks until its stdin ends, then prints what it sent
 
@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from tests.harness.load.wire import Connection, call, message, opened, posted, raw_call, request
 
 _AT_ONCE = 4
-"""Connections over which a loop sends, each one request after another."""
+"""Number of connections over which an attack sends requests in sequence."""
 _MANY = 200
-"""Connections of the attacks that consist of connections."""
+"""Number of connections of attacks that only hold connections open."""
 _HEAVY_SCENE = 99
 """The scene of the suite whose steps take the longest."""
 _LOW_PRIORITY = 10
@@ -34,7 +34,7 @@ _CLOSED = (OSError, asyncio.IncompleteReadError)
 
 @dataclass
 class Target:
-    """A host, and what was sent to it."""
+    """The attacked host, with counts of sent and refused requests."""
 
     port: int
     sent: int = 0
@@ -60,7 +60,7 @@ class Target:
         await connection.writer.drain()
 
     async def connecting(self, use: Callable[[Connection], Awaitable[None]]) -> None:
-        """Use one connection after another, for ever: each until the use ends or the host closes it."""
+        """Use one connection after another without end, each until `use` returns or the host closes it."""
         while True:
             try:
                 connection = await Connection.dial(self.port)
@@ -79,16 +79,16 @@ Attack = Callable[[Target], Awaitable[None]]
 
 
 async def side_by_side(count: int, run: Callable[[], Awaitable[None]]) -> None:
-    """Run the same several times at once."""
+    """Run a coroutine function `count` times concurrently."""
     await asyncio.gather(*(run() for _ in range(count)))
 
 
 def repeated(make: Callable[[str], Iterable[bytes]], at_once: int = _AT_ONCE) -> Attack:
-    """Sends some requests again and again.
+    """Create an attack that repeats requests.
 
     Args:
-        make: Makes the requests from the path of an episode.
-        at_once: Connections.
+        make: Returns the requests for the path of an episode.
+        at_once: Number of connections.
     """
 
     async def attack(target: Target) -> None:
@@ -144,7 +144,7 @@ async def _filled(target: Target, calls: int, max_calls: int | None = None) -> d
 
 
 async def measurements(target: Target) -> None:
-    """Read pages of the measurements, as long as they can be."""
+    """Read pages of the measurements of the largest size."""
     episode, uri = await _filled(target, 500), "physment://measurements"
     page = message(episode["path"], "resources/read", {"uri": uri}, uri)
 
@@ -169,7 +169,7 @@ async def call_log(target: Target) -> None:
 
 
 async def broken_off(target: Target) -> None:
-    """Start long steps and leave."""
+    """Start long steps and disconnect."""
     path = (await opened(target.port, _HEAVY_SCENE))["path"]
     target.begun.set()
 
@@ -228,7 +228,7 @@ async def slow_readers(target: Target) -> None:
 
 
 async def garbage(target: Target) -> None:
-    """Send bytes that are no HTTP."""
+    """Send bytes that are not HTTP."""
     noise = random.Random(1)
     target.begun.set()
 
@@ -242,7 +242,7 @@ async def garbage(target: Target) -> None:
 
 
 async def sessions(target: Target) -> None:
-    """Begin sessions of the older protocol and never end them."""
+    """Open sessions of the older protocol and never close them."""
     path = (await opened(target.port))["path"]
     target.begun.set()
 

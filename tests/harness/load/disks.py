@@ -1,7 +1,4 @@
-"""A small file system of its own for a folder, which can fill up or become read-only. Linux, for who may mount.
-
-Knows mounts. Knows no runs.
-"""
+"""Mounts a small file system on a folder, which can be filled or made read-only. Linux; needs permission to mount."""
 
 import contextlib
 import functools
@@ -14,7 +11,7 @@ from pathlib import Path
 _SIZE = 2**25
 """Size of the file system [bytes]: enough for any run that is played on it."""
 _BALLAST = "ballast"
-"""File that takes the space away."""
+"""Name of the file that fills the file system."""
 
 
 @contextlib.contextmanager
@@ -44,14 +41,14 @@ def may_mount() -> bool:
 
 
 def fill(folder: Path, left: int) -> None:
-    """Take all space but so many bytes, rounded up to whole pages."""
+    """Fill the file system except for `left` bytes, rounded up to whole pages."""
     state = os.statvfs(folder)
     with (folder / _BALLAST).open("wb") as stream:
         os.posix_fallocate(stream.fileno(), 0, max(1, state.f_bavail * state.f_frsize - left))
 
 
 def empty(folder: Path) -> None:
-    """Give the space back."""
+    """Free the space that `fill` used."""
     (folder / _BALLAST).unlink()
 
 

@@ -1,7 +1,4 @@
-"""A run of the evaluator in a process of its own that a fault may strike, and what must hold of its folder. Linux only.
-
-Knows the command line and the run folder. Knows no faults.
-"""
+"""A run of the evaluator in a child process for fault injection, and the invariants of its run folder. Linux only."""
 
 import contextlib
 import os
@@ -25,18 +22,18 @@ SCENES = range(7, 13)
 _MARK = "PHYSMENT_FAULT_RUN"
 """Environment variable by which the processes of a run are recognised."""
 _LONGEST_S = 300.0
-"""Wall time after which a run hangs [s]."""
+"""Time limit after which a run counts as hanging [s]."""
 _LAST_S = 15.0
-"""Wall time that processes of a run get to end after it [s]."""
+"""Time for the child processes of a run to end after it [s]."""
 _TRIES = 4
-"""Most starts of a run until it has to be complete."""
+"""Largest number of starts until a run must be complete."""
 _HEEDING = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); from evaluator.__main__ import entry; entry()"
 """The program, where Ctrl-C is ignored until Python has started: before that, Python itself shows a traceback."""
 _NOTE = re.compile(r"physment-eval: .*, line \d+ was damaged ")
 
 
 class Broken(Exception):
-    """What should hold after a fault does not."""
+    """An invariant does not hold after a fault."""
 
 
 @dataclass
@@ -47,20 +44,20 @@ class Evaluation:
     server: str
     seeds: int
     workers: int = 1
-    """Processes that play."""
+    """Number of worker processes."""
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
     starts: int = 0
     background: bool = False
-    """Whether Ctrl-C is ignored, as by what a script starts in its background."""
+    """Whether SIGINT is ignored, as in a background job of a script."""
 
     @property
     def episodes(self) -> int:
-        """How many episodes it has."""
+        """Number of episodes of the run."""
         return len(SCENES) * self.seeds
 
     @contextlib.contextmanager
     def started(self, prepare: Callable[[], None] | None = None) -> Generator[subprocess.Popen[str]]:
-        """Start or resume it.
+        """Start or resume the run.
 
         Args:
             prepare: Runs in the new process before the evaluator does.
@@ -88,10 +85,10 @@ class Evaluation:
                 process.kill()
 
     def wait_for(self, process: subprocess.Popen[str]) -> tuple[int, str]:
-        """Wait for its end, and for that of all it started; returns the exit code and what it told.
+        """Wait for the run and all its child processes to end; returns the exit code and stderr.
 
         Raises:
-            Broken: It hangs, leaves a process behind, or does not say in one sentence why it ended.
+            Broken: The run hangs, leaves a process behind, or does not report in one sentence why it ended.
         """
         try:
             _, errors = process.communicate(timeout=_LONGEST_S)
@@ -113,20 +110,20 @@ class Evaluation:
         return process.returncode, errors
 
     def processes(self) -> list[int]:
-        """Numbers of all processes that it started and that are alive, itself included."""
+        """Ids of all living processes of the run."""
         found: list[int] = []
         for process in Path("/proc").glob("[0-9]*"):
-            # Gone meanwhile, or of another user. A process that has ended has no environment.
+            # The process ended meanwhile or belongs to another user. An ended process has no environment.
             with contextlib.suppress(OSError):
                 if f"{_MARK}={self.mark}\0".encode() in (process / "environ").read_bytes():
                     found.append(int(process.name))
         return sorted(found)
 
     def complete(self) -> None:
-        """Resume it until it is complete.
+        """Resume the run until it is complete.
 
         Raises:
-            Broken: It does not get there.
+            Broken: The run is not complete after all attempts.
         """
         said = ""
         for _ in range(_TRIES):
@@ -146,7 +143,7 @@ class Evaluation:
         try:
             folder.read_run()
             grades, last = folder.grades(), folder.episodes()
-            # An episode that the infrastructure failed is recorded, and played again when the run is resumed.
+            # An episode with an infrastructure error is recorded, and played again when the run is resumed.
             lines = folder.episodes_file.read_bytes().split(b"\n")[:-1]
         except (StoreError, OSError) as error:
             raise Broken(f"the folder cannot be read: {error}") from error

@@ -1,4 +1,4 @@
-"""Runs of the evaluator that a fault strikes at a random moment, and that are then resumed.
+"""Fault injection: runs of the evaluator are disturbed at a random moment and then resumed.
 
 After each, every episode must be recorded once, with the grade that it has in an undisturbed run; no process may be
 left behind; and the run must have said in one sentence why it ended. Prints a table of faults and outcomes. The folders
@@ -30,18 +30,18 @@ from tests.harness.load import disks
 from tests.harness.load.evaluation import Broken, Evaluation
 
 _STDIO_EVERY = 6
-"""One of so many runs plays on stdio, where each episode has a process of its own, which takes five times as long."""
+"""Every `_STDIO_EVERY`-th run plays on stdio, with a process per episode, which takes five times as long."""
 _DROP_CAPABILITY, _IGNORE_PERMISSIONS = 24, 1  # PR_CAPBSET_DROP, CAP_DAC_OVERRIDE
 
 
 @dataclass(frozen=True)
 class Undisturbed:
-    """A run without a fault, with which the others are compared."""
+    """The reference run without a fault."""
 
     results: dict[str, object]
     took_s: float
     size: int
-    """Of its episodes on disk [bytes]."""
+    """Size of its `episodes.jsonl` [bytes]."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Struck:
 
     @property
     def records(self) -> Path:
-        """The file of its episodes."""
+        """Path of the run's `episodes.jsonl`."""
         return self.evaluation.folder / "episodes.jsonl"
 
 
@@ -199,7 +199,7 @@ FAULTS: dict[str, Fault] = {
 }
 """Kind → the fault."""
 NEED_MOUNTS = {kind for kind in FAULTS if "file system" in kind}
-"""Those for which this process must be allowed to mount a file system."""
+"""Kinds of faults that need permission to mount a file system."""
 
 
 def undisturbed(folder: Path, server: str, seeds: int) -> Undisturbed:
@@ -213,7 +213,7 @@ def disturb(kind: str, folder: Path, server: str, usual: Undisturbed, seeds: int
     """Play with a fault and resume; returns how the disturbed process ended.
 
     Raises:
-        Broken: What should hold afterwards does not.
+        Broken: An invariant does not hold afterwards.
     """
     run = Evaluation(folder, server, seeds)
     code = FAULTS[kind](Struck(run, usual, chance))

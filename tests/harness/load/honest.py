@@ -15,7 +15,7 @@ _OBJECT = "object_1"
 
 @dataclass
 class Crowd:
-    """Honest clients, and how long their calls took."""
+    """A group of honest clients, with the durations of their calls."""
 
     port: int
     clients: int = 50
@@ -27,7 +27,7 @@ class Crowd:
     calls: int = 0
     episodes: int = 0
     failures: list[str] = field(default_factory=list[str])
-    """What went wrong with a call that should have succeeded."""
+    """Error messages of calls that should have succeeded."""
 
     async def play(self) -> None:
         """Play until cancelled."""
@@ -36,7 +36,7 @@ class Crowd:
                 tasks.create_task(self._client(random.Random(number)))
 
     def take(self) -> list[float]:
-        """The durations of the calls since the last time [s]."""
+        """Return and clear the durations of the calls since the last `take` [s]."""
         taken, self.took_s = self.took_s, []
         return taken
 

@@ -25,14 +25,14 @@ from tests.harness.load.honest import Crowd
 from tests.harness.load.hosting import Hosted, hosted
 
 AIM = 3.0
-"""Largest ratio that is not marked."""
+"""Largest ratio that is not marked as above the aim."""
 _SETTLING_S = 0.3
-"""Wall time after an attack has ended that belongs to no window [s]."""
+"""Pause between the end of an attack and the next window [s]."""
 
 
 @dataclass
 class Window:
-    """The honest calls of some wall time."""
+    """The honest calls that ended in one time window."""
 
     took_s: list[float]
     busy: float

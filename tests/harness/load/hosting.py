@@ -1,4 +1,4 @@
-"""A host process of our own, and what the system says about it. Linux only."""
+"""Starts a host process and reads its resource usage from the operating system. Linux only."""
 
 import contextlib
 import json
@@ -21,10 +21,10 @@ class Hosted:
     port: int
     process: subprocess.Popen[str]
     log: IO[str]
-    """What it writes to standard error."""
+    """Standard error of the host."""
 
     def errors(self) -> list[str]:
-        """The lines of its log that tell of errors in our code, or in a library."""
+        """Lines of the log that report exceptions in the host or in a library."""
         self.log.seek(0)
         return [line.rstrip() for line in self.log if line.startswith(("ERROR", "CRITICAL", "Traceback"))]
 
@@ -36,12 +36,12 @@ class Hosted:
 
     @property
     def open_files(self) -> int:
-        """Files and connections that are open."""
+        """Number of open files and connections."""
         return len(list((self._proc / "fd").iterdir()))
 
     @property
     def threads(self) -> int:
-        """Threads."""
+        """Number of threads."""
         return len(list((self._proc / "task").iterdir()))
 
     @property

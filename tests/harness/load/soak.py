@@ -1,4 +1,4 @@
-"""Half an hour of honest and hostile clients on one host, with a look at its memory, files and speed.
+"""Soak test: half an hour of honest and hostile clients on one host, with samples of its memory, files and speed.
 
 Honest clients play one episode after another and leave every fifth to expire; the attacks take turns. After a warm-up
 of a quarter of the samples, a straight line through the samples of each quantity must not rise by more than the share
@@ -32,11 +32,11 @@ LIMITS = {"memory_mb": 0.10, "open_files": 0.25, "threads": 0.25, "episodes": 0.
 """Quantity → largest rise after the warm-up, as a share of its mean. The attacks differ, so a rise is judged only after
 two rounds of them; the slowest call depends too much on other processes to be judged."""
 _WARM_UP = 4
-"""One of so many samples, the first ones, are not judged."""
+"""The first 1/_WARM_UP of the samples belong to the warm-up and are not judged."""
 _CALLS_EACH = 40
 """Calls in an honest episode."""
 _PATIENCE_S = 60.0
-"""Wall time that the host gets to close what is left, besides the time that an unused episode lives [s]."""
+"""Time for the host to close episodes and connections, in addition to the idle timeout of episodes [s]."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Sample:
 
 @dataclass
 class Soaked:
-    """What was seen."""
+    """The samples and problems of a soak test."""
 
     samples: list[Sample] = field(default_factory=list[Sample])
     attacks: list[str] = field(default_factory=list[str])
@@ -64,7 +64,7 @@ class Soaked:
     """Honest calls that failed, attackers that died, errors in the log, what was not closed."""
 
     def rises(self) -> dict[str, float]:
-        """Quantity → how much it rises after the warm-up, as a share of its mean."""
+        """Quantity → its rise after the warm-up, as a share of its mean."""
         judged = self.samples[len(self.samples) // _WARM_UP :]
         return {name: rise([getattr(sample, name) for sample in judged]) for name in LIMITS}
 
@@ -86,7 +86,7 @@ async def soak(seconds: float, clients: int, every_s: float, idle_timeout_s: flo
     """Load a host for some wall time and take samples."""
     seen = Soaked()
     with hosted("--idle-timeout", str(idle_timeout_s)) as host:
-        await _episodes(host)  # only now is all open that the host itself needs
+        await _episodes(host)  # makes the host open its permanent files first
         files, began = host.open_files, time.monotonic()
         crowd = Crowd(host.port, clients, _CALLS_EACH)
         playing = asyncio.ensure_future(crowd.play())
@@ -126,15 +126,15 @@ async def _episodes(host: Hosted) -> int:
 
 
 async def _left_open(host: Hosted, files: int, idle_timeout_s: float) -> list[str]:
-    """Sentences about what the host has not closed when nobody uses it any more.
+    """Sentences about resources that the host has not closed after the clients have left.
 
     Args:
         host: The host.
-        files: How many files it had open at the start.
-        idle_timeout_s: How long an unused episode lives [s].
+        files: Number of files that the host had open at the start.
+        idle_timeout_s: Idle timeout of an episode [s].
     """
     until = time.monotonic() + idle_timeout_s + _PATIENCE_S
-    # The look itself is a connection, which may still be closing.
+    # The connection of the check itself may still be closing.
     while (episodes := await _episodes(host)) or host.open_files > files + 1:
         if time.monotonic() > until:
             return [f"{episodes} episodes and {host.open_files - files} more files than at the start are still open"]
