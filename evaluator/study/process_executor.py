@@ -29,8 +29,8 @@ from evaluator.records.run import RunRecord
 from evaluator.study.participants import EXTERNAL
 from evaluator.study.run_config import RunConfig
 from evaluator.study.runner import Play
-from evaluator.study.worker_process import Crash, ProcessChannel
-from evaluator.study.workers import EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
+from evaluator.study.worker_process import ProcessChannel
+from evaluator.study.workers import Crash, EpisodeWorker, Terms, WorkerLost, Workers, WorkerSlot, lanes_of, shares
 
 AVAILABLE = hasattr(socket, "AF_UNIX")
 """Whether the platform has the Unix domain sockets that workers need; Windows has none."""

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import anyio
 
-from evaluator.study.workers import EpisodeWorker
+from evaluator.study.workers import Crash, EpisodeWorker
 
 _LENGTH = 8
 """Size of the length prefix of a message [bytes]."""
@@ -54,13 +54,6 @@ class ProcessChannel:
         """Close the connection."""
         self.closed = True
         self.writer.close()
-
-
-@dataclass(frozen=True, slots=True)
-class Crash:
-    """An unexpected exception in the worker, with its traceback."""
-
-    trace: str
 
 
 async def serve(connection: socket.socket) -> None:

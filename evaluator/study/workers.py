@@ -66,6 +66,16 @@ class Worker(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """An unexpected exception in a worker process, with its traceback.
+
+    Pickled between processes, so it must not be defined in the module that the worker process runs as `__main__`.
+    """
+
+    trace: str
+
+
 @dataclass(slots=True)
 class EpisodeWorker:
     """The part of a worker that runs in its process: plays several episodes at a time in its own laboratory."""
