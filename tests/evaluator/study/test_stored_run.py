@@ -142,7 +142,7 @@ def test_it_is_compared_reported_and_merged_with_a_run_of_today(
     for folder, half in ((stored, slice(0, 4)), (today, slice(4, 8))):
         lines = folder.episodes_file.read_text(encoding="utf-8").splitlines(keepends=True)
         folder.episodes_file.write_text("".join(sorted(lines)[half]), encoding="utf-8")
-    merged = ["--out", str(tmp_path / "merged"), "--allow-modified"]
+    merged = ["--out", str(tmp_path / "merged"), "--allow-modified", *FROM]
     assert main(["merge", str(stored.path), str(today.path), *merged]) == 0
     assert len(RunFolder(tmp_path / "merged").episodes()) == 8
 
