@@ -17,7 +17,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.records.episode import Episode, EpisodeKey, Outcome, Verdict
 from evaluator.scores.metrics import GroupSummary, RunSummary, summarise
 from evaluator.scores.scored_episode import ScoredEpisode
-from evaluator.scores.scoring import GradedRun, grade_record
+from evaluator.scores.scoring import GradedRun, strict_verdict
 from evaluator.scores.wording import (
     curve_sentence,
     decimal,
@@ -52,7 +52,7 @@ class Tally:
 
     def add(self, episode: Episode) -> Verdict:
         """Count an episode that has just ended, and return its verdict."""
-        verdict = grade_record(episode, self.keys).grade.strict
+        verdict = strict_verdict(episode, self.keys)
         self.ended += 1
         self.scored[episode.key.agent] += verdict is not Verdict.UNSCORED
         self.correct[episode.key.agent] += verdict is Verdict.CORRECT

@@ -151,6 +151,14 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
     )
 
 
+def strict_verdict(episode: Episode, keys: KeyRing) -> Verdict:
+    """Return the strict verdict of an episode, for displays; unscored if its pack is withdrawn."""
+    erratum = keys.erratum(episode.versions.pack)
+    if erratum is not None and is_withdrawn(episode, erratum):
+        return Verdict.UNSCORED
+    return grade_episode(episode, keys.key(episode.key.scene, episode.key.seed)).strict
+
+
 def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:
     """Return the episodes of a run with their stored grades.
 
