@@ -31,7 +31,7 @@ from evaluator.referee.contract import EndedEpisode, OpenedEpisode, Reward, Vari
 from evaluator.scores.scoring import grade_record
 from evaluator.store.run_folder import RunFolder
 from evaluator.study.provenance import played_worlds
-from scenes import find_pack, is_world, pack_hash
+from scenes import ErratumEffect, find_pack, is_world, pack_hash, reference_of
 
 T = TypeVar("T")
 
@@ -139,14 +139,17 @@ class Referee:
         return await self._in_thread(functools.partial(variant_of, wanted, held_back=held_back, folder=folder))
 
     async def _key(self, variant: Variant, wanted: WantedEpisode, agent: str) -> EpisodeKey:
-        """Build the episode key. A variant without an answer key must be refused before it is played."""
+        """Build the episode key. A variant that has no answer key, or is withdrawn, is refused before it is played."""
         scene, seed = variant.scene, variant.seed
         try:
             await self._in_thread(functools.partial(self.keys.key, scene, seed))
             if is_world(scene):
                 await self._in_thread(functools.partial(self._record_world, scene))
+            erratum = self.keys.erratum(self.record.packs[str(scene)])
         except UsageError as error:
             raise RefusedRequest(404, str(without_seed(error, self.host.seed_of(scene, seed), seed))) from error
+        if erratum is not None and erratum.effect is ErratumEffect.WITHDRAWN:
+            raise RefusedRequest(404, f"scene {reference_of(scene)} is withdrawn: {erratum.fault}")
         return EpisodeKey(scene=scene, seed=seed, agent=agent, budget=wanted.budget, prompting=wanted.prompting)
 
     def _record_world(self, scene: int) -> None:

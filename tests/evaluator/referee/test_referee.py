@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import AsyncGenerator
 from dataclasses import fields
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from evaluator.referee.episodes import Referee
 from evaluator.referee.requests import app
 from evaluator.scores.scoring import grade_record, grade_run
 from evaluator.store.run_folder import RunFolder
+from scenes import Erratum, ErratumEffect, find_pack, pack_hash
 from tests.builders.hosts import FOREIGN_HOSTS
 from tests.builders.records import VERSIONS, episode_key
 from tests.builders.referee_client import referee_client
@@ -101,6 +103,24 @@ async def test_an_episode_has_the_prompt_calls_and_grade_of_the_loop(host_url: s
     assert list(map(canonical, exchanges_of(recorded))) == list(map(canonical, exchanges_of(episode)))
     assert grade_record(recorded, KeyRing()).grade == grade_record(episode, KeyRing()).grade
     assert reply["calls"] == len(exchanges_of(episode))
+
+
+async def test_a_scene_whose_pack_is_withdrawn_is_not_opened(host_url: str) -> None:
+    erratum = Erratum(
+        scene=7,
+        pack=pack_hash(find_pack(7)),
+        effect=ErratumEffect.WITHDRAWN,
+        fault="The key is wrong.",
+        date=date(2026, 11, 26),
+    )
+    record = RECORD.model_copy(update={"packs": {"7": erratum.pack, "23": "p"}})
+    referee = Referee(HostConnector(host_url), KeyRing(errata=[erratum]), record)
+    served = app(referee, None)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(served), base_url="http://127.0.0.1") as http:
+        refused = await http.post("/episodes", json={"scene": 7, "seed": 3})
+        checked = await http.post("/checks", json={"scene": 7, "seed": 3})
+    assert (refused.status_code, checked.status_code) == (404, 404)
+    assert sentence(refused) == "scene 7 is withdrawn: The key is wrong."
 
 
 async def test_replies_have_the_fields_that_the_shared_client_reads(host_url: str) -> None:
