@@ -49,7 +49,8 @@ def finish(
     report_on(folder, graded.rows, keys, note or seal_note(folder))
     print_results(console, graded)
     if kept:
-        note = f"played on other packs than those here, so the stored grades are kept: scenes {ranges(sorted(kept))}"
+        named = f"scene{'' if len(kept) == 1 else 's'} {ranges(sorted(kept))}"
+        note = f"played on other packs than those here, so the stored grades are kept: {named}"
         print(f"physment-eval: {note}", file=sys.stderr)
     for line in graded.changes:
         console.print(line, highlight=False, markup=False, soft_wrap=True)

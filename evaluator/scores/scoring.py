@@ -13,7 +13,7 @@ from evaluator.answers.keys import KeyRing
 from evaluator.answers.rewards import chance_at
 from evaluator.answers.strict import AnswerKey
 from evaluator.errors import UsageError
-from evaluator.records.episode import Episode, EpisodeKey, GradeRecord, Verdict
+from evaluator.records.episode import Episode, EpisodeKey, Grade, GradeRecord, Verdict
 from evaluator.scores.dimensions import cost_of, dimensions
 from evaluator.scores.errata import is_withdrawn, withdrawn_grade
 from evaluator.scores.failures.detect import failures_of
@@ -136,12 +136,7 @@ def _stored(episode: Episode, stored: Mapping[EpisodeKey, GradeRecord]) -> Grade
 
 def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
     """Return the grade record of one episode, with its key; without verdict and key if its pack is withdrawn."""
-    erratum = keys.erratum(episode.versions.pack)
-    if erratum is not None and is_withdrawn(episode, erratum):
-        grade, key = withdrawn_grade(erratum), None
-    else:
-        answer = keys.key(episode.key.scene, episode.key.seed)
-        grade, key = grade_episode(episode, answer), _plain(answer)
+    grade, key = _graded(episode, keys)
     return GradeRecord(
         key=episode.key,
         grade=grade,
@@ -153,10 +148,17 @@ def grade_record(episode: Episode, keys: KeyRing) -> GradeRecord:
 
 def strict_verdict(episode: Episode, keys: KeyRing) -> Verdict:
     """Return the strict verdict of an episode, for displays; unscored if its pack is withdrawn."""
+    grade, _ = _graded(episode, keys)
+    return grade.strict
+
+
+def _graded(episode: Episode, keys: KeyRing) -> tuple[Grade, JsonValue]:
+    """Return the grade of an episode and the key that decided it; no key if the pack is withdrawn."""
     erratum = keys.erratum(episode.versions.pack)
     if erratum is not None and is_withdrawn(episode, erratum):
-        return Verdict.UNSCORED
-    return grade_episode(episode, keys.key(episode.key.scene, episode.key.seed)).strict
+        return withdrawn_grade(erratum), None
+    key = keys.key(episode.key.scene, episode.key.seed)
+    return grade_episode(episode, key), _plain(key)
 
 
 def read_graded(folder: RunFolder) -> list[tuple[Episode, GradeRecord]]:

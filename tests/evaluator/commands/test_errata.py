@@ -117,7 +117,7 @@ def test_a_scene_on_another_pack_keeps_its_grade(run: Path, packs: Path, capsys:
     change(packs)
     assert grade(run, packs) == 0
     assert verdicts(run) == {7: Verdict.CORRECT, 8: Verdict.CORRECT}
-    assert "so the stored grades are kept: scenes 7" in capsys.readouterr().err
+    assert "so the stored grades are kept: scene 7" in capsys.readouterr().err
 
 
 def test_a_scene_on_another_pack_without_a_grade_is_refused_or_graded_on_request(
