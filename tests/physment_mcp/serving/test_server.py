@@ -12,7 +12,7 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import PromptReference
 
 from physment_mcp.scene import list_scenes, load_scene
-from physment_mcp.serving import call_log
+from physment_mcp.serving import slot
 from physment_mcp.serving.server import build_server
 from physment_mcp.serving.slot import KEPT_CALLS, MAX_PAGE_BYTES, EpisodeSlot
 from physment_mcp.session import Session
@@ -270,14 +270,14 @@ async def test_the_measurements_are_read_page_by_page(open_lab: OpenLab) -> None
 async def test_an_episode_that_has_brought_too_much_can_only_answer(
     open_lab: OpenLab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(call_log, "MAX_EPISODE_BYTES", 50_000)
+    monkeypatch.setattr(slot, "MAX_EPISODE_BYTES", 50_000)
     async with open_lab() as lab:
         for _ in range(4):
             await lab.refused("get_velocity", object_id="x" * 15_000)
         before = lab.session.world.time
-        assert await lab.refused("step", duration=1) == call_log.FULL
+        assert await lab.refused("step", duration=1) == slot.FULL
         assert (lab.session.world.time, lab.session.calls) == (before, 5)
-        assert (await notes_of(lab.client))["calls"][-1]["arguments"] == {"left_out": call_log.FULL}
+        assert (await notes_of(lab.client))["calls"][-1]["arguments"] == {"left_out": slot.FULL}
         await lab.call("answer", answer=3)
         assert (await notes_of(lab.client))["calls"][-1]["arguments"] == {"answer": 3}
 
