@@ -74,8 +74,11 @@ def main() -> int:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     packs = parse_scenes(options.scenes, None)
     there = _summarised(packs) | _kept(options.out)
-    wanted = [[(files, seed) for seed in seeds_of(pack_hash(files), options.count)] for files in packs]
-    jobs = [job for turn in zip(*wanted, strict=True) for job in turn if (pack_hash(job[0]), job[1]) not in there]
+    hashed = [(files, pack_hash(files)) for files in packs]
+    wanted = [
+        [(files, seed, (pack, seed) in there) for seed in seeds_of(pack, options.count)] for files, pack in hashed
+    ]
+    jobs = [(files, seed) for turn in zip(*wanted, strict=True) for files, seed, known in turn if not known]
     try:
         anyio.run(play, jobs, options.workers, options.out)
     finally:
