@@ -1,12 +1,12 @@
 """The errors of the evaluator and their consequences.
 
 EvaluatorError
-├─ UsageError             the operator asked for something impossible      → one sentence, exit code 2
-├─ StoreError             a run folder cannot be read or written           → one sentence, exit code 2
-├─ AgentError             the agent cannot continue                        → recorded as the episode's outcome
-├─ RefusedRequest         a referee cannot do what it is asked for      → the answer to the request, with its status
-└─ InfrastructureError    server or connection failed                      → the episode is retried, never scored wrong
-   └─ PermanentFailure    … and asking again cannot help                   → the agent's other episodes are left out
+├─ UsageError             the operator asked for something impossible    → one sentence, exit code 2
+├─ StoreError             a run folder cannot be read or written         → one sentence, exit code 2
+├─ AgentError             the agent cannot continue                      → recorded as the episode's outcome
+├─ RefusedRequest         the referee refuses a request                  → an HTTP response with its status
+└─ InfrastructureError    server or connection failed                    → the episode is retried, never scored wrong
+   └─ PermanentFailure    … and a retry cannot help                      → the agent's other episodes are not played
 """
 
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # importing pydantic takes 0.2 s, which `--help` avoids
 
 
 def reason_of(error: OSError | ValueError) -> str:
-    """The reason why a file cannot be read: the message of the system, or the first validation error of a record."""
+    """Return why a file cannot be read: the system's message, or the first validation error of a record."""
     if isinstance(error, OSError):
         return error.strerror or "it cannot be read"
     if isinstance(error, UnicodeDecodeError):

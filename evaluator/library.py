@@ -1,6 +1,6 @@
-"""What a program that imports `evaluator` calls: play an episode, grade it, score it, load a run folder, name a split.
+"""Functions of the public interface: play an episode, grade it, score it, load a run folder, read a split.
 
-These functions do what the commands do, without files, printing or retries.
+They do what the commands do, without files, console output or retries.
 """
 
 import functools
@@ -33,10 +33,10 @@ from scenes.splits import Split
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run folder that was read."""
+    """The contents of a run folder."""
 
     record: RunRecord
-    """Contents of `run.json`: what decides the results."""
+    """Contents of `run.json`: the settings that determine the results."""
     episodes: tuple[Episode, ...]
     grades: dict[EpisodeKey, GradeRecord]
     """Stored grades; empty for a run that has not been graded."""
@@ -46,11 +46,12 @@ def connect(server: str = "host", scenes_dir: Path | None = None) -> AbstractAsy
     """Open a laboratory on which many episodes are played; an asynchronous context manager.
 
     Args:
-        server: `host` for a local host, `stdio` for a server process for each episode, the URL of a host, or a command.
-        scenes_dir: Folder of scene packs for servers that this starts; the suite by default.
+        server: `host` for a local episode server, `stdio` for a server process per episode, the URL of an episode
+            server, or a command.
+        scenes_dir: Folder of scene packs for servers that this function starts; the suite by default.
 
     Raises:
-        UsageError: When it is entered: `server` cannot be understood, or a host does not start.
+        UsageError: On entering: `server` has none of these forms, or an episode server does not start.
     """
     return laboratory_at(server, scenes_dir)
 
@@ -68,19 +69,19 @@ async def play(
     """Play one episode.
 
     Args:
-        agent: Plays. Its exceptions reach the caller.
+        agent: The agent that plays. Its exceptions propagate to the caller.
         scene: Id of the scene.
         seed: 0 for the scene as written, any other number for a variant.
-        budget: Iterations that the agent may use.
-        prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`: how many worked examples the prompt shows.
-        server: What `connect` takes or returns.
+        budget: Number of iterations that the agent may use.
+        prompting: `zero-shot`, `one-shot-cot` or `few-shot-cot`: the number of worked examples in the prompt.
+        server: A value that `connect` accepts, or an open laboratory that it returned.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Returns:
-        The episode as a run folder would hold it. It is not graded.
+        The episode, as a run folder would store it. It is not graded.
 
     Raises:
-        UsageError: There is no such scene, or `server` cannot be understood.
+        UsageError: There is no such scene, or `server` is malformed.
         InfrastructureError: The server failed.
     """
     versions = _versions(scene, scenes_dir)
@@ -92,21 +93,21 @@ async def play(
 
 
 def episode_of_log(log: bytes, scene: int, *, seed: int = 0, max_calls: int, scenes_dir: Path | None = None) -> Episode:
-    """The episode of a program that drove itself, from the log of calls that its host kept.
+    """Build the episode of a program that connected by itself, from the call log of its episode server.
 
     Args:
-        log: What `GET /episodes/ID/calls` returned, with the calls of all pages.
+        log: The response of `GET /episodes/ID/calls`, with the calls of all pages.
         scene: Id of the scene.
         seed: Variant of the scene.
-        max_calls: Tool calls that the program might make.
+        max_calls: Limit on tool calls.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Returns:
-        The episode, a turn for each call. Without an answer its outcome is `budget_exhausted`. Its prompt, the version
-        of MCP and the time of its start are empty, since a log does not tell them.
+        The episode, with one turn per call. Without an answer its outcome is `budget_exhausted`. Its prompt, the
+        version of MCP and its start time are empty, because a log does not contain them.
 
     Raises:
-        UsageError: It is no such log, or there is no such scene.
+        UsageError: `log` is not such a log, or there is no such scene.
     """
     try:
         turns = turns_of_log(log)
@@ -127,7 +128,7 @@ def episode_of_log(log: bytes, scene: int, *, seed: int = 0, max_calls: int, sce
 
 
 def _versions(scene: int, scenes_dir: Path | None) -> Versions:
-    """The versions that decide the result of an episode, without that of MCP.
+    """Return the versions that determine the result of an episode, without that of MCP.
 
     Raises:
         UsageError: There is no such scene.
@@ -143,28 +144,28 @@ def grade(episode: Episode, scenes_dir: Path | None = None) -> GradeRecord:
     """Compare the answer of an episode with the key of its scene and seed.
 
     Args:
-        episode: As played or loaded.
+        episode: An episode that was played or loaded.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
-        UsageError: The pack is missing or gives no key.
+        UsageError: The pack is missing, or has no key for this seed.
     """
     return grade_record(episode, KeyRing(scenes_dir))
 
 
 def reward(scene: int, seed: int, answer: JsonValue, scenes_dir: Path | None = None) -> AnswerReward:
-    """What an answer is worth: the reward of a training loop that plays in its own process.
+    """Return the reward of an answer, for a training loop that plays in its own process.
 
-    Keys are kept, so asking again for the same variant takes some 0.1 ms.
+    Keys are cached, so a second request for the same variant takes about 0.1 ms.
 
     Args:
         scene: Id of the scene.
         seed: Variant of the scene.
-        answer: As the agent gave it, for example `OpenEpisode.answer`; None for an episode without one.
+        answer: The agent's answer, unchanged, for example `OpenEpisode.answer`; None for an episode without one.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
-        UsageError: There is no such scene, or it gives no key for this seed.
+        UsageError: There is no such scene, or it has no key for this seed.
     """
     return answer_reward(answer, _keys(scenes_dir).key(scene, seed))
 
@@ -178,23 +179,23 @@ def score(episodes: Iterable[Episode], scenes_dir: Path | None = None) -> list[S
     """Grade episodes and compute their scores, grounding and failures.
 
     Args:
-        episodes: As played or loaded.
+        episodes: Episodes that were played or loaded.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:
-        UsageError: A pack is missing or gives no key.
+        UsageError: A pack is missing, or has no key for a seed.
     """
     keys = KeyRing(scenes_dir)
     return [score_episode(episode, grade_record(episode, keys), keys) for episode in episodes]
 
 
 def summary(rows: Iterable[ScoredEpisode]) -> RunSummary:
-    """The numbers of several episodes: accuracies with intervals, dimensions, Final Score, budget curves."""
+    """Summarise several episodes: accuracies with intervals, dimensions, Final Score, budget curves."""
     return summarise(list(rows))
 
 
 def split(name: str) -> Split:
-    """The scenes and seeds of a split, for programs that train or test an agent.
+    """Return the scenes and seeds of a split, for programs that train or test an agent.
 
     Args:
         name: `train`, `validation`, `test`, or one of the further splits that `scenes.splits` lists.

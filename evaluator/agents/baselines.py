@@ -70,7 +70,7 @@ class _RandomPlayer:
 
 @dataclass(frozen=True, slots=True)
 class OracleOnceAgent:
-    """Single-invocation baseline: the inner agent makes one batch of calls, reads the results, and must then answer."""
+    """Lets an inner agent make one batch of calls and read its results; the next turn must answer."""
 
     inner: Agent
 

@@ -1,7 +1,7 @@
-"""Agents that users write in Python: `--agent MODULE:CLASS` imports the class and contains its exceptions.
+"""Agents that users write in Python: `--agent MODULE:CLASS` imports the class and handles its exceptions.
 
 The class has the attribute `name` and the method `player` of the `Agent` protocol. It may also have a method `facts`,
-which returns the settings that determine its results, and be an async context manager, which is open during the run.
+which returns the settings that determine its results. It may be an async context manager, which is open during the run.
 """
 
 import hashlib

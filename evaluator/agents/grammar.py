@@ -1,6 +1,6 @@
 """Reference agent for grammar worlds. It knows the grammar but not the sampled world, and reads only the prompt.
 
-A module apart from `reference`, because the search imports SciPy, which no other agent needs.
+It is separate from `reference` because its search imports SciPy, which no other agent needs.
 """
 
 from dataclasses import dataclass, field, replace

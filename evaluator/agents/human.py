@@ -29,7 +29,7 @@ Give arguments in their order, or as name=value. A mistyped line is not sent and
 """
 
 _COMMAS = re.compile(r"(?<![\w.,])(?<!\w\()[-+−]?[\d.]+(?:,[\d.]+)+")
-"""Numbers joined by commas without a space, except function arguments as in `atan2(1,2)`."""
+"""Matches numbers joined by commas without a space, except function arguments as in `atan2(1,2)`."""
 
 
 class Left(AgentError):

@@ -1,6 +1,6 @@
-"""Replays recorded replies in a new episode. Replays, forks, films and published logs all use this driver.
+"""Replays recorded replies in a new episode. Replays, forks, films and published logs all use this module.
 
-They differ in how the results of the calls are compared with the record: `exchange_difference` compares within a
+Callers compare the results of the calls with the record in different ways: `exchange_difference` compares within a
 tolerance, `exact_difference` bit by bit, and some callers do not compare at all.
 """
 

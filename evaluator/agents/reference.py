@@ -1,4 +1,4 @@
-"""Plays protocols, which scene packs write as generators of calls, through the public tools; the reference agent."""
+"""The reference agent, which plays the protocols of scene packs: generators of calls to the public tools."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

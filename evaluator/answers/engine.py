@@ -1,8 +1,8 @@
 """Privileged access of the evaluator to the physics engine.
 
-Only three rooms may import this module: `answers/keys`, for keys without a closed form; `certify/`, to certify scenes;
-and `commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which are not needed to play an episode
-or to grade a scene that has a `theory`.
+Only three modules or packages may import this module: `answers/keys`, for keys without a closed form; `certify/`, to
+certify scenes; and `commands/scenes`, to print a prompt. It loads MuJoCo and the server's code, which are not needed to
+play an episode or to grade a scene that has a `theory`.
 
 `Engine` bypasses permissions, budgets and hiding. The other functions use a session and its tools, and so return what
 an agent would read.

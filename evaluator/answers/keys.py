@@ -61,7 +61,7 @@ class KeyRing:
 
     @functools.cached_property
     def errata(self) -> dict[str, Erratum]:
-        """Content hash of a pack → its known fault: those that were given, or else those of the suite and the folder.
+        """Return the known faults of packs by content hash: the given ones, or those of the suite and the folder.
 
         Raises:
             UsageError: A file of errata is malformed.
@@ -75,7 +75,7 @@ class KeyRing:
             raise UsageError(str(error)) from error
 
     def erratum(self, pack: str) -> Erratum | None:
-        """The known fault of a pack; None if none is known.
+        """Return the known fault of a pack; None if none is known.
 
         Args:
             pack: Hash of the pack, as stored with an episode.

@@ -101,14 +101,14 @@ class Worth(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AnswerReward:
-    """The value of an answer in each of the three ways that a trainer may count it."""
+    """The value of an answer under each of the three rules (`Worth`) that a trainer can choose."""
 
     strict: float
     """1 if the answer is strictly correct, otherwise 0."""
     graded: float
     """The share of the parts of the key that are right, from 0 to 1."""
     parts: tuple[bool, ...]
-    """Whether each part of the key is answered right; all False for an answer of another shape."""
+    """For each part of the key, whether it is answered right; all False for an answer of another shape."""
     chance: float
     """Probability that a blind guess is strictly correct: 1/n for a choice of n, 1 % for a number to within 5 %.
 
@@ -124,7 +124,7 @@ class AnswerReward:
         return self.strict if self.chance >= 1 else (self.strict - self.chance) / (1 - self.chance)
 
     def of(self, worth: Worth) -> float:
-        """Return the value that counts as the reward."""
+        """Return the value under a rule."""
         match worth:
             case Worth.STRICT:
                 return self.strict

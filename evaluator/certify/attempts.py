@@ -1,4 +1,7 @@
-"""Certificates 7, 8 and 9: naive attempts fail, shortcuts mislead, and the structure of the law must be identified."""
+"""Certificates 7, 8 and 9: naive attempts fail, shortcuts mislead, and the structure of the law must be identified.
+
+A shortcut is a plausible but wrong method that the pack lists.
+"""
 
 import math
 from collections import Counter
@@ -18,7 +21,7 @@ _ROUNDING = 1e-9
 
 
 def at_most(share: float, of: int, seeds: int) -> int:
-    """Largest number of seeds that is allowed by an upper limit on a share.
+    """Return the largest number of seeds that a limit on their share allows.
 
     Args:
         share: Limit, from 0 to 1.
@@ -40,6 +43,8 @@ _BATCH_SHARE, _ATTACKER_SHARE, _ABOVE_CHANCE = 1 / 3, 0.20, 0.10
 
 async def check_unstageable(subject: Subject, seeds: int) -> Check:
     """Check that direct attempts, one fixed batch of calls, and the attackers do not find the answer.
+
+    A direct attempt sets up the situation of the question and reads the result.
 
     Args:
         subject: The scene.
@@ -194,7 +199,7 @@ def check_structure(subject: Subject, episodes: Sequence[Episode]) -> Check:
 
 
 def _explains(subject: Subject, seed: int, exchanges: Exchanges, label: str) -> bool:
-    """Whether the model of a structure, fitted to calls and readings, gives the correct answer at a seed."""
+    """Return whether the model of a structure, fitted to calls and readings, gives the right answer at a seed."""
     assert subject.solution.fit is not None
     try:
         found = subject.solution.fit(exchanges, label)

@@ -1,4 +1,8 @@
-"""Monitors the catches of a scene (latches, stops) under load: whether they hold and readings stay consistent."""
+"""Monitors the catches of a scene (latches, stops) under load: whether they hold and readings stay consistent.
+
+A catch is a part of the apparatus that limits or stops a motion. (_WINDOW, _DISAGREEMENT, _FLOOR): | Number of samples
+over which displacement and speed are compared; allowed relative and absolute error [m or rad].
+"""
 
 import re
 from collections import deque
@@ -25,7 +29,7 @@ _PARTS = re.compile(
     r"\b(?:(latch|net|rim|guard|pawl)(?:e?s)?|(?:an?|the|both|each) (catch)(?:es)?|(?:an?|the|soft|hard) (stop)s?)\b",
     re.IGNORECASE,
 )
-"""Nouns for a catch. The noun is the group that matches."""
+"""Pattern of nouns for a catch. Its group matches the noun."""
 _ACTS = re.compile(r"\b(?:catch(?:es)?|caught|stops|for good)\b", re.IGNORECASE)
 """Words for the action of a catch."""
 _OTHER_SENSES = re.compile(
@@ -33,13 +37,13 @@ _OTHER_SENSES = re.compile(
     r"|\b(?:round|of) (?:its|the) rim\b",
     re.IGNORECASE,
 )
-"""Phrases in which these words describe a motion or a place on a wheel instead of a catch."""
+"""Phrases in which these words describe a motion or a place on a wheel, and not a catch."""
 
 
 def undeclared_catches(pack: Pack) -> list[str]:
-    """The words of the prompt for a latch, catch, net, rim, guard or stop that the pack does not declare.
+    """Return the prompt's words for a latch, catch, net, rim, guard or stop that the pack does not declare.
 
-    Each part must be among the words of a catch. If a pack names none, words for what a catch does count too.
+    If a pack declares no catch, words for the action of a catch count too.
     """
     task = _OTHER_SENSES.sub("", pack.metadata.task)
     parts = dict.fromkeys(noun.lower() for match in _PARTS.finditer(task) for noun in match.groups() if noun)
@@ -49,13 +53,13 @@ def undeclared_catches(pack: Pack) -> list[str]:
 
 
 def unknown_words(pack: Pack) -> list[str]:
-    """The words of the pack's catches that its prompt does not contain."""
+    """Return the words of the pack's catches that do not occur in its prompt."""
     task = pack.metadata.task.lower()
     return [word for catch in pack.catches for word in catch.words if word.lower() not in task]
 
 
 class _State:
-    """The true state of bodies under the names used in laws, such as `object_1_vx`. Values are read on demand."""
+    """The true state of bodies, by the variable names of laws, such as `object_1_vx`. Values are read on demand."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -117,11 +121,15 @@ class _Watched:
 
     @property
     def has_acted(self) -> bool:
-        """Whether the catch has acted; always True for one that bounds at all times."""
+        """Return whether the catch has acted; True for a catch that limits a quantity at all times."""
         return self._caught is not None
 
     def look(self) -> tuple[float, str | None]:
-        """Sample the bounded quantities: how near one is to its bounds (1 at a bound), and a fault or None."""
+        """Sample the bounded quantities.
+
+        Returns:
+            The largest share of a bound that is used up (1 at the bound); and a fault, or None.
+        """
         now = self._state.values(self._wanted)
         if self._caught is None:
             if not _evaluated(self._sprung, now)[0]:
@@ -208,7 +216,7 @@ class Watch:
 
     @property
     def acted(self) -> int:
-        """Number of catches that have acted, without those that bound at all times."""
+        """Return the number of catches that have acted, without those that limit a quantity at all times."""
         return sum(watched.has_acted for watched in self.catches if watched.catch.sprung)
 
     def look(self) -> str | None:

@@ -52,7 +52,7 @@ def started(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def differences(mjcf: str, other: str) -> list[str]:
-    """MuJoCo names of the quantities in which two models or their start states differ."""
+    """Return the MuJoCo names of the quantities in which two models or their start states differ."""
     (first, first_start), (second, second_start) = started(mjcf), started(other)
     found = [name for name in ("qpos", "qvel") if not _close(getattr(first_start, name), getattr(second_start, name))]
     for owner, counterpart in ((first, second), (first.opt, second.opt)):
@@ -76,10 +76,10 @@ def deepest_contact(mjcf: str) -> float:
 
 
 def numbers_of_parts(mjcf: str) -> dict[str, int]:
-    """Number of parts of each kind that affects the duration of a step.
+    """Count the parts of each kind that affects the duration of a step.
 
-    Only geoms that can collide are counted; bodies in a fluid are counted a second time. Rows of the constraint solver
-    are counted at the start state.
+    Only geoms that can collide are counted. Bodies in a fluid count in a kind of their own. Rows of the constraint
+    solver are counted at the start state.
 
     Raises:
         ValueError: The model does not compile.
@@ -113,7 +113,7 @@ def energy_gain(mjcf: str) -> float:
 
 
 def overridden(mjcf: str, *, balls_may_come: bool) -> Iterator[str]:
-    """Yield a sentence for each friction or restitution of a geom that does not act in a contact with a fixture.
+    """Yield a sentence for each friction or restitution of a geom that a fixture's value overrides in a contact.
 
     Args:
         mjcf: The model.
@@ -169,7 +169,7 @@ def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
 
 
 def jointless_parts(mjcf: str) -> Iterator[str]:
-    """Yield a sentence for each body fixed to an object without a joint, since tools treat both as one object."""
+    """Yield a sentence for each body that is fixed to an object without a joint. Tools treat both as one object."""
     model, _ = started(mjcf)
     for body in range(1, model.nbody):
         if model.body_parentid[body] != 0 and not model.body_jntnum[body]:

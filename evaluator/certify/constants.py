@@ -1,4 +1,4 @@
-"""The hidden constants of a draw, neighbouring values, and the sensitivity of the answer to them."""
+"""The hidden constants of a seed, constants close to them, and the sensitivity of the answer to them."""
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 _STEP = 1e-3
 """Step of the numerical gradient of the answer, as a share of the constant's range."""
 _SAMPLES = 100
-"""Number of sampled sets of constants with which the probability of a choice is estimated."""
+"""Number of sampled sets of constants from which the probability of a choice is estimated."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Constants:
 
     @classmethod
     def of(cls, subject: Subject, seed: int) -> "Constants":
-        """The constants of the draw of a seed."""
+        """Return the constants that a seed draws."""
         drawn = subject.draw(seed).knobs
         knobs = subject.pack.knobs
         return cls(
@@ -66,7 +66,7 @@ class Constants:
     def answer(
         self, shifts: Mapping[str, float] | None = None, discrete: Mapping[str, KnobValue] | None = None
     ) -> list[Scalar]:
-        """The parts of the answer for these values.
+        """Compute the parts of the answer for these values.
 
         Raises:
             NotMeasurable: The values have no answer.
@@ -90,7 +90,7 @@ class Constants:
 
     @functools.cached_property
     def _asked(self) -> tuple[tuple[int, ...], Array, Array]:
-        """The numeric parts of the answer, their gradients (parts, constants), and their tolerances."""
+        """Return the numeric parts of the answer, their gradients (parts, constants), and their tolerances."""
         chosen = self.subject.spec.options
         parts = tuple(n for n, part in enumerate(self.key) if not chosen and isinstance(part, int | float))
         gradient = np.zeros((len(parts), len(self.names)))
@@ -120,7 +120,7 @@ class Constants:
         return [float(bound) for bound in np.sqrt(np.maximum(variance, 0.0)) / tolerance]
 
     def choice_probability(self, fisher: Array) -> float | None:
-        """Probability of the correct choice over plausible constants; None if the answer contains only numbers."""
+        """Return the probability of the right choice over constants that fit the readings; None without a choice."""
         if len(self._asked[0]) == len(self.key):
             return None
         if not self.names:
@@ -138,7 +138,7 @@ class Constants:
         return right / _SAMPLES
 
     def _within(self, shifts: Sequence[float]) -> dict[str, float]:
-        """Shifts that keep every constant in its range."""
+        """Clip shifts so that every constant stays in its range."""
         kept: dict[str, float] = {}
         for name, shift in zip(self.names, shifts, strict=True):
             at = unit(self.subject.pack.knobs[name], float(cast("float", self.knobs[name])))
@@ -146,7 +146,7 @@ class Constants:
         return kept
 
     def others(self) -> Iterator[tuple[str, dict[str, KnobValue]]]:
-        """Yield each change of one discrete value, with a name; for a permutation, each swap of two of its values."""
+        """Yield each change of one discrete value, with its name. A permutation changes by swapping two values."""
         for name, knob in self.subject.pack.knobs.items():
             drawn = self.knobs[name]
             for value in knob.choice or ():

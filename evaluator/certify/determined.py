@@ -1,4 +1,4 @@
-"""Certificate 12: readings and the stated family of laws determine the answer, and the asked equilibrium is stable."""
+"""Certificate 12: readings and the stated family of laws determine the answer; a requested equilibrium is stable."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -16,7 +16,10 @@ from scenes.protocol import Member, Solution
 _PLAUSIBLE, _AGREEING_SHARE = 40, 0.95
 """Number of answers computed from plausible constants, and the share of them that must agree with the key."""
 _LARGEST_MISFIT = 4.0
-"""Reduced chi-square of the drawn law above which its stated errors are wrong: misfits twice as large as stated."""
+"""Reduced chi-square of the drawn law above which the stated errors are too small: misfits of twice their size. (_OFF,
+_LEFT, _SHIFT): | Disturbance of the equilibrium, largest share of it that may remain, and tolerated offset of the
+equilibrium.
+"""
 _OFF, _LEFT, _SHIFT = 0.02, 0.25, 0.005
 """Disturbance of the asked state, largest share of it that may remain, and tolerated offset of the state itself."""
 _STATED = re.compile(r"\b(?:one|two|three|some) of: [^.:;]+;")
@@ -37,11 +40,11 @@ class _Weighed:
     misfit: float = 0.0
     """Reduced chi-square of the drawn law."""
     right: float = 1.0
-    """Share of the plausible answers that agree with the key; the smallest among the surviving members."""
+    """Share of the computed answers that agree with the key; the smallest among the surviving members."""
 
 
 def check_determined(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that all laws of the stated family that fit the reference's readings give the answer of the key.
+    """Check that every law of the stated family that fits the reference's readings gives the answer of the key.
 
     Args:
         subject: The scene.
@@ -97,13 +100,13 @@ def _weigh(subject: Subject, draw: Draw, episode: Episode) -> _Weighed:
 
 
 def _right_share(subject: Subject, draw: Draw, fit: Member) -> float:
-    """Share of the answers by plausible constants that agree with the key."""
+    """Return the share of answers that agree with the key, among constants drawn from the fit."""
     answers = fit.plausible(_PLAUSIBLE)
     return sum(subject.agrees(value, subject.truth(draw)) for value in answers) / len(answers)
 
 
 def _unsettled(subject: Subject, draw: Draw) -> Iterator[str]:
-    """Yield a sentence if the asked state is not a steady state in the engine, or if a disturbance does not decay."""
+    """Yield a sentence if the equilibrium is not a steady state in the engine, or if a disturbance does not decay."""
     if subject.solution.settles is None:
         return
     for off in (0.0, _OFF, -_OFF):
@@ -117,7 +120,7 @@ def _unsettled(subject: Subject, draw: Draw) -> Iterator[str]:
 
 
 def family_faults(pack: Pack, solution: Solution) -> Iterator[str]:
-    """Yield a sentence for each thing that a pack with a family of laws lacks; none for a pack without one."""
+    """Yield a sentence for each missing part of a pack with a family of laws; none for a pack without one."""
     task = pack.metadata.task
     if solution.rivals is None:
         yield "solution.py defines no rivals: fit each law of the family"
@@ -135,6 +138,6 @@ def family_faults(pack: Pack, solution: Solution) -> Iterator[str]:
 
 
 def _question(task: str) -> str:
-    """The question in a task: the text from "Suppose" on, or the last two sentences."""
+    """Return the question in a task: the text from "Suppose" on, or the last two sentences."""
     supposed = task.rfind("Suppose")
     return task[supposed:] if supposed >= 0 else " ".join(re.split(r"(?<=[.?]) ", task)[-2:])

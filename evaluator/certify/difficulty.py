@@ -20,7 +20,7 @@ MAX_ITERATIONS = 20
 
 @dataclass(slots=True)
 class Drive:
-    """The calls of a protocol and its result."""
+    """The calls of a protocol that was run on a session, and its result."""
 
     calls: list[Call] = field(default_factory=list[Call])
     iterations: int = 0
@@ -200,7 +200,7 @@ def _interventions(episode: Episode) -> int:
 
 
 async def _wrong_by_rote(subject: Subject, seeds: int) -> int:
-    """Number of seeds at which the interventions of seed 0, with the readings of the seed, give a wrong answer."""
+    """Count the seeds at which repeating the interventions of seed 0 leads to a wrong answer."""
     solve = subject.solution.solve
     assert solve is not None
     first = await drive(subject.session(subject.draw(0)), solve)

@@ -54,7 +54,7 @@ def unequal_laws(models: Sequence[str]) -> Iterator[str]:
 
 
 def unequal_parts(models: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence for each kind of part of which the models of a pack, from seed 0 on, have different numbers.
+    """Yield a sentence for each kind of part whose number differs between the models, from seed 0 on.
 
     Besides elements, it counts rows of the constraint solver at the start, such as those of joints and tendons with a
     `frictionloss` above 0, and bodies in a fluid with a density, because these also cost time.
@@ -80,7 +80,7 @@ def _unequal(kind: str, numbers: Sequence[int]) -> Iterator[str]:
 def absent_laws_without_value(
     models: Sequence[str], bodies: Sequence[str], force: float, torque: float
 ) -> Iterator[str]:
-    """Yield a sentence for the first seed at which a law left out by the draw makes a step fail.
+    """Yield a sentence for the first seed at which a law that the draw disabled makes a step fail.
 
     Such a law has the factor 0, but a non-finite value still fails the step. The test pushes all bodies back and forth.
 
@@ -107,7 +107,7 @@ def _laws(mjcf: str) -> list[dict[str, object]]:
 
 
 def _without_absent(mjcf: str) -> str | None:
-    """The model without its laws of factor 0; None if it has no such laws."""
+    """Return the model without its laws of factor 0; None if it has no such laws."""
     laws = _laws(mjcf)
     acting = [law for law in laws if law.get("factor") != 0]
     if len(acting) == len(laws):
@@ -119,7 +119,7 @@ def _without_absent(mjcf: str) -> str | None:
 
 
 def _moves(mjcf: str, bodies: Sequence[str], force: float, torque: float) -> bool:
-    """Whether the world can be stepped while all bodies are pushed back and forth along (1, 1, 1)."""
+    """Return whether the world can be stepped while all bodies are pushed back and forth along (1, 1, 1)."""
     world = World(mjcf)
     along = np.ones(3) / np.sqrt(3)
     movable = [body for body in bodies if world.is_movable(body)]

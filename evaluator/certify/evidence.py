@@ -116,7 +116,7 @@ def _slopes(
 
 
 def _is_rough(above: Array, below: Array, whiten: Array) -> Flags:
-    """Mask of the readings without a derivative and with a relevant effect."""
+    """Return a mask of the readings that have no derivative but depend noticeably on the constant."""
     largest = np.maximum(np.abs(above), np.abs(below))
     matters = largest * np.abs(np.diag(whiten)) > _TOLD
     return matters & (np.abs(above - below) > _ROUGH * largest)
@@ -146,7 +146,7 @@ def _whitening(reads: Sequence[Read]) -> Array:
 
 
 def _refuse_other_record(base: Sequence[Read], episode: Episode) -> None:
-    """Refuse a record whose readings differ from the laboratory's, such as an edited one."""
+    """Raise if the readings of a record differ from the laboratory's, for example because it was edited."""
     stored = [exchange.content for _, exchange in calls_of(episode)]
     for read in base:
         values = np.array(list(numbers(stored[read.place] or {})))
@@ -166,15 +166,15 @@ MOST = 24
 
 
 class Other(NamedTuple):
-    """Other discrete values that give another answer."""
+    """Discrete values that differ from the drawn ones and give another answer."""
 
     name: str
     apart: Array | None
-    """Whitened change of the readings; None if a replay with these values returns results of a different form."""
+    """Whitened change of the readings; None if a replay with these values returns results of another form."""
 
 
 def others_of(constants: Constants, told: Information, episode: Episode, fitted: Sequence[Rival] | None) -> list[Other]:
-    """The changes of one discrete value that give another answer, except values of a fitted structure."""
+    """Return the changes of one discrete value that give another answer, except values of a fitted structure."""
     structure = constants.subject.solution.structure
     found: list[Other] = []
     for name, change in constants.others():
@@ -196,7 +196,7 @@ def _differs(constants: Constants, change: dict[str, KnobValue]) -> bool:
 
 
 def fitted_rivals(constants: Constants, episode: Episode) -> list[Rival] | None:
-    """Rivals from the pack's own fits; None if it has none, or if they do not support these calls."""
+    """Return rivals from the pack's own fits; None if it has none, or if they do not support these calls."""
     solution = constants.subject.solution
     if solution.rivals is None or solution.structure is None:
         return None
@@ -224,7 +224,7 @@ def _apart(constants: Constants, told: Information, episode: Episode, change: di
 
 
 _FAR = 1e9
-"""Chi-square of a rival whose replay returns results of a different form."""
+"""Chi-square of a rival whose replay returns results of another form."""
 
 
 def measured(subject: Subject, seed: int, episode: Episode, line_sha256: str) -> EvidenceRecord:
@@ -285,7 +285,10 @@ def _steps(
 
 
 def _distance(told: Information, other: Other, rows: Sequence[int], fisher: Array) -> float:
-    """Chi-square of readings by other discrete values, the continuous constants adjusted by linear least squares."""
+    """Return the chi-square of the readings for other discrete values, minimised over the continuous constants.
+
+    The minimisation is a linear least-squares fit.
+    """
     if other.apart is None:
         return _FAR
     apart = other.apart[rows]

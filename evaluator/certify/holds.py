@@ -1,7 +1,7 @@
 """Certificate 11: each latch, catch, net, rim, guard or stop in the prompt holds against every allowed load.
 
-A pack declares its catches. Scenes are driven with the loads of `loads` on every seed, and harder on the draws that
-respond most and least to loads. After a load that engages a catch, further loads try to release what the catch holds.
+A pack declares its catches. The certificate applies the loads of `loads` at every seed, and for longer at the seeds
+whose apparatus responds most and least. After a load that engages a catch, further loads try to release the catch.
 """
 
 import math
@@ -22,9 +22,9 @@ from physment_mcp.session import MAX_SIMULATED_S
 from scenes import Pack, PackError
 
 _CANDIDATES = 100
-"""Number of seeds that are searched for the draws that respond most and least to the loads."""
+"""Number of seeds among which those with the strongest and the weakest response to loads are searched."""
 _EXTREME_SHARE = 3
-"""Factor by which these two draws are driven longer than other seeds."""
+"""Factor by which the loads act longer at these two seeds than at others."""
 _WORK_US = 18e6
 """Estimated processor time of the certificate [µs]."""
 _STEP_US, _LAW_US, _LOOK_US = 12.0, 8.0, 90.0
@@ -44,8 +44,8 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
 
     Args:
         subject: The scene.
-        seeds: Number of seeds, from 0 on. The draws among the first hundred that respond most and least to the
-            loads are driven too, and harder.
+        seeds: Number of seeds, from 0 on. Two more of the first hundred seeds, with the strongest and the weakest
+            response to loads, are tested for longer.
         effort: Factor of the default number of checked time steps, which takes about 20 s of processor time.
     """
     pack = subject.pack
@@ -78,7 +78,7 @@ def check_holds(subject: Subject, seeds: int, effort: float = 1.0) -> Check:
 
 
 def _extremes(subject: Subject) -> tuple[int, int]:
-    """The seeds whose draws respond most and least to the largest loads: the lightest and the heaviest apparatus."""
+    """Return the seeds with the strongest and the weakest response to the largest loads."""
     responses: list[float] = []
     for seed in range(_CANDIDATES):
         try:
@@ -89,13 +89,13 @@ def _extremes(subject: Subject) -> tuple[int, int]:
 
 
 def _response(engine: Engine, pack: Pack) -> float:
-    """The speeds that the largest loads give, or where only balls load something, one over the mass of all bodies."""
+    """Return the speeds that the largest loads cause; if only balls load a body, the inverse of the total mass."""
     handles = handles_of(engine, pack)
     return sum(handles.values()) if handles else 1 / max(sum(engine.mass(body) for body in engine.bodies), _LEAST_KG)
 
 
 def _looks_in_all(subject: Subject) -> float:
-    """Number of looks for which the time suffices, by the number of laws and of the integrator's stages."""
+    """Return the number of state checks that fit into `_WORK_US`, given the laws and the integrator's stages."""
     stages = 4 if 'integrator="RK4"' in subject.draw(0).mjcf else 1
     step = stages * (_STEP_US + _LAW_US * len(subject.pack.laws))
     return _WORK_US / (step + _LOOK_US)
@@ -110,7 +110,7 @@ class _Tally:
     loads: int = 0
     time_s: float = 0.0
     worst: float = 0.0
-    """Largest distance of a bounded quantity from the middle of its bounds, over half their distance."""
+    """Largest distance of a bounded quantity from the middle of its bounds, divided by half their width."""
 
     def add(self, run: "_Run") -> None:
         """Add the totals of a run."""
@@ -122,7 +122,7 @@ class _Tally:
 
 
 def _drive_all(subject: Subject, draws: Sequence[tuple[int, int]], in_a_row: int, tally: _Tally) -> list[str]:
-    """Drive draws, given as (seed, number of looks), with `in_a_row` attacks a run; returns why some failed.
+    """Test seeds, given as (seed, number of state checks), with `in_a_row` attacks per run; returns faults.
 
     Raises:
         ExpressionError: A condition of a catch cannot be computed.
@@ -147,7 +147,7 @@ def _most_looks(subject: Subject) -> int:
 
 
 def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int, tally: _Tally) -> str | None:
-    """Drive a draw with sequences of attacks; returns why it failed."""
+    """Test a seed with sequences of attacks; returns its faults."""
     start = Engine(draw.mjcf)
     attacks = attacks_on(list(handles_of(start, subject.pack)), start, subject.pack)
     removed = removals(start, subject.pack)
@@ -164,13 +164,13 @@ def _drive(subject: Subject, draw: Draw, number: int, looks: int, in_a_row: int,
 
 
 def _sequence(attacks: Sequence[Attack], turn: int, in_a_row: int) -> list[Attack]:
-    """The attacks of a run. Over all runs, each attack comes first, and each is combined with each."""
+    """Return the attacks of a run. Over all runs, each attack comes first, and each pair of attacks occurs."""
     first, pace = turn % len(attacks), turn // len(attacks) + 1
     return [attacks[(first + pace * place) % len(attacks)] for place in range(in_a_row)]
 
 
 class _Run:
-    """A draw that is loaded in several ways in sequence, as an agent could do in one episode."""
+    """A run at one seed, in which attacks follow one another as in one episode of an agent."""
 
     def __init__(self, engine: Engine, subject: Subject, draw: Draw, looks: int, removed: Sequence[str]) -> None:
         for body in removed:
@@ -182,7 +182,7 @@ class _Run:
         self._changes = 0
 
     def through(self, sequence: Sequence[Attack]) -> str | None:
-        """Apply each attack for its share of the time, then its reverse if it engages a catch; returns a fault."""
+        """Apply each attack for its share of the time, then its reverse if it engages a catch; returns any fault."""
         pending = deque(sequence)
         while pending and self.left > 0:
             attack, acted = pending.popleft(), self.watch.acted

@@ -1,4 +1,4 @@
-"""Certificates 1, 4 and 10: answer key, constant answers, stated instruments; and faults of a pack's answer form."""
+"""Certificates 1, 4 and 10: answer key, constant answers, stated instruments. Also checks a pack's answer form."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -109,7 +109,7 @@ _NEEDED_SHARE = 0.5
 
 
 def check_instrument(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that limits and instruments are stated, and that the reference keeps the limits but uses at least half.
+    """Check that limits and instruments are stated, and that the reference uses at least half of the limits.
 
     Args:
         subject: The scene.
@@ -215,7 +215,7 @@ def _units(task: str, spec: AnswerSpec) -> Iterator[str]:
 
 
 def _asked_units(task: str) -> list[str]:
-    """The units that the questions and the instructions of a task name, in the order of their first mention."""
+    """Return the units that the questions and the instructions of a task name, in order of first mention."""
     named: list[str] = []
     for sentence in _SENTENCE_END.split(task):
         is_instruction = sentence.startswith(("Answer", "Give"))

@@ -20,25 +20,27 @@ from scenes import Pack
 Vector = NDArray[np.float64]
 Kind = Literal["force", "torque"]
 Pushes = Mapping[tuple[str, Kind], Vector]
-"""Body and kind of load → force [N] or torque [N·m] on it, world axes."""
+"""Body and kind of load → force [N] or torque [N·m] on the body, world axes."""
 
 _KINDS: Sequence[Kind] = ("force", "torque")
 _FEELS = 1e-6
-"""Smallest response of a body along an axis, as a share of the largest, at which it counts as movable along it."""
+"""Smallest response along an axis at which a body counts as movable, as a share of its largest response."""
 _AXES = "xyz"
 BALL = "created:load"
 """Name of the body of the loading ball."""
 _DENSITY = 20000.0
 """Density of balls [kg/m³], so that they are small."""
 _PARTS = (0.6, 0.1, 0.02)
-"""Masses of balls, as shares of the mass that can be created."""
+"""Masses of balls, as shares of the total mass that an agent may create. (_DROP_M, _TRIES): | Height from which a ball
+is dropped [m]; number of attempts, each slightly higher, if a body is in the way.
+"""
 _DROP_M, _TRIES = 3.0, 12
 """Height from which a ball is dropped [m], and number of attempts, each slightly higher, if there is no room."""
 
 
 @dataclass(frozen=True, slots=True)
 class Handle:
-    """A direction in which a body can be pushed or turned, with the largest load."""
+    """A direction in which a body can be pushed or turned, with the largest allowed load."""
 
     body: str
     kind: Kind
@@ -62,9 +64,9 @@ def motion(engine: Engine, body: str, kind: Kind) -> Vector:
 
 
 def handles_of(engine: Engine, pack: Pack) -> dict[Handle, float]:
-    """The loads that an agent can apply, each with the speeds that its maximum gives to all bodies in two time steps.
+    """Return the loads that an agent can apply, each with the speeds of all bodies after two time steps of it.
 
-    Sealed and fixed bodies have no handles. Handles that need a disabled tool are omitted.
+    Read-only and fixed bodies have no handles. Handles that need a disabled tool are omitted.
     """
     found: dict[Handle, float] = {}
     start = engine.save()
@@ -90,7 +92,7 @@ def handles_of(engine: Engine, pack: Pack) -> dict[Handle, float]:
 
 
 def largest(pack: Pack) -> dict[Kind, float]:
-    """The largest force [N] and torque [N·m] that the scene lets an agent apply, without those that it cannot apply."""
+    """Return the largest force [N] and torque [N·m] on an object; 0 if the tool for it is disabled."""
     limits = pack.limits
     if limits is None:
         return {}
@@ -99,7 +101,7 @@ def largest(pack: Pack) -> dict[Kind, float]:
 
 
 def unbounded_tools(pack: Pack) -> list[str]:
-    """Enabled tools that change a motion without limit, against which no catch can hold.
+    """Return enabled tools that change a motion without limit, against which no catch can hold.
 
     The elastic bounce of `detect_collision` is not among them, because it only exchanges momentum of touching bodies.
     """
@@ -116,7 +118,7 @@ def unbounded_tools(pack: Pack) -> list[str]:
 
 
 def push(engine: Engine, pushes: Pushes) -> None:
-    """Apply loads; other loads stay unchanged."""
+    """Apply loads; loads that are not named stay unchanged."""
     for (body, kind), vector in pushes.items():
         if kind == "force":
             engine.push(body, force=vector)
@@ -189,7 +191,7 @@ def take_away(engine: Engine) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """A combination of loads on handles, or a ball. All other loads are released."""
+    """A combination of loads on handles, or a ball. An attack first releases all earlier loads."""
 
     name: str
     parts: tuple[tuple[Handle, float], ...]
@@ -204,7 +206,7 @@ class Attack:
         return Attack(f"{self.name} reversed", tuple((handle, -sign) for handle, sign in self.parts))
 
     def pushes(self, engine: Engine) -> Pushes:
-        """The loads for the present motion."""
+        """Return the loads for the present motion."""
         loads: dict[tuple[str, Kind], Vector] = {}
         for handle, sign in self.parts:
             of = (handle.body, handle.kind)
@@ -223,7 +225,7 @@ RELEASE = Attack("no load", ())
 
 
 def attacks_on(handles: Sequence[Handle], engine: Engine, pack: Pack) -> list[Attack]:
-    """All attacks: each handle loaded in both directions and pumped, each body along its motion, and pairs of bodies.
+    """Return all attacks: each handle in both directions and pumped, each body along its motion, and pairs of bodies.
 
     Attacks with a tenth of the load bring a body to other positions and speeds before the largest load follows. If
     balls can be created, they are joined to every body and dropped on it.

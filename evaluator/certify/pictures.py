@@ -1,4 +1,4 @@
-"""Draws images of scenes at their start, and schematics of scenes without visible bodies.
+"""Renders images of scenes in their initial state, and schematics of scenes without visible bodies.
 
 The images depend only on the public half of a pack: they show no hidden value and are the same for every seed.
 """
@@ -32,7 +32,7 @@ _READ = {
 _EDGE, _GAP, _TITLE = 40, 28, 104
 _COLUMNS = 3
 _LARGEST = (560.0, 300.0)
-"""Largest outline [px]."""
+"""Largest size of an outline in a schematic [px]."""
 _STEP = LINE + 4
 
 
@@ -66,14 +66,14 @@ def schematic(pack: PublicPack) -> Pixels:
 
 
 def _backdrop() -> Pixels:
-    """A vertical colour gradient from sky to ground."""
+    """Return a vertical colour gradient from sky to ground."""
     share = np.linspace(0, 1, HEIGHT)[:, None, None]
     rows = np.array(SKY) * (1 - share) + np.array(GROUND) * share
     return np.round(np.broadcast_to(rows * 255, (HEIGHT, WIDTH, 3))).astype(np.uint8)
 
 
 def _card(overlay: Overlay, may: Permissions, width: float) -> list[str]:
-    """The label of an object, wrapped to a width."""
+    """Return the label of an object, wrapped to a width."""
     read = [word for field, word in _READ.items() if getattr(may, field)]
     withheld = [word for field, word in _READ.items() if not getattr(may, field)]
     sealed = "not sealed" if may.actuate else "sealed: it cannot be pushed or moved"
@@ -97,7 +97,7 @@ __all__ = ["DrawnScene", "check_renderer", "draw_picture", "draw_scene"]
 _SMALLER = 3
 """Reduction factor of thumbnails."""
 _COLOURS = 128
-"""Size of the colour palette. Files shrink to a third of true-colour ones; the mean error is 0.25 of 256 levels."""
+"""Size of the colour palette. Files are a third as large as in true colour; the mean error is 0.25 of 256 levels."""
 _MARKED = "grey spheres: only the position may be read"
 
 
@@ -111,7 +111,7 @@ class DrawnScene(NamedTuple):
 
 
 def at_start(files: PackFiles, seed: int = 0) -> tuple[Session, list[ShownBody], list[ShownBody]]:
-    """A session of a scene, the bodies that are visible at its start, and markers for others.
+    """Return a session of a scene, its initially visible bodies, and markers for its other objects.
 
     Raises:
         SceneError: The pack cannot be read or drawn from, or its model does not compile.
@@ -123,7 +123,7 @@ def at_start(files: PackFiles, seed: int = 0) -> tuple[Session, list[ShownBody],
 
 
 def draw_picture(files: PackFiles, seed: int = 0) -> Pixels:
-    """Draw a scene at its start as an array (height, width, 3); a schematic if no body is visible.
+    """Render a scene in its initial state as an array (height, width, 3); a schematic if no body is visible.
 
     Raises:
         SceneError: As for `at_start`.

@@ -24,7 +24,7 @@ from scenes.protocol import ANSWER
 
 Array = NDArray[np.float64]
 Source = tuple[Quantity, str, int]
-"""Source of an instrument error: the quantity, the identifier of the measured thing, and the time step's number."""
+"""Source of an instrument error: the quantity, the identifier of the measured object, the number of the time step."""
 Error = tuple[Source, int]
 """One component of the error of a source."""
 
@@ -44,12 +44,12 @@ class Probe(Readout):
     """Instruments without rounding and noise that record their sources and add chosen errors to readings."""
 
     asked: dict[Source, int] = field(default_factory=dict[Source, int])
-    """Source that was read → number of its components."""
+    """Each source that was read → number of its components."""
     errors: dict[Source, Array] = field(default_factory=dict[Source, Array])
     """Source → error that is added to its readings; other sources are read exactly."""
 
     def noise(self, quantity: Quantity, source: str, step: int, count: int) -> Array:
-        """The chosen error of a reading; see `Readout.noise`."""
+        """Return the chosen error of a reading; see `Readout.noise`."""
         self.asked[quantity, source, step] = count
         return self.errors.get((quantity, source, step), np.zeros(count))
 
@@ -59,7 +59,7 @@ class Probe(Readout):
         return value
 
     def on_grid(self, place: Array) -> Array:
-        """Round a target position as in the episode."""
+        """Round a target position as in the original episode."""
         return Readout(self.fineness, self.seed).rounded("position", place)
 
     def sigma(self, quantity: Quantity) -> float:
@@ -82,7 +82,7 @@ class Read(NamedTuple):
 
 
 def calls_of(episode: Episode) -> Iterator[tuple[int, Exchange]]:
-    """The calls of an episode that reached the laboratory and were not refused, each with the number of its turn."""
+    """Return the calls of an episode that the laboratory accepted, each with the number of its turn."""
     for number, turn in enumerate(episode.turns, start=1):
         for exchange in turn.exchanges:
             if exchange.returned and not exchange.is_error and exchange.call.tool != ANSWER:
@@ -123,7 +123,7 @@ def replayed(files: PackFiles, mjcf: str, episode: Episode, *, slopes: bool) -> 
 def _again(
     session: Session, tool: str, arguments: dict[str, Any], result: dict[str, Any]
 ) -> Callable[[], Array] | None:
-    """A function that repeats the reading of a call at this moment; None for a call without a reading.
+    """Return a function that repeats the reading of a call at this moment; None for a call without a reading.
 
     `find_objects` reveals objects only once, so its values are read from the session.
     """
@@ -140,7 +140,7 @@ def _array(result: Any) -> Array:
 
 
 def _slopes(probe: Probe, read: Callable[[], Array]) -> dict[Error, Array]:
-    """Change of a reading per standard deviation of each instrument error."""
+    """Return the change of a reading per standard deviation of each instrument error."""
     found: dict[Error, Array] = {}
     for source, count in dict(probe.asked).items():
         sigma = probe.sigma(source[0])

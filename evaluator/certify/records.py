@@ -1,4 +1,4 @@
-"""Certificates as records on disk: a check for each, with figures and, if it failed, reasons."""
+"""Certificates as records on disk: for each check its result, figures and, if it failed, reasons."""
 
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -15,12 +15,12 @@ CERTIFICATES_FILE = "certificates.json"
 CERTIFICATES = ("key", "twins", "modality", "constant", "difficulty", "sane")
 """The certificates of every scene, in the order in which they are checked."""
 PREDICTION_CERTIFICATES = ("unstageable", "tempting", "structure", "instrument")
-"""The further certificates of scenes that ask for a prediction."""
+"""Additional certificates of scenes that ask for a prediction."""
 FAMILY_CERTIFICATES = ("determined",)
-"""The further certificates of scenes whose pack names the family of laws that its task states."""
+"""Additional certificates of scenes whose pack names the family of laws that its task states."""
 
 CATCH_CERTIFICATES = ("holds",)
-"""The further certificate of scenes that name a catch."""
+"""Additional certificate of scenes that name a catch."""
 
 
 class Check(Record):
@@ -45,7 +45,7 @@ class SceneCertificate(Record):
     pack: str
     """Hash of the certified pack's content."""
     seeds: int
-    """Number of seeds it was certified on, from 0 on."""
+    """Number of seeds on which the scene was certified, from 0 on."""
     checks: tuple[Check, ...]
 
     @property
@@ -59,12 +59,12 @@ class Certificates(Record):
 
     format: Literal[1] = FORMAT
     engine: str
-    """Version of MuJoCo on which they hold."""
+    """Version of MuJoCo for which the certificates hold."""
     scenes: tuple[SceneCertificate, ...]
 
 
 def certificates_of(pack: Pack) -> tuple[str, ...]:
-    """The certificates that a pack needs, in the order in which they are checked."""
+    """Return the names of the certificates that a pack needs, in the order in which they are checked."""
     return (
         CERTIFICATES
         + (PREDICTION_CERTIFICATES if pack.predicts else ())
@@ -74,7 +74,7 @@ def certificates_of(pack: Pack) -> tuple[str, ...]:
 
 
 def check(name: str, reasons: list[str], **figures: float | str | list[str]) -> Check:
-    """A check that passed if there are no reasons; figures are rounded to four significant digits."""
+    """Return a check that passed if there are no reasons; figures are rounded to four significant digits."""
     rounded = {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in figures.items()}
     return Check(name=name, passed=not reasons, reasons=tuple(reasons), figures=rounded)
 
@@ -106,7 +106,7 @@ def read_certificates(folder: Path, engine: str | None = None) -> Certificates |
 
 
 def engine_note(folder: Path) -> str:
-    """A note if the scenes are certified, but not for the installed engine; otherwise empty."""
+    """Return a note if the scenes are certified, but not for the installed engine; otherwise empty."""
     stored, engine = read_certificates(folder), version("mujoco")
     if stored is None or read_certificates(folder, engine) is not None:
         return ""

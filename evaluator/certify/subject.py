@@ -64,7 +64,7 @@ class Subject:
         return self._draw(seed, "", 0)
 
     def twin(self, knob: str, seed: int) -> Draw:
-        """The scene at seed 0 with only this knob redrawn.
+        """Return the scene at seed 0 with only one knob redrawn.
 
         Args:
             knob: Name of the knob.
@@ -73,7 +73,7 @@ class Subject:
         return self._draw(0, knob, seed)
 
     def _draw(self, seed: int, knob: str, reseed: int) -> Draw:
-        """Cached, because the certificates share draws."""
+        """Return a draw. Cached, because the certificates share draws."""
         wanted = (seed, knob, reseed)
         if wanted not in self._drawn:
             knobs = draw_knobs(self.files, self.pack, seed, reseed={knob: reseed} if knob else None)
@@ -85,11 +85,11 @@ class Subject:
         return session_of(self.files, draw.mjcf)
 
     def session_to_compare(self, draw: Draw) -> Session:
-        """A new session of a draw without a limit of calls, so that all its readings can be compared."""
+        """Return a new session of a draw without a limit of calls, so that all its readings can be compared."""
         return session_of(self.files, draw.mjcf, any_calls=True)
 
     def measured(self, draw: Draw, timestep: float | None = None) -> AnswerValue | None:
-        """The answer that the engine gives for a draw; None if the pack has no `measure`."""
+        """Return the answer that the engine gives for a draw; None if the pack has no `measure`."""
         if self.solution.measure is None:
             return None
         return self.solution.measure(Engine(draw.mjcf, timestep), draw.knobs)
@@ -99,7 +99,7 @@ class Subject:
         return {}
 
     def truth(self, draw: Draw) -> AnswerValue:
-        """The answer key of a draw: from `theory`, or from `measure` if there is no closed form.
+        """Return the answer key of a draw: from `theory`, or from `measure` if there is no closed form.
 
         Cached, because the certificates ask for it hundreds of times, and a `theory` may integrate a motion.
         """
@@ -110,7 +110,7 @@ class Subject:
         return self._truths[wanted]
 
     def agrees(self, value: object, key: AnswerValue, share: float = 1.0) -> bool:
-        """Whether a value agrees with the key within a share of the tolerance; words must be equal."""
+        """Return whether a value agrees with the key within a share of the tolerance; words must be equal."""
         pairs = list(zip_longest(_parts(value), _parts(key)))
         return all(self._part_agrees(got, want, share) for got, want in pairs)
 
@@ -124,7 +124,7 @@ class Subject:
 
 
 def gap(value: object, key: AnswerValue) -> float:
-    """Largest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
+    """Return the largest relative difference between the numbers of a value and its key; words differ by 1 or 0."""
     gaps = [
         abs(got - want) / max(abs(want), 1e-12)
         if isinstance(got, int | float) and isinstance(want, int | float)

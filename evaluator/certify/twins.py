@@ -1,6 +1,6 @@
-"""Certificates 2 and 3: twins are indistinguishable at the start, and without the tool that the scene is about.
+"""Certificates 2 and 3: twins are indistinguishable at the start, and without the tool that the category requires.
 
-Twins are two draws of the same scene, with different hidden values.
+Twins are two variants of one scene with different hidden values.
 """
 
 import math
@@ -27,7 +27,7 @@ _EPSILON = 1e-9
 
 
 async def check_twins(subject: Subject, episodes: Sequence[Episode]) -> Check:
-    """Check that all seeds have the same prompt and the same readings at the start, but not all the same key."""
+    """Check that all seeds have the same prompt and the same initial readings, but not all the same key."""
     reasons: list[str] = []
     if len({episode.prompt for episode in episodes}) > 1:
         reasons.append("the opening prompt depends on the seed")
@@ -56,7 +56,7 @@ def modalities(subject: Subject) -> list[str]:
 
 
 async def check_modality(subject: Subject) -> Check:
-    """Check that without the modality's tool, twins in at least one knob give the same readings in all sequences."""
+    """Check that without the category's tool, twins in at least one knob give the same readings in all sequences."""
     tools = modalities(subject)
     reasons: list[str] = []
     figures: dict[str, list[str]] = {}
@@ -82,7 +82,7 @@ async def check_modality(subject: Subject) -> Check:
 
 
 async def _sequences(subject: Subject, tool: str) -> list[list[Call]]:
-    """The reference's interventions without the tool, and random sequences."""
+    """Return the reference's interventions without the tool, and random sequences."""
     assert subject.solution.solve is not None
     reference = await drive(subject.session(subject.draw(0)), subject.solution.solve)
     own = [call for call in reference.calls if is_intervention(call.tool, call.arguments) and call.tool != tool]
@@ -97,7 +97,7 @@ def _step(duration: float) -> Call:
 
 
 def _random_calls(source: random.Random, known: Sequence[str], limits: LabLimits) -> list[Call]:
-    """Six calls that push, turn, place, create or delete objects, with a step after each."""
+    """Return six random calls that push, turn, place, create or delete objects, with a step after each."""
     calls: list[Call] = []
     for _ in range(6):
         vector = [source.uniform(-5, 5) for _ in range(3)]
@@ -122,14 +122,18 @@ def _random_calls(source: random.Random, known: Sequence[str], limits: LabLimits
 
 
 def _within(vector: Sequence[float], limit: float | None) -> list[float]:
-    """Scale a vector down to a limit of its length; None is no limit."""
+    """Scale a vector down to a maximal length; None means no limit."""
     size = math.hypot(*vector)
     scale = 1.0 if limit is None or size <= limit else limit / size
     return [scale * part for part in vector]
 
 
 async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: Sequence[Sequence[Call]]) -> str | None:
-    """The first call that distinguishes twins in a knob without a tool; "" if none does, None if the key is equal."""
+    """Return the first call that distinguishes twins in a knob without a tool.
+
+    Returns:
+        The call; "" if none does; None if the twins have the same key.
+    """
     base = subject.draw(0)
     matters = False
     for seed in range(1, RESEEDS + 1):
@@ -145,7 +149,7 @@ async def _revealing_without(subject: Subject, tool: str, knob: str, sequences: 
 
 
 async def _revealing(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequence: Sequence[Call]) -> str:
-    """The first call of a sequence, or the first reading after it, that distinguishes twins; empty if none does."""
+    """Return the first call of a sequence, or reading after it, that distinguishes twins; empty if none does."""
     first, second = (subject.session_to_compare(draw) for draw in twins)
     for asked in sequence:
         revealing = _difference(
@@ -157,14 +161,14 @@ async def _revealing(subject: Subject, twins: tuple[Draw, Draw], tool: str, sequ
 
 
 def _difference(first: Sequence[tuple[str, Reading]], second: Sequence[tuple[str, Reading]]) -> str:
-    """The first call whose results differ; empty if none do."""
+    """Return the first call whose results differ; empty if none do."""
     if [call for call, _ in first] != [call for call, _ in second]:
         return "the list of objects"
     return next((call for (call, a), (_, b) in zip(first, second, strict=True) if not same(a, b)), "")
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two results are equal, except for rounding of numbers."""
+    """Return whether two results are equal, except for rounding of numbers."""
     if isinstance(a, dict) and isinstance(b, dict):
         first, second = cast("dict[str, Any]", a), cast("dict[str, Any]", b)
         return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)

@@ -1,4 +1,4 @@
-"""Checks the certificates of scenes, in parallel processes, with episodes played through MCP and runs of the engine."""
+"""Checks the certificates of scenes in parallel processes, with episodes over MCP and runs of the engine."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
@@ -113,7 +113,7 @@ async def certify(files: PackFiles, seeds: int, laboratory: EpisodeConnector) ->
 
 
 def check_sane(subject: Subject, seeds: int, faults: Sequence[str]) -> Check:
-    """Certificate 6: lint finds no fault, no contact is deep at the start, and energy does not increase."""
+    """Certificate 6: lint finds no fault, initial contacts are not deep, and energy does not increase."""
     reasons = list(faults)
     drawn = [subject.draw(seed).mjcf for seed in range(min(seeds, _SANE_SEEDS))]
     depth = max(compiled_model.deepest_contact(mjcf) for mjcf in drawn)
@@ -173,7 +173,7 @@ def _certify_here(files: PackFiles, seeds: int, host: str) -> SceneCertificate:
 
 
 def still_proven(folder: Path, packs: Sequence[PackFiles], seeds: int) -> list[SceneCertificate]:
-    """The stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
+    """Return the stored certificates that are still valid: passed, of unchanged packs, on at least as many seeds.
 
     A certificate that lacks a check, or was made with another version of the engine, is not valid.
     """
@@ -229,7 +229,7 @@ def write_certificates(folder: Path, proven: Iterable[SceneCertificate]) -> Path
 
 
 def _proves_more(stored: SceneCertificate | None, new: SceneCertificate) -> bool:
-    """Whether a stored certificate shows the same as the new one on more seeds."""
+    """Return whether a stored certificate shows the same as the new one on more seeds."""
     return (
         stored is not None
         and (stored.passed, stored.pack) == (new.passed, new.pack) == (True, stored.pack)

@@ -1,4 +1,4 @@
-"""In-process episodes whose client receives views: of the visible bodies, or for authors of all bodies."""
+"""In-process episodes that send views to their client: of the visible bodies, or of all bodies for scene authors."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
@@ -22,7 +22,7 @@ _ALL = Permissions(geom_type=True, geom_size=True, geom_radius=True, body_pos=Tr
 
 @dataclass(frozen=True, slots=True)
 class _Everything(Visibility):
-    """A visibility without restrictions: all objects, hidden ones included, with their true attributes."""
+    """A visibility rule without restrictions: all objects, hidden ones included, with their true attributes."""
 
     def now(self, session: Session) -> Visible:
         objects = tuple(replace(item, permissions=_ALL) for item in session.state.objects.values())
@@ -34,7 +34,7 @@ class _Everything(Visibility):
 
 
 def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visibility]:
-    """Create the function that determines the visibility in scenes of a folder.
+    """Return the function that determines the visibility in scenes of a folder.
 
     Args:
         scenes_dir: Folder of scene packs; None for the suite.
@@ -54,7 +54,7 @@ def viewing(scenes_dir: Path | None, *, reveal: bool) -> Callable[[Scene], Visib
 async def viewed_episode(
     scene: int, seed: int, scenes_dir: Path | None, find_visibility: Callable[[Scene], Visibility]
 ) -> AsyncGenerator[Client]:
-    """Open a new episode and yield a client that receives views, like clients that support MCP Apps.
+    """Open a new episode and yield a client that receives views, as clients that support MCP Apps do.
 
     Raises:
         UsageError: There is no such scene, or the folder lacks variants of it that the visibility rule needs.

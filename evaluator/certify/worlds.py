@@ -27,17 +27,17 @@ from scenes.worlds.records import Certificate, WorldRecord
 from scenes.worlds.terms import Structure
 
 _ROUGH_S = 0.03
-"""Largest time step of the integration by theory that gives the starting point of the search for a force [s]."""
+"""Largest time step of the theory's integration that gives an initial guess of the force [s]."""
 _BESIDE = 1.02
-"""Second force of the search for a force, as a multiple of the first."""
+"""Second guess of the force, as a multiple of the first."""
 _FORCE_TOL = 1e-4
-"""Distance of consecutive forces at which the search ends [N, N·m]."""
+"""Difference of successive forces at which the search stops [N, N·m]."""
 _HELD = 1e12
 """Inertia that keeps bodies at rest until they are released [kg, kg·m²]."""
 
 
 def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
-    """The answers computed with the engine, with the laws of the world and without a wall.
+    """Compute the answers with the engine, with the laws of the world and without a wall.
 
     Args:
         record: The world.
@@ -47,7 +47,7 @@ def engine_answers(record: WorldRecord, timestep: float | None = None) -> Array:
 
 
 def course_gap(record: WorldRecord) -> float:
-    """Largest distance of engine and theory along the certificate's course, in standard deviations of a reading."""
+    """Return the largest distance of engine and theory along the certificate's course, in standard deviations."""
     structure = record.structure
     course = simulated(structure, record.constants, record.told, None, 0.01)
     engine, worst = Engine(mjcf_of(record)), 0.0
@@ -77,7 +77,7 @@ def _answer(record: WorldRecord, question: Question, timestep: float | None) -> 
 
 
 def _ended(record: WorldRecord, question: Question, push: Array, timestep: float | None) -> float:
-    """The asked number for a given push."""
+    """Return the number in question for a given force."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = _at_release(record, question, timestep)
     engine = Engine(
@@ -89,7 +89,7 @@ def _ended(record: WorldRecord, question: Question, push: Array, timestep: float
 
 
 def _at_release(record: WorldRecord, question: Question, timestep: float | None) -> Array:
-    """The state at which the bodies are released. Hidden bodies move while the others are held."""
+    """Return the state at which the bodies are released. Hidden bodies move while the others are held."""
     structure, width = record.structure, 2 if record.apparatus.flat else 1
     state = np.array(structure.start)
     rows = state[: structure.read].reshape(structure.bodies, 2, width)
@@ -114,7 +114,7 @@ def _push(engine: Engine, apparatus: Apparatus, held: Array) -> None:
 
 
 def _seen(engine: Engine, structure: Structure) -> Array:
-    """Positions and velocities of the bodies that can be pushed."""
+    """Return positions and velocities of the bodies that can be pushed."""
     found: list[float] = []
     for body in (f"object_{number}" for number in range(1, structure.bodies + 1)):
         hinge = engine.turn(body)
@@ -127,7 +127,7 @@ def _seen(engine: Engine, structure: Structure) -> Array:
 
 
 def _hidden(engine: Engine, structure: Structure) -> Array:
-    """Positions and velocities of the hidden bodies, then the distance covered."""
+    """Return positions and velocities of the hidden bodies, then the distance covered."""
     axes, found = slice(0, 2 if structure.apparatus.flat else 1), list[float]()
     for at in structure.hidden:
         found += [*engine.centre(f"hidden_{at}")[axes], *engine.velocity(f"hidden_{at}")[axes]]
@@ -138,11 +138,11 @@ def _hidden(engine: Engine, structure: Structure) -> Array:
 
 _HALF_STEP_S = 0.0025
 ENGINE_GAP = 0.05
-"""Largest distance of the engine's answers from the key, also at half the time step, in tolerances."""
+"""Largest distance of the engine's answers from the key, also at half the time step [tolerances]."""
 _BOUND_GAP = 0.01
-"""Largest relative difference of the bounds between machines. They suffer from cancellation."""
+"""Largest relative difference of the bounds between machines. It is not 0 because of cancellation."""
 COURSE_GAP = 0.5
-"""Greatest distance of the engine from theory in the certificate's course, in standard deviations of a reading."""
+"""Largest distance of the engine from theory in the certificate's course [standard deviations of a reading]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +212,7 @@ def fault_of(record: WorldRecord, certificate: Certificate) -> str | None:
 
 
 def _fault(record: WorldRecord, certificate: Certificate) -> str | None:
-    """The fault of a world if the gaps in its certificate have just been computed; None if it is sound."""
+    """Return the fault of a world from the recomputed gaps of its certificate; None if it is sound."""
     return next((fault for fault, is_wrong in _FAULTS.items() if is_wrong(record, certificate)), None)
 
 
@@ -239,7 +239,7 @@ _FAULTS: Mapping[str, Callable[[WorldRecord, Certificate], bool]] = {
 
 
 def _gaps(record: WorldRecord, key: tuple[float, ...], timestep: float | None) -> tuple[float, ...]:
-    """Distance of the engine's answers from the key, in tolerances."""
+    """Return the distances of the engine's answers from the key [tolerances]."""
     wanted = np.array(key)
     found = np.abs(engine_answers(record, timestep) - wanted) / tolerance(wanted)
     return tuple(float(f"{gap:.3g}") for gap in np.where(np.isfinite(found), found, 1e9))

@@ -128,15 +128,15 @@ def add_external_options(run: argparse.ArgumentParser) -> None:
 
 
 def usual_concurrency(args: argparse.Namespace) -> int:
-    """Default number of episodes played at a time; for sealed programs, the number of users in `--sealed-users`."""
+    """Return the default number of concurrent episodes; for isolated programs, the number of their system users."""
     return max(1, len(_users(args))) if args.sealed else USUAL_CONCURRENCY
 
 
 def check_sealed(args: argparse.Namespace) -> None:
-    """Refuse options under which sealed programs could communicate with each other.
+    """Refuse options under which isolated programs could communicate with each other.
 
     Raises:
-        UsageError: They could, or the options of sealed programs contradict each other.
+        UsageError: They could, or the options of isolated programs contradict each other.
     """
     users, asked = _users(args), args.concurrency
     if users and not args.sealed:

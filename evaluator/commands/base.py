@@ -61,7 +61,7 @@ def us_dollars(text: str) -> float:
 
 
 def temperature(text: str) -> float:
-    """Argument type: a sampling temperature."""
+    """Argument type: a sampling temperature of a language model."""
     value = _number(text)
     if not 0 <= value <= 2:
         raise argparse.ArgumentTypeError(f"{text} is not a temperature from 0 to 2")
@@ -88,7 +88,7 @@ def seed(text: str) -> int:
 
 
 def price(text: str) -> float:
-    """Argument type: an amount subtracted from a reward, 0 or more."""
+    """Argument type: a deduction from a reward, 0 or more."""
     value = _number(text)
     if not 0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not a cost, which is a number from 0")

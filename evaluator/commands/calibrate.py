@@ -63,7 +63,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _suite(folder: RunFolder, scenes_dir: Path | None, rungs: dict[int, str]) -> Sequence[GradeRecord]:
-    """The grades of a run on scenes of the suite, without open worlds and withdrawn packs.
+    """Return the grades of a run on scenes of the suite, without open worlds and withdrawn packs.
 
     Args:
         folder: The run folder.

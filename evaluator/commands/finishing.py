@@ -99,7 +99,7 @@ def attached_to(folder: RunFolder, rows: Sequence[ScoredEpisode], target: RunFol
 
 
 def current_evidence(folder: RunFolder) -> dict[EpisodeKey, EvidenceRecord]:
-    """The stored evidence of a run, without outdated records of episodes that have since been replayed."""
+    """Return the stored evidence of a run, without records of episodes that have been played again since."""
     if not folder.evidence_file.exists():
         return {}
     hashes = line_hashes(folder)

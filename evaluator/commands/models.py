@@ -45,7 +45,7 @@ def _models(args: argparse.Namespace) -> int:
 
 
 def _listing(environ: Mapping[str, str]) -> dict[str, list[dict[str, object]]]:
-    """Presets and providers for JSON output. Contains names of environment variables, never their values."""
+    """Return presets and providers for JSON output, with names of environment variables but never their values."""
     return {
         "presets": [
             {

@@ -35,7 +35,7 @@ from scenes import ErratumEffect, PackFiles, same_packs
 
 @dataclass(frozen=True, slots=True)
 class PreparedRun:
-    """A run that is ready to be played."""
+    """The configuration, participants and episode keys of a run that has not been played yet."""
 
     config: RunConfig
     participants: Mapping[str, Participant]
@@ -172,7 +172,7 @@ async def _record(run: PreparedRun, laboratory: EpisodeConnector) -> RunRecord:
 
 @contextlib.asynccontextmanager
 async def _executor(run: PreparedRun, laboratory: EpisodeConnector, record: RunRecord) -> AsyncGenerator[Play]:
-    """The function that plays an episode: in this process or on workers, according to `--executor` and `--workers`."""
+    """Return the function that plays an episode: in this process, or on the workers of `--executor` and `--workers`."""
     config = run.config
     count = config.workers or usual_workers(config, len(run.keys))
     if config.executor == "local" and count == 1:

@@ -58,7 +58,7 @@ def end_in_order() -> None:
 
 
 def end_at_once() -> None:
-    """Restore the default actions of these signals, because the work is done and only the interpreter has to exit."""
+    """Restore the default signal actions: the work is done, and only the interpreter has to exit."""
     for sign in reversed(_SIGNS):
         if signal.getsignal(sign) not in {signal.SIG_IGN, None}:
             signal.signal(sign, signal.SIG_DFL)
@@ -79,7 +79,7 @@ RENAMED = {"--trust-edited": "--allow-modified", "--home-from": "--home-template
 
 
 def with_new_names(words: Sequence[str], note: Callable[[str], None]) -> list[str]:
-    """Replace old names of options before `--`; `note` is called with a sentence for each."""
+    """Replace option names of version 0.1 before `--`; calls `note` with a sentence for each."""
     found: list[str] = []
     for at, word in enumerate(words):
         if word == "--":
@@ -213,8 +213,8 @@ def parser(command: str) -> tuple[argparse.ArgumentParser, Mapping[str, argparse
     """Build the parser for one command; returns it and the parsers of all commands by name.
 
     Args:
-        command: Name of the command, whose module alone is imported. The other commands have no options. With any other
-            word no module is imported, which is enough to list the commands.
+        command: Name of the command. Only its module is imported, so the other commands have no options. An unknown
+            name imports no module, which suffices to list the commands.
 
     Raises:
         UsageError: The command belongs to a plugin that is not installed.

@@ -175,7 +175,7 @@ async def _serve(
 
 
 def _any_scene(packs: list[PackFiles], scenes_dir: Path | None) -> int:
-    """Id of a scene that the host can open."""
+    """Return the id of a scene that the host can open."""
     folder = scenes_dir or default_folder()
     worlds = (record.scene_id for level in levels_of(folder) for record in worlds_of(folder, level))
     found = packs[0].scene_id if packs else next(worlds, None)

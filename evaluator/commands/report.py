@@ -111,7 +111,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 
 def _refuse_missing(ring: KeyRing) -> None:
-    """Refuse a folder that holds neither packs nor worlds."""
+    """Raise if a folder contains neither packs nor worlds."""
     try:
         list_packs(ring.folder)
     except PackError as error:
@@ -119,7 +119,7 @@ def _refuse_missing(ring: KeyRing) -> None:
 
 
 def _ring_of(played: Mapping[str, str], rings: Sequence[KeyRing]) -> KeyRing:
-    """Choose the answer keys for a run: those of the first folder that holds the largest number of its packs."""
+    """Choose the answer keys for a run: those of the first folder with the largest number of its packs."""
     alike = [sum(_is_here(int(scene), stored, ring) for scene, stored in played.items()) for ring in rings]
     return rings[alike.index(max(alike))]
 

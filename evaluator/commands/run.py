@@ -33,7 +33,7 @@ authors' logs of models, visible replies and results had 760 characters a turn. 
 
 
 def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurrency: int) -> list[str]:
-    """Lines that describe the size of a run, with upper bounds of its tokens.
+    """Return lines that describe the size of a run, with upper bounds of its tokens.
 
     Args:
         plan: The whole matrix.
@@ -67,7 +67,7 @@ def estimate_lines(plan: Plan, keys: Sequence[EpisodeKey], shard: Shard, concurr
 
 
 def input_tokens(budget: int) -> int:
-    """Input tokens of an episode that uses its whole budget: every request contains the conversation so far."""
+    """Return the input tokens of an episode that uses its whole budget. Every request contains all earlier turns."""
     return budget * PROMPT_TOKENS + TURN_TOKENS * budget * (budget - 1) // 2
 
 
@@ -105,7 +105,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _timestep_notes(packs: Iterable[PackFiles]) -> Iterator[str]:
-    """One note for each time step other than that of the paper and the suite.
+    """Return a note for each model whose time step differs from that of the paper and the suite.
 
     Raises:
         UsageError: A model cannot be read.

@@ -242,7 +242,7 @@ def _course(group: "ArgumentGroup") -> None:
 
 
 def long_options(run: argparse.ArgumentParser) -> set[str]:
-    """The long options of a parser, which a study file may set."""
+    """Return the long options of a parser, which a study file may set."""
     return {word for action in run._actions for word in action.option_strings if word.startswith("--")}  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - argparse has no public list
 
 

@@ -279,7 +279,7 @@ def _group_lines(group: GroupSummary) -> list[str]:
 
 
 def _floors(group: GroupSummary) -> str:
-    """Clause with Skill and Gated, and their values for an agent that only guesses."""
+    """Return a clause with Skill and Gated, and their values for an agent that only guesses."""
     skill = f"Skill {decimal(group.skill)}"
     if group.skill_interval is not None:
         ends = (group.skill_interval.low, group.skill_interval.high)

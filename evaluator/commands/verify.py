@@ -228,7 +228,7 @@ def _lint(args: argparse.Namespace) -> int:
 
 
 def _errata_fault(folder: Path) -> str:
-    """What is wrong with the errata of a folder; empty if nothing is."""
+    """Describe what is wrong with the errata of a folder; empty if nothing is."""
     try:
         read_errata(folder)
     except PackError as error:

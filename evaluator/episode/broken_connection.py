@@ -1,4 +1,4 @@
-"""Translates connection failures into errors: an error of our own that was wrapped, or the server's last output."""
+"""Translates connection failures into errors of this package: a wrapped error, or the server's last output."""
 
 import socket
 import ssl
@@ -20,7 +20,7 @@ _WORDED: tuple[tuple[type[Exception], str], ...] = (
     ),
     (httpx2.TimeoutException, "it did not answer in time"),
 )
-"""Wordings for exceptions of Python and its libraries, most specific first, because their messages name no server."""
+"""Messages for exceptions of Python and its libraries, whose own messages name no server; most specific first."""
 
 
 def server_failure(what: str, error: Exception, errors: IO[str]) -> InfrastructureError:
@@ -51,7 +51,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def own_error(error: Exception, *kinds: type[EvaluatorError]) -> EvaluatorError | None:
-    """Return the wrapped error if it is of one of these kinds, otherwise None."""
+    """Return the wrapped error if it is of one of these types, otherwise None."""
     first = first_error(error)
     return first if isinstance(first, kinds) else None
 

@@ -1,4 +1,4 @@
-"""Replays the published logs with our parser, tools and grader, and explains differences between the verdicts."""
+"""Replays the published logs with this project's parser, tools and grader, and explains differences of verdicts."""
 
 import math
 import re
@@ -78,14 +78,14 @@ def numbers(value: JsonValue) -> list[float] | None:
 def why_other_verdict(
     logged: LoggedVerdict, answer: JsonValue, key: JsonValue, *, strict: bool, normalised: bool
 ) -> Disagreement | None:
-    """Explain why a logged verdict differs from ours; None if it does not.
+    """Explain why a logged verdict differs from this project's; None if it does not.
 
     Args:
         logged: The verdict and the answer in the log.
-        answer: The answer that we parsed from the same replies; None if there was none.
+        answer: The answer that this project parsed from the same replies; None if there was none.
         key: The key of the pack.
-        strict: Our strict verdict.
-        normalised: Our normalised verdict.
+        strict: This project's strict verdict.
+        normalised: This project's normalised verdict.
     """
     if logged.right == strict == (strict or normalised):
         return None
@@ -113,7 +113,7 @@ def _why_marked_right(got: list[float], want: list[float]) -> Disagreement:
 
 
 def why_other_than_eq1(by_eq1: bool, strict: bool, key: JsonValue, *, is_choice: bool) -> Eq1Disagreement | None:
-    """Explain why our strict verdict differs from that of Eq. 1; None if it does not."""
+    """Explain why the strict verdict differs from that of Eq. 1; None if it does not."""
     if by_eq1 == strict:
         return None
     if is_choice:
@@ -122,7 +122,7 @@ def why_other_than_eq1(by_eq1: bool, strict: bool, key: JsonValue, *, is_choice:
 
 
 def _same_answer(logged: str, answer: JsonValue) -> bool:
-    """Whether the answer in the log, which is formatted by Python's `str`, equals the answer that we parsed."""
+    """Return whether the logged answer, which Python's `str` formatted, equals the answer that was parsed here."""
     if answer is None:
         return logged == "None"
     return _plain(logged) == _plain(answer) or (numbers(logged) is not None and numbers(logged) == numbers(answer))

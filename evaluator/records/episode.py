@@ -1,4 +1,4 @@
-"""Episodes, grades and evidence, as frozen records with a format number. Knows no files and no rules of grading."""
+"""Episodes, grades and evidence as frozen records with a format number. Contains no file access and no grading."""
 
 import hashlib
 from collections.abc import Iterable
@@ -8,20 +8,20 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 FORMAT = 1
-"""Version of the format on disk. Readers refuse a higher version."""
+"""Version of the on-disk format. Readers refuse a higher version."""
 SUFFICIENT = 0.5
-"""Largest bound of an answer, in tolerances, up to which its evidence suffices."""
+"""Largest error bound of an answer for which its evidence suffices [tolerances]."""
 CERTAIN = 0.95
-"""Least probability of the right choice from which on the evidence for a choice suffices."""
+"""Smallest probability of the right choice for which the evidence for a choice suffices."""
 
 
 def is_absent(value: object) -> bool:
-    """Whether a field is left out of the file."""
+    """Return whether a field is omitted from the file."""
     return not value
 
 
 class Record(BaseModel):
-    """Base of all records: frozen, no unknown fields, only finite numbers."""
+    """Base class of all records: frozen, without unknown fields, with finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
@@ -43,21 +43,21 @@ class ToolCall(Record):
 
 
 class Frame(Record):
-    """A picture of what could be seen, which came with a result, as PNG."""
+    """An image that came with a result, as PNG: the scene as the agent may see it."""
 
     name: str = Field(pattern=r"^[0-9a-f]{24}$")
-    """Hash of its content. Its file in the run folder is `frames/{name}.png`."""
+    """Hash of the content. The file in the run folder is `frames/{name}.png`."""
     png: bytes = Field(default=b"", exclude=True, repr=False)
     """The content; empty in records that were read from disk."""
 
     @classmethod
     def of(cls, png: bytes) -> Self:
-        """The frame with this content."""
+        """Return the frame with this content."""
         return cls(name=hashlib.sha256(png).hexdigest()[:24], png=png)
 
 
 class Exchange(Record):
-    """A call and its return."""
+    """A call and its result."""
 
     call: ToolCall
     returned: bool
@@ -66,14 +66,14 @@ class Exchange(Record):
     content: dict[str, Any] | None = None
     """The structured result of a successful call."""
     text: str = ""
-    """The text that the agent read: the result as compact JSON, or a sentence that says what was wrong."""
+    """The text that the agent read: the result as compact JSON, or an error message of one sentence."""
     duration_s: float = 0.0
     frames: tuple[Frame, ...] = Field(default=(), exclude_if=is_absent)
-    """What the agent saw with the text; absent if nothing."""
+    """The images that came with the text; absent if there are none."""
 
 
 class Usage(Record):
-    """Tokens and cost of one request to a model, or of several together."""
+    """Tokens and cost of one model request, or of several together."""
 
     input_tokens: int = 0
     output_tokens: int = 0
@@ -82,7 +82,7 @@ class Usage(Record):
 
 
 def total_usage(parts: Iterable[Usage]) -> Usage | None:
-    """The sum; None if there are no parts. Its cost includes only the parts with a known cost."""
+    """Return the sum of usages; None if there are none. The cost includes only usages with a known cost."""
     used = list(parts)
     if not used:
         return None
@@ -96,31 +96,32 @@ def total_usage(parts: Iterable[Usage]) -> Usage | None:
 
 
 UNREAD = "Your reply could not be read, so nothing was run"
-"""Start of the note of a turn whose reply could not be read, for example because it had two lists of calls."""
+"""Prefix of the note of a turn whose reply could not be parsed, for example because it had two lists of calls."""
 
 
 class Turn(Record):
-    """One iteration: what the agent said, its calls, and their returns."""
+    """One iteration: the agent's text, its calls, and their results."""
 
     reasoning: str
     thought_chars: int = 0
-    """Characters at the start of `reasoning` that are not the reply, but what the provider shows of the model's own
-    reasoning."""
+    """Number of characters at the start of `reasoning` that are the model's reasoning as the provider shows it, and not
+    part of the reply.
+    """
     exchanges: tuple[Exchange, ...] = ()
     note: str = ""
-    """What the loop told the agent besides returns: malformed reply, call that fits no schema, no call at all."""
+    """A message of the episode loop to the agent: malformed reply, call that fits no schema, or no call at all."""
     usage: Usage | None = None
     agent_s: float = 0.0
     server_s: float = 0.0
 
     @property
     def is_unread(self) -> bool:
-        """Whether the reply could not be read, so that none of its calls was run."""
+        """Return whether the reply could not be parsed, so that none of its calls was run."""
         return self.note.startswith(UNREAD)
 
 
 class Versions(Record):
-    """Versions that decide the result of an episode."""
+    """Versions that determine the result of an episode."""
 
     physment: str
     protocol: str
@@ -128,7 +129,7 @@ class Versions(Record):
 
 
 class EpisodeKey(Record):
-    """Identifies an episode: episodes with equal keys are the same cell of the matrix."""
+    """Identifies an episode. Episodes with equal keys belong to the same cell of the run's matrix."""
 
     scene: int
     seed: int
@@ -140,14 +141,14 @@ class EpisodeKey(Record):
 
 
 class Fork(Record):
-    """Where an episode comes from that goes on from the turns of another one."""
+    """The origin of an episode that continues another one."""
 
     key: EpisodeKey
-    """Key of the other episode."""
+    """Key of the original episode."""
     turn: int
-    """How many of its turns were played again; the agent took the ones after them."""
+    """Number of turns that were replayed; the agent took the following ones."""
     record_sha256: str
-    """Of the line of the other episode in its `episodes.jsonl`."""
+    """SHA-256 of the original episode's line in its `episodes.jsonl`."""
 
 
 class Episode(Record):
@@ -157,38 +158,40 @@ class Episode(Record):
     key: EpisodeKey
     outcome: Outcome
     answer: JsonValue = None
-    """The argument of `answer`, verbatim; null unless the outcome is `answered`."""
+    """The argument of `answer`, unchanged; null unless the outcome is `answered`."""
     prompt: str
     turns: tuple[Turn, ...]
     error: str | None = None
-    """Why the episode ended early, for the two error outcomes."""
+    """Reason for an early end, for the two error outcomes."""
     unsealed: str | None = None
-    """Why the agent could have known more than it measured, such as the answers; null if it could not."""
+    """Why the agent could have had other information than its measurements, such as the answers; null if it
+    could not.
+    """
     attempts: int = 1
-    """How many times the episode was opened, including this time."""
+    """Number of times that the episode was opened, this one included."""
     max_calls: int | None = None
-    """Most tool calls, for agents whose turns cannot be seen, so that calls are limited instead of iterations."""
+    """Limit on tool calls, for agents whose turns cannot be observed, so that their iterations cannot be limited."""
     usage: Usage | None = None
-    """Usage of all attempts: a failed attempt was paid for too, although its turns are not recorded."""
+    """Usage of all attempts. A failed attempt was paid for too, although its turns are not recorded."""
     started_at: str
     duration_s: float
     versions: Versions
     forked_from: Fork | None = Field(default=None, exclude_if=is_absent)
-    """The episode whose first turns these are; absent if the agent took every turn."""
+    """The episode whose first turns were replayed; absent if the agent took every turn."""
 
     @property
     def allowance(self) -> int:
-        """Most turns: the iteration budget; or the limit of calls, if there is one, since each call is then a turn."""
+        """Return the largest number of turns: the limit on calls if there is one, otherwise the iteration budget."""
         return self.max_calls or self.key.budget
 
 
 class Verdict(StrEnum):
-    """Right or wrong."""
+    """Whether an answer is right or wrong."""
 
     CORRECT = "correct"
     INCORRECT = "incorrect"
     UNSCORED = "unscored"
-    """Ended by an infrastructure error, or played on a pack that is withdrawn: counted apart, never wrong."""
+    """The episode ended by an infrastructure error, or its pack is withdrawn. Counted separately, never as wrong."""
 
 
 class NormalisationClass(StrEnum):
@@ -205,14 +208,15 @@ class Grade(Record):
 
     strict: Verdict
     graded: float | None
-    """Share of sub-answers within tolerance, from 0 to 1; null if unscored."""
+    """Share of the parts of the answer within tolerance, from 0 to 1; null if unscored."""
     normalised: Verdict
     normalisation: NormalisationClass | None = None
-    """Set if the normalised verdict differs from the strict one."""
+    """The reason for accepting the answer; null unless the normalised verdict differs from the strict one."""
     reason: str
     steps: dict[str, bool] | None = Field(default=None, exclude_if=is_absent)
-    """Intermediate quantity → whether it is stated beside the answer and right; absent if the scene names none. No part
-    of the verdicts."""
+    """Intermediate quantity → whether the agent stated it correctly with the answer; absent if the scene names none.
+    Not part of the verdicts.
+    """
 
 
 class GradeRecord(Record):
@@ -227,83 +231,83 @@ class GradeRecord(Record):
 
 
 class CallEvidence(Record):
-    """What is known after a call."""
+    """The evidence after a call."""
 
     turn: int
     """Number of the turn, from 1."""
     call: int
     """Number of the call in the episode, from 1."""
     bounds: tuple[float, ...]
-    """For each asked number, its smallest standard error over its tolerance. Source: Cramér and Rao."""
+    """For each requested number, the lower bound of its standard error (Cramér-Rao) divided by its tolerance."""
     choice: float | None = None
-    """Probability of the right choice, by constants that the readings leave plausible; null if no choice is asked."""
+    """Probability of the right choice over constants that the readings allow; null if no choice is requested."""
     rivals: int = 0
-    """How many other discrete values, with another answer, the readings leave possible."""
+    """Number of other discrete values with another answer that the readings do not exclude."""
     bits: float
-    """Information on the hidden constants, over what their ranges tell [bit]."""
+    """Information about the hidden constants, beyond their ranges [bit]."""
 
     @property
     def suffices(self) -> bool:
-        """Whether the constants are known well enough, and other discrete values are excluded."""
+        """Return whether the readings determine the constants well enough and exclude other discrete values."""
         known = max(self.bounds, default=0.0) <= SUFFICIENT and (self.choice is None or self.choice >= CERTAIN)
         return known and not self.rivals
 
 
 class Rival(Record):
-    """Another structure, or another value of a discrete constant, that gives another answer."""
+    """A structure, or a value of a discrete constant, that differs from the drawn one and gives another answer."""
 
     name: str
     chi_square: float
-    """By how much it fits all readings worse than the drawn one."""
+    """Chi-square of its fit to all readings, minus that of the drawn one."""
     excluded: bool
     """Whether the readings exclude it at four standard deviations."""
 
 
 class EvidenceRecord(Record):
-    """A line of `evidence.jsonl`: what the experiments of one episode could tell."""
+    """A line of `evidence.jsonl`: how far the readings of one episode determine the answer."""
 
     format: Literal[1] = 1
     key: EpisodeKey
     episode: str
-    """SHA-256 of the line of the episode in `episodes.jsonl`."""
+    """SHA-256 of the episode's line in `episodes.jsonl`."""
     calls: tuple[CallEvidence, ...] = ()
-    """After each call that read something new."""
+    """The evidence after each call that returned a new reading."""
     rivals: tuple[Rival, ...] = ()
     """The rivals after the last call."""
     not_measurable: str = ""
     """Why the evidence cannot be computed; empty if it can."""
     seconds: float = Field(default=0.0, ge=0)
-    """Processor time that it took [s]."""
+    """Processor time of the computation [s]."""
 
     @property
     def suffices(self) -> bool:
-        """Whether the readings decide the answer in the end."""
+        """Return whether all readings together determine the answer."""
         return bool(self.calls) and self.calls[-1].suffices and all(rival.excluded for rival in self.rivals)
 
     @property
     def sufficed_at(self) -> int | None:
-        """The call from which on the evidence sufficed; None if it never did.
+        """Return the number of the call after which the evidence sufficed; None if it never did.
 
-        Structures that the pack fits count in the end alone, because they are fitted to all readings.
+        Rivals from the pack's own fits count only after the last call, because they are fitted to all readings.
         """
         return next((step.call for step in self.calls if step.suffices), None) if self.suffices else None
 
 
 class EvidenceVerdict(StrEnum):
-    """What an episode shows: were its experiments at fault, or its reasoning?"""
+    """Whether an episode failed by its experiments or by its reasoning."""
 
     EARNED = "earned"
-    """Right, and the readings decide the answer."""
+    """The answer is right, and the readings determine it."""
     GUESSED = "guessed right without evidence"
-    """Right, although the readings leave the answer open."""
+    """The answer is right, although the readings do not determine it."""
     INFERENCE_FAILED = "inference failed on sufficient evidence"
-    """Wrong or without an answer, although the readings decide it."""
+    """The answer is wrong or missing, although the readings determine it."""
     EXPERIMENT_INSUFFICIENT = "experiment insufficient"
-    """Wrong or without an answer, and the readings leave it open."""
+    """The answer is wrong or missing, and the readings do not determine it."""
 
 
 def evidence_verdict(evidence: EvidenceRecord, verdict: Verdict) -> EvidenceVerdict | None:
-    """The verdict on the evidence of an episode; None if it cannot be measured, or if the episode has no verdict."""
+    """Return the verdict on an episode's evidence; None if it is not measurable or the episode has no verdict."""
     if evidence.not_measurable or verdict is Verdict.UNSCORED:
         return None
     if verdict is Verdict.CORRECT:

@@ -1,4 +1,4 @@
-"""`run.json`: everything that decides the result of a run, as a frozen record. Knows no files."""
+"""`run.json` as a frozen record: everything that determines the result of a run. Contains no file access."""
 
 from itertools import product
 from typing import Literal
@@ -9,11 +9,12 @@ from evaluator.records.episode import FORMAT, EpisodeKey, Record, Versions, is_a
 from scenes import content_hash_of
 
 DECIDING = ("plan", "worlds", "packs", "agents", "forked_from")
-"""Fields of `run.json` that two runs must share for their episodes to belong together."""
+"""Fields of `run.json` that must be equal in two runs whose episodes are combined."""
 
 SEED_SHIFT = 1_000_000
-"""Offset added to the seeds of each further repetition of an agent in `Plan.own_seeds`. It is above every seed of a
-split, so that a repetition never uses the seeds of another split."""
+"""Offset added to the seeds of each further repetition of an agent in `Plan.own_seeds`. It is larger than every seed of
+a split, so a repetition never uses the seeds of another split.
+"""
 
 
 def _is_text(observations: object) -> bool:
@@ -21,7 +22,7 @@ def _is_text(observations: object) -> bool:
 
 
 class OpenRecord(Record):
-    """A record that other versions of this program may extend: fields that this version does not know are kept."""
+    """A record that other versions of this program may extend: unknown fields are kept."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -38,19 +39,20 @@ class Plan(OpenRecord):
     promptings: tuple[str, ...] = ("zero-shot",)
     protocols: tuple[str, ...] = ("native",)
     observations: str = Field(default="text", exclude_if=_is_text)
-    """`rgb` if results carry pictures; absent for text alone."""
+    """`rgb` if results carry images; absent for text only."""
     own_seeds: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
-    """Agents that meet a scene with other seeds at each repetition, because they may carry something over: programs
-    that play by themselves. Absent if there are none."""
+    """External programs, which get other seeds at each repetition because they may remember earlier episodes. Absent if
+    there are none.
+    """
     split: str = Field(default="", exclude_if=is_absent)
-    """Name and version of the split that scenes and seeds were taken from, such as `test@1`; absent if none was
-    named."""
+    """Name and version of the split of scenes and seeds, such as `test@1`; absent if none was named."""
     held_back: str = Field(default="", exclude_if=is_absent)
-    """Commitment to the key of held-back seeds: `seeds` are then numbers of variants, and only the key tells the seeds
-    that they were drawn from. Absent if the seeds are as recorded."""
+    """Commitment to the key of held-back seeds. `seeds` are then numbers of variants, from which only the key derives
+    the real seeds. Absent if `seeds` are the real seeds.
+    """
 
     def matrix(self) -> list[EpisodeKey]:
-        """All episodes in playing order, so that a run that is stopped early has whole epochs and budgets."""
+        """Return all episodes in playing order: a run that is stopped early has complete epochs and budgets."""
         repetitions = product(range(1, self.epochs + 1), self.budgets, self.promptings, self.protocols)
         return [
             EpisodeKey(
@@ -68,47 +70,47 @@ class Plan(OpenRecord):
 
 
 class PlayedWorld(OpenRecord):
-    """How a world of a run was made."""
+    """Provenance of a generated world."""
 
     grammar: int
     """Version of the grammar."""
     record: str
-    """Hash of its record."""
+    """Hash of the world's record."""
     split: str
-    """Split of its structure."""
+    """Split that the world's structure belongs to."""
     settings: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
-    """Attributes that were not those of its level, such as `terms=4`; absent if there were none."""
+    """Attributes that differ from those of the world's level, such as `terms=4`; absent if there are none."""
     commitment: str = Field(default="", exclude_if=is_absent)
-    """Commitment to the key that it was drawn with; absent for worlds that everybody can draw."""
+    """Commitment to the key from which the world was drawn; absent for worlds that anyone can draw."""
 
 
 class ServerRecord(OpenRecord):
-    """The server that a run was played on."""
+    """The server of a run."""
 
     option: str
     """Value of `--server`."""
     name: str | None = None
     version: str | None = None
     protocol: str = ""
-    """Version of MCP that was negotiated."""
+    """Negotiated version of MCP."""
     tools: int = 0
-    """Number of its tools."""
+    """Number of tools."""
     tool_schema_hash: str = ""
 
 
 class Start(OpenRecord):
-    """A start of the program: when, on which server, with which software."""
+    """One start of the program: time, server and software."""
 
     created_at: str
     server: ServerRecord
     versions: dict[str, str | None] = Field(default_factory=dict)
-    """Python, platform and packages → version; null where a package is not installed."""
+    """Python, platform and packages → version; null for a package that is not installed."""
     git_revision: str | None = None
-    """Revision of the checkout; null for an installed package."""
+    """Git revision of the checkout; null for an installed package."""
 
 
 class MergedPart(Start):
-    """One of the run folders that a merged run was made of."""
+    """One of the run folders that were merged."""
 
     folder: str
     """Name of the folder."""
@@ -120,62 +122,62 @@ class ForkedRun(OpenRecord):
     """The run whose episodes were continued."""
 
     folder: str
-    """Name of its folder."""
+    """Name of the run's folder."""
     seal_head: str
-    """Head of its seal; empty if it was not sealed."""
+    """Head of the run's hash chain (`seal.json`); empty without one."""
     turn: int
-    """How many turns of each episode were played again."""
+    """Number of turns of each episode that were replayed."""
 
 
 class RunRecord(OpenRecord):
-    """`run.json`: everything that decides the result of a run."""
+    """`run.json`: everything that determines the result of a run."""
 
     format: Literal[1] = FORMAT
     created_at: str
     """Time of the first start, in UTC."""
     plan: Plan
     agents: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
-    """Agent → what decides its results besides its name."""
+    """Agent → settings besides its name that determine its results."""
     shard: str | None = Field(default=None, exclude_if=is_absent)
-    """Which part of the plan was played here, `i/n`; absent if all of it."""
+    """The part of the plan that was played here, as `i/n`; absent if it was the whole plan."""
     server: ServerRecord
     packs: dict[str, str] = Field(default_factory=dict)
     """Scene → hash of its pack."""
     worlds: dict[str, PlayedWorld] = Field(default_factory=dict[str, PlayedWorld], exclude_if=is_absent)
-    """Reference → how the world was made; absent if there are none."""
+    """Reference of a world → its provenance; absent if there are no worlds."""
     versions: dict[str, str | None] = Field(default_factory=dict)
     """Python, platform and packages → version, at the first start."""
     git_revision: str | None = None
     resumed: tuple[Start, ...] = Field(default=(), exclude_if=is_absent)
-    """The later starts, if the run was interrupted; absent if there was none."""
+    """The later starts of an interrupted run; absent if there are none."""
     merged: tuple[MergedPart, ...] = Field(default=(), exclude_if=is_absent)
-    """The runs that this one was made of; absent if it was played."""
+    """The runs that were merged into this one; absent for a run that was played."""
     forked_from: ForkedRun | None = Field(default=None, exclude_if=is_absent)
     """The run whose episodes were continued; absent if they were played from their start."""
 
     def start(self) -> Start:
-        """The first start."""
+        """Return the first start."""
         return Start(
             created_at=self.created_at, server=self.server, versions=self.versions, git_revision=self.git_revision
         )
 
     def tool_contracts(self) -> frozenset[str]:
-        """Hashes of the tool schemas at each start, of this run and of those that it was made of."""
+        """Return the hashes of the tool schemas at each start, of this run and of the runs merged into it."""
         starts = [self.start(), *self.resumed, *self.merged]
         starts += [start for part in self.merged for start in part.resumed]
         return frozenset(start.server.tool_schema_hash for start in starts) - {""}
 
     def content_hashes(self) -> dict[str, str]:
-        """Scene → hash of its pack's content, also if the run was recorded with hashes of bytes."""
+        """Return scene → hash of its pack's content, converting older records that hold hashes of bytes."""
         return {scene: content_hash_of(stored) for scene, stored in self.packs.items()}
 
     def difference(self, other: "RunRecord") -> str:
-        """The first of the `DECIDING` fields in which another run differs; empty if the two belong together."""
+        """Return the first of the `DECIDING` fields that differs between two runs; empty if none differs."""
         mine, theirs = (run.model_copy(update={"packs": run.content_hashes()}) for run in (self, other))
         return next((name for name in DECIDING if getattr(mine, name) != getattr(theirs, name)), "")
 
     def versions_of(self, scene: int) -> Versions:
-        """What is recorded with an episode of a scene."""
+        """Return the versions that are recorded with an episode of a scene."""
         return Versions(
             physment=self.versions["physment-mcp"] or "",
             protocol=self.server.protocol,

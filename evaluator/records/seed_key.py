@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 SeedOf = Callable[[int, int], int]
-"""Function of a scene id and a recorded seed that returns the seed that the variant is drawn from."""
+"""Function of a scene id and a recorded seed that returns the real seed of the variant."""
 
 _DIGITS = 64
 _PURPOSE = b"physment held-back seeds 1: "
@@ -19,7 +19,7 @@ _PURPOSE = b"physment held-back seeds 1: "
 
 
 def seed_as_recorded(scene: int, seed: int) -> int:
-    """The `SeedOf` of every run that is not held back."""
+    """The `SeedOf` of runs whose seeds are not held back: returns the recorded seed."""
     del scene
     return seed
 
@@ -32,7 +32,7 @@ class SeedKey:
 
     @classmethod
     def parse(cls, text: str) -> "SeedKey":
-        """Read the content of a key file.
+        """Parse the content of a key file.
 
         Raises:
             ValueError: The text is not 64 hexadecimal digits. A shorter key could be found by brute force.
@@ -42,13 +42,13 @@ class SeedKey:
         return cls(bytes.fromhex(text.strip()))
 
     def seed(self, scene: int, number: int) -> int:
-        """The seed of a variant, from 1 to 2^63: HMAC-SHA256 of the scene and the number of the variant."""
+        """Return the seed of a variant, from 1 to 2^63: HMAC-SHA256 of the scene and the number of the variant."""
         digest = hmac.digest(self.secret, _PURPOSE + f"{scene}:{number}".encode(), "sha256")
         return (int.from_bytes(digest[:8], "big") >> 1) + 1
 
     @property
     def commitment(self) -> str:
-        """A commitment to the key that does not disclose it: SHA-256 of a fixed prefix and the key.
+        """Return a commitment to the key that does not disclose it: SHA-256 of a fixed prefix and the key.
 
         Equal keys give equal commitments, so runs on the same held-back seeds can be recognised as comparable. No salt
         is needed, because a key of 256 random bits cannot be found by brute force.

@@ -1,7 +1,7 @@
 """Attachments of a report: films and frames of run folders, validated and written beside the page.
 
 A run folder is untrusted input. A film is parsed as a record and serialised again; a frame must be a PNG file whose
-hash is its name. A file that fails is left out, and the report says so. Writing follows no symbolic links.
+hash is its name. Invalid files are left out, and the report says so. Writing follows no symbolic links.
 """
 
 import hashlib

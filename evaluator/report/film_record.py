@@ -57,34 +57,34 @@ class DrawnBody(Record):
 
 
 class Drawing(Record):
-    """All bodies that are seen at a time."""
+    """All bodies that are visible at the same time."""
 
     bodies: tuple[DrawnBody, ...]
 
 
 class Film(Record):
-    """What was seen in an episode. `reel` says how `data` is written."""
+    """The poses of visible bodies over an episode. `reel` describes the encoding of `data`."""
 
     format: Literal[1] = 1
     episode: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    """SHA-256 of the line of the episode in its `episodes.jsonl`."""
+    """SHA-256 of the episode's line in its `episodes.jsonl`."""
     revealed: bool = Field(default=False, exclude_if=is_absent)
-    """Whether it also shows what the agent could not see; absent if not."""
+    """Whether the film also shows objects that the agent could not see; absent if not."""
     calls: tuple[tuple[_Index, ...], ...]
-    """For each call of each turn, the instant at which it had returned."""
+    """For each call of each turn, the index of the instant after it."""
     drawings: tuple[Drawing, ...]
     cuts: tuple[tuple[_Index, _Index], ...]
-    """From which instant on which drawing is shown."""
+    """Instants at which the drawing changes, with the index of the new drawing."""
     bodies: tuple[_Name, ...]
-    """Objects whose poses `data` holds, in its order."""
+    """Objects whose poses `data` holds, in that order."""
     count: Annotated[int, Field(ge=1, le=MOST_NUMBERS)]
     """Number of instants."""
     step: _Step
-    """Step of positions [m]."""
+    """Resolution of positions [m]."""
     turn: _Step
-    """Step of the components of quaternions."""
+    """Resolution of the components of quaternions."""
     data: str
-    """Times and poses, as base64."""
+    """Encoded times and poses, as base64."""
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:

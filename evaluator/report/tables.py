@@ -197,7 +197,7 @@ def main_metrics(results: Sequence[AgentResults]) -> Table:
 
 
 def floors(results: Sequence[AgentResults]) -> str:
-    """A sentence with the Skill, Gated and accuracy that an agent without experiments would reach."""
+    """State the Skill, Gated and accuracy that an agent without experiments would reach, in one sentence."""
     found = floor_sentence({result.label: result.whole for result in results})
     return f"{found[0].upper()}{found[1:]}." if found else ""
 

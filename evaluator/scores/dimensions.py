@@ -155,11 +155,11 @@ class EpisodeScores(Record):
     g_plus: float | None
     """G+: as `g`, but numbers that follow by stated arithmetic from known numbers count as supported."""
     numbers: int
-    """Numbers that the reasoning states, except numbers of plans."""
+    """Number of assertions: numbers that the reasoning states, except those of plans."""
     supported: int
-    """Stated numbers that an earlier result supports."""
+    """Number of assertions that an earlier result supports."""
     derived: int
-    """Unsupported numbers that follow by stated arithmetic."""
+    """Number of unsupported assertions that follow by stated arithmetic."""
     v: float | None
     """V: share of calls without an error; None if the server ran no experiment."""
     v_enabled: float | None
@@ -170,13 +170,13 @@ class EpisodeScores(Record):
     step_credit: float | None
     """Share of the scene's intermediate quantities that are stated correctly; None if the scene names none."""
     silent_turns: int
-    """Turns without visible reasoning."""
+    """Number of turns without visible reasoning."""
     unread_turns: int
-    """Turns whose reply could not be read, for example because it had several lists of calls."""
+    """Number of turns whose reply could not be parsed, for example because it had several lists of calls."""
     calls: int
-    """Calls that V counts."""
+    """Number of calls that V counts."""
     disabled_calls: int
-    """Calls of tools that the scene disables."""
+    """Number of calls of tools that the scene disables."""
 
 
 def final_score(c: float, e: float, g: float | None, v: float | None, r: float | None, g_prime: float | None) -> float:

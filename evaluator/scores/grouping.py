@@ -89,7 +89,7 @@ class ScorePoint(NamedTuple):
     chance: Chance
     """Expected scores of a blind guess in this episode."""
     allowance: int
-    """Largest number of turns."""
+    """Largest number of turns in the episode."""
     g_prime: float | None
     blind_g_prime: float | None
     """G′ if every episode of the condition were answered by a blind guess."""
@@ -158,7 +158,7 @@ def _mean(values: Sequence[float | None], count: int) -> float | None:
 
 
 def _gated(own: EpisodeScores) -> float:
-    """Return C · FS* of an episode without G′. The process counts only in proportion to the answer's correctness."""
+    """Return C · FS* of an episode without G′: a product, so the process counts in proportion to correctness."""
     c = own.c or 0.0
     return c * final_score_of_defined(c, own.e, own.g, own.v, own.r, None)
 

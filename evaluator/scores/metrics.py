@@ -38,17 +38,19 @@ class GroupSummary(Record):
     """Scores of one group of episodes."""
 
     n: int
-    """Episodes."""
+    """Number of episodes."""
     n_scored: int
-    """Episodes with a verdict. All fields below except `outcomes` are computed from these alone."""
+    """Number of episodes with a verdict. All fields below except `outcomes` are computed from these alone."""
     n_scenes: int
-    """Scenes of the scored episodes. If a scene has several episodes, the intervals use scenes as sampling units."""
+    """Number of scenes of the scored episodes. If a scene has several episodes, scenes are the sampling units of
+    intervals.
+    """
     n_correct: int
-    """Strictly correct episodes."""
+    """Number of strictly correct episodes."""
     n_withdrawn: int = 0
-    """Episodes without verdict because their pack has a known fault; `RunSummary.errata` says which."""
+    """Number of episodes without verdict because their pack has a known fault, which `RunSummary.errata` describes."""
     accuracy_bounds: AccuracyBounds | None = None
-    """Between which values the strict accuracy lies if the withdrawn episodes count; None if there are none."""
+    """Bounds of the strict accuracy if the withdrawn episodes counted; None if there are none."""
     strict_accuracy: float | None
     """Share of strictly correct episodes, 0 to 1."""
     strict_interval: Interval | None
@@ -103,9 +105,9 @@ class GroupSummary(Record):
     silent_turns: float | None
     """Share of all turns that have no visible reasoning; None without turns."""
     unread_turns: int = 0
-    """Turns whose reply could not be parsed, so that no call was run."""
+    """Number of turns whose reply could not be parsed, so that no call was run."""
     disabled_calls: int
-    """Calls of tools that the scene disables."""
+    """Number of calls of tools that the scene disables."""
     experiment_cost: MedianCost
     """Median calls and lab time of an episode."""
     failures: dict[FailureMode, FailureCount]
@@ -134,13 +136,14 @@ class ConditionAttempts(Record):
 
 
 class RunSummary(Record):
-    """Scores of a run, as a whole and for each grouping that the paper's hypotheses need."""
+    """Scores of a run, for all episodes and for each grouping that the paper's hypotheses need."""
 
     format: Literal[2, 3] = 3
-    """Version of this record; fields are added without changing it, none is changed or taken away. In 2, which is still
-    read, dimensions were means over the episodes that define them."""
+    """Version of this record. New fields do not change it; no field is changed or removed within a version. Version 2
+    is still read; its dimensions were means over the episodes that define them.
+    """
     scoring_version: int = 1
-    """Version of the rules by which scores follow from grades; absent in format 2, where it is 1."""
+    """Version of the scoring rules; absent in format 2, where it is 1."""
     overall: GroupSummary
     """All scenes except open worlds."""
     by_rung: dict[str, GroupSummary]
@@ -148,9 +151,9 @@ class RunSummary(Record):
     `–` for scenes without a category."""
     by_category: dict[str, GroupSummary]
     by_quadrant: dict[str, GroupSummary]
-    """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, whatever the modality; other categories as they are."""
+    """`easy-single`, `easy-multi`, `hard-single`, `hard-multi`, regardless of modality; other categories unchanged."""
     by_modality: dict[str, GroupSummary]
-    """`plain`, `creation`, `hidden`, whatever the quadrant; other categories as they are."""
+    """`plain`, `creation`, `hidden`, regardless of the quadrant; other categories unchanged."""
     by_problem_type: dict[str, GroupSummary]
     by_problem_kind: dict[str, GroupSummary]
     """`qualitative` (comparison, observation), `quantitative` (calculation, computation), `other`."""
@@ -159,9 +162,11 @@ class RunSummary(Record):
     by_protocol: dict[str, GroupSummary]
     by_agent: dict[str, GroupSummary]
     budget_curves: tuple[ConditionCurve, ...]
-    """One for each agent, prompting and protocol played at several budgets, on the episodes scored at all of them."""
+    """One curve for each agent, prompting and protocol that was played at several budgets, on the episodes scored at
+    all of them.
+    """
     attempts: tuple[ConditionAttempts, ...]
-    """One for each condition that played every scene more than once."""
+    """One entry for each condition under which every scene was played more than once."""
     errata: tuple[AppliedErratum, ...] = ()
     """Known faults of the packs that were played, open worlds included."""
 

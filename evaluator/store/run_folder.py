@@ -140,7 +140,7 @@ class RunFolder:
                 raise StoreError(f"{file} cannot be read: {error.strerror}") from error
 
     def episodes(self) -> dict[EpisodeKey, Episode]:
-        """All episodes by key. If several records have the same key, the last one counts.
+        """Return all episodes by key. If several records have the same key, the last one counts.
 
         Raises:
             StoreError: A line in the middle is damaged.
@@ -219,7 +219,7 @@ class RunFolder:
         durable.append_line(self.evidence_file, evidence.model_dump_json().encode())
 
     def evidence(self) -> dict[EpisodeKey, EvidenceRecord]:
-        """The evidence by the key of its episode. If several records have the same key, the last one counts.
+        """Return the evidence by the key of its episode. If several records have the same key, the last one counts.
 
         Raises:
             StoreError: A line in the middle is damaged.

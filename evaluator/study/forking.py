@@ -80,7 +80,7 @@ def _refuse_other_returns(stored: Episode, turn: int, returned: Sequence[Exchang
 
 
 def account(stored: Episode, turn: int) -> str:
-    """Text that shows the continuing agent the replayed turns. It follows the opening prompt."""
+    """Return a text with the replayed turns for the continuing agent. It follows the opening prompt."""
     budget = stored.key.budget
     turns = [
         f"## Iteration {number}\n\n"
@@ -188,13 +188,13 @@ def meeting(episodes: Sequence[Episode], text: str, option: str, folder: RunFold
 
 
 def _values(key: EpisodeKey, name: str) -> set[str]:
-    """The spellings of a key's value that a condition may use. A scene has two: its id and its reference."""
+    """Return the spellings of a key's value that a condition may use. A scene has two: its id and its reference."""
     value = str(getattr(key, name))
     return {value, reference_of(key.scene)} if name == "scene" else {value}
 
 
 def _last(episode: Episode) -> int:
-    """The first turn at which an episode can no longer be forked: the answering turn, or the last of the budget."""
+    """Return the first turn from which no fork is possible: the answering turn, or the last of the budget."""
     return (
         len(episode.turns) if episode.outcome is Outcome.ANSWERED else min(len(episode.turns) + 1, episode.key.budget)
     )

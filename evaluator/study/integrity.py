@@ -101,10 +101,10 @@ def seed_key_file(folder: RunFolder) -> Path:
 
 
 def read_seed_key(file: Path, option: str = "--seed-key") -> SeedKey:
-    """The key in a file that an option names.
+    """Read the key in a file that an option names.
 
     Raises:
-        UsageError: It cannot be read, or holds no key.
+        UsageError: The file cannot be read, or contains no key.
     """
     try:
         return SeedKey.parse(file.read_text(encoding="ascii"))
@@ -116,14 +116,14 @@ def read_seed_key(file: Path, option: str = "--seed-key") -> SeedKey:
 
 
 def seeds_of(folder: RunFolder, key_file: Path | None) -> SeedOf:
-    """The function that maps the recorded seeds of a stored run to the seeds that it was played with.
+    """Return the function that maps the recorded seeds of a stored run to the seeds of its variants.
 
     Args:
-        folder: The run. One without `run.json` has plain seeds.
+        folder: The run. Without `run.json`, its recorded seeds are the real ones.
         key_file: The key of a held-back run; None to use the one that the folder discloses.
 
     Raises:
-        UsageError: The run needs a key and there is none, or another one.
+        UsageError: The run needs a key and there is none, or the key is that of another run.
     """
     # Runs of other programs may lack run.json; their seeds are plain.
     commitment = folder.read_run().plan.held_back if folder.run_file.exists() else ""

@@ -1,8 +1,7 @@
 """`--workers N`: worker processes on this machine play the episodes. With `--server host` each starts its own host.
 
-A worker is a Python process that holds one end of a socket pair. Requests and replies on the socket carry a number that
-matches them. Each side sees the end of the other as end of file. A worker that sees it ends, with the servers that it
-started.
+A worker is a Python process that holds one end of a socket pair. A number matches each reply on the socket to its
+request. Each side detects the end of the other as end of file. A worker then stops its servers and exits.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Creates the record of a run that starts, and compares its worlds with those of a stored run."""
+"""Creates the record of a starting run, and compares its worlds with those of a stored run."""
 
 import hashlib
 import json
@@ -41,7 +41,7 @@ def played_worlds(packs: Iterable[PackFiles], scenes_dir: Path | None) -> dict[s
 
 
 def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
-    """Refuse to continue a stored run if a world in the folder of packs differs from the recorded one.
+    """Raise if a run cannot be resumed because a world in the folder of packs differs from the recorded one.
 
     Raises:
         UsageError: A world differs or is missing.
@@ -53,12 +53,12 @@ def refuse_other_worlds(run: RunRecord, scenes_dir: Path | None) -> None:
 
 
 def other_packs(run: RunRecord, scenes_dir: Path | None) -> list[int]:
-    """Scenes that a stored run played on other packs than those that are here.
+    """Return the scenes that a stored run played on packs that differ from the present ones.
 
-    Worlds that are made from records are left out, because `refuse_other_worlds` compares these.
+    Worlds that are made from records are omitted, because `refuse_other_worlds` compares them.
 
     Raises:
-        UsageError: A pack is not here.
+        UsageError: A pack is missing.
     """
     made = {one_world(reference) for reference in run.worlds}
     try:
@@ -72,10 +72,10 @@ def other_packs(run: RunRecord, scenes_dir: Path | None) -> list[int]:
 
 
 def refuse_other_packs(run: RunRecord, scenes_dir: Path | None) -> None:
-    """Refuse to grade a stored run by other packs than those that it was played on.
+    """Raise if a stored run cannot be graded because its packs differ from the present ones.
 
     Raises:
-        UsageError: A scene was played on another pack than the one here, or its pack is not here.
+        UsageError: A scene was played on another pack, or its pack is missing.
     """
     if other := other_packs(run, scenes_dir):
         raise UsageError(

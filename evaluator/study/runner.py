@@ -60,7 +60,7 @@ async def play_key(
 
     Raises:
         UsageError: The participant cannot play in this laboratory.
-        PermanentFailure: No episode of this participant can be played.
+        PermanentFailure: This participant cannot play any episode.
     """
     with episode_span(key) as span:
         episode = await _attempted(participant, laboratory, key, versions, timeout_s)
@@ -88,7 +88,7 @@ async def _attempted(
 
 
 def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | None = None) -> Episode:
-    """The record of an episode of which every attempt ended in an infrastructure error.
+    """Return the record of an episode whose attempts all ended in an infrastructure error.
 
     Args:
         key: Key of the episode.
@@ -111,7 +111,7 @@ def unplayed(key: EpisodeKey, failure: str, versions: Versions, usage: Usage | N
 
 
 def missing(keys: Iterable[EpisodeKey], done: Mapping[EpisodeKey, Episode]) -> list[EpisodeKey]:
-    """Episodes still to be played: those without a record, and those that ended in an infrastructure error."""
+    """Return the episodes still to be played: those without a record, and those with an infrastructure error."""
     return [key for key in keys if key not in done or done[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
 
 

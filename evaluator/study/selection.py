@@ -10,7 +10,7 @@ from scenes.folder import ranges
 from scenes.splits import HELD_BACK, Split, splits
 
 SUITE = "all"
-"""Selects every scene but the open worlds, which are a track of their own."""
+"""Selects every scene except the open worlds, which are a separate track."""
 USUAL_SEEDS = 20
 """Default number of seeds of a split. A split of open worlds alone is played at one seed."""
 
@@ -47,9 +47,9 @@ def select(
 
 
 def parse_scenes(text: str | None, scenes_dir: Path | None) -> list[PackFiles]:
-    """The packs that `--scenes` selects: ids, ranges, rungs, categories, worlds and `all`, separated by commas.
+    """Return the packs that `--scenes` selects: ids, ranges, rungs, categories, worlds and `all`, comma-separated.
 
-    A range selects the scenes that exist in it. A single id must exist. None selects every pack, also open worlds.
+    A range selects the existing scenes in it. A single id must exist. None selects every pack, including open worlds.
 
     Raises:
         UsageError: A part is malformed or selects nothing.
@@ -94,7 +94,7 @@ def find_split(name: str) -> Split:
 
 
 def scenes_in_split(split: Split, scenes: str | None, scenes_dir: Path | None) -> list[PackFiles]:
-    """The packs of a split, or those of them that `--scenes` selects.
+    """Return the packs of a split, or those of them that `--scenes` selects.
 
     Raises:
         UsageError: A part is malformed, or the split has none of these scenes.

@@ -28,7 +28,7 @@ from scenes import reference_of
 
 
 class Submission(Record):
-    """The results of a whole run, where they come from, and hashes of its records."""
+    """The results of a whole run, their provenance, and hashes of the run's records."""
 
     format: Literal[1] = FORMAT
     run: RunRecord
@@ -36,29 +36,29 @@ class Submission(Record):
     seed_commitment: str = Field(default="", exclude_if=is_absent)
     """Commitment to the key of held-back seeds; absent if the seeds are as recorded."""
     seal: Seal
-    """Contents of `seal.json`; its head stands for every record and their order."""
+    """Contents of `seal.json`; its head covers every record and their order."""
     episodes_sha256: str
-    """Of `episodes.jsonl`."""
+    """SHA-256 of `episodes.jsonl`."""
     unsealed_episodes: int
-    """Episodes whose agent could have known more than it measured."""
+    """Number of episodes whose agent could have had information other than its measurements."""
     withdrawn: tuple[str, ...] = Field(default=(), exclude_if=is_absent)
     """Hashes of the packs whose episodes have no verdict because of a known fault; absent if there are none."""
     grader_version: str
     verdicts_sha256: str
-    """Of the keys and verdicts of all grades, in the order of the episodes."""
+    """SHA-256 of the keys and verdicts of all grades, in the order of the episodes."""
     summary: RunSummary
 
 
 def submission_of(folder: RunFolder, keys: KeyRing) -> Submission:
-    """Grade a run anew and state its results. Writes nothing.
+    """Grade a run again and collect its results. Writes nothing.
 
     Args:
         folder: The run.
         keys: Answer keys of its scenes.
 
     Raises:
-        UsageError: The run is not whole, was not graded, or was played on other packs than these.
-        StoreError: Its records are not as they were sealed.
+        UsageError: The run is incomplete, was not graded, or was played on other packs.
+        StoreError: Its records do not match their seal.
     """
     record, seal = folder.read_run(), _intact_seal(folder)
     if record.forked_from is not None:
@@ -129,7 +129,7 @@ def _intact_seal(folder: RunFolder) -> Seal:
 
 
 def _check_whole(folder: RunFolder, record: RunRecord) -> None:
-    """Refuse a run that lacks episodes, because unfavourable ones could have been left out."""
+    """Raise if a run lacks episodes, because unfavourable ones could have been removed."""
     episodes = folder.episodes()
     wanted = record.plan.matrix()
     unplayed = [key for key in wanted if key not in episodes or episodes[key].outcome is Outcome.INFRASTRUCTURE_ERROR]
@@ -145,7 +145,7 @@ def _check_whole(folder: RunFolder, record: RunRecord) -> None:
 
 
 def _check_frames(folder: RunFolder) -> None:
-    """Refuse a frame that is missing or whose content does not have the hash in its name."""
+    """Raise if a frame is missing, or its content does not have the hash in its name."""
     names = {
         frame.name
         for episode in folder.episodes().values()
@@ -164,9 +164,10 @@ def _check_frames(folder: RunFolder) -> None:
 
 
 def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
-    """Refuse stored grades that grading again does not give.
+    """Raise if grading again gives other grades than the stored ones.
 
-    A grade that was withdrawn since, or is by an erratum that the submission does not count, is no difference.
+    A grade that has been withdrawn since then is accepted, and so is one withdrawn by an erratum that the submission
+    does not count.
     """
     stored: Mapping[EpisodeKey, GradeRecord] = folder.grades()
     for row in rows:
@@ -185,7 +186,7 @@ def _check_grades(folder: RunFolder, rows: list[ScoredEpisode]) -> None:
 
 
 def _verdict(record: GradeRecord) -> str:
-    """The part of a grade that is hashed. Omits the answer key and the reason, which runs with held-back seeds omit."""
+    """Return the hashed part of a grade, without key and reason, which runs with held-back seeds omit."""
     grade = record.grade
     return f"{record.key.model_dump_json()} {grade.strict.value} {grade.normalised.value} {grade.graded}"
 

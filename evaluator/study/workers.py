@@ -78,7 +78,7 @@ class Crash:
 
 @dataclass(slots=True)
 class EpisodeWorker:
-    """The part of a worker that runs in its process: plays several episodes at a time in its own laboratory."""
+    """The part of a worker inside its process: plays several episodes concurrently in its own laboratory."""
 
     config: RunConfig
     folder: Path
@@ -132,7 +132,7 @@ class EpisodeWorker:
 
 @dataclass(slots=True, eq=False)
 class WorkerSlot:
-    """A worker and its capacity."""
+    """A worker, and the number of episodes that it can play concurrently."""
 
     worker: Worker
     places: int

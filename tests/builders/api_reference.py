@@ -1,7 +1,7 @@
-"""The reference page of the public names of a package, made from its source: signatures, docstrings, errors.
+"""Generate the reference page of a package's public names from its source: signatures, docstrings, errors.
 
-The source is read and not the objects, so that a signature is written as its author wrote it, and a field has the
-docstring beneath it.
+The generator parses the source instead of inspecting objects. So it prints each signature as the author wrote it, and
+finds the docstrings beneath fields.
 """
 
 import ast
@@ -93,7 +93,7 @@ def _property(part: Function) -> str:
 
 
 def _assigned(body: list[ast.stmt]) -> Iterator[tuple[str, str]]:
-    """The fields or constants that are assigned in a body, each with the docstring beneath it, or nothing."""
+    """Return the fields or constants assigned in a body, each with the docstring beneath it; empty without one."""
     for statement, following in pairwise([*body, ast.Pass()]):
         said = ""
         if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
@@ -119,7 +119,7 @@ def _function(node: Function) -> Iterator[str]:
 
 
 def _signature(node: Function) -> str:
-    """The first line of a definition; with a line for each parameter if it would be long."""
+    """Return the signature of a definition; a long one gets one line per parameter."""
     start = f"{'async ' if isinstance(node, ast.AsyncFunctionDef) else ''}def {node.name}"
     returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
     parameters = [
@@ -148,7 +148,7 @@ def _docstring(node: Definition) -> Iterator[str]:
 
 
 def _entries(text: str) -> Iterator[str]:
-    """The entries of a section: a name, a colon, and a text that may go on in indented lines."""
+    """Parse the entries of a section: a name, a colon, and a text that may continue on indented lines."""
     for entry in re.split(r"\n(?! )", text):
         name, _, said = entry.partition(":")
         yield f"- `{name}`: {_text(said)}"

@@ -1,4 +1,4 @@
-"""A bench: a session on inline MJCF, without MCP. By default all attributes of its objects may be read."""
+"""A test bench: a session on inline MJCF, without MCP. By default the agent may read all attributes of its objects."""
 
 import re
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ PUBLIC: dict[str, bool] = dict.fromkeys(
 
 
 def fingerprint(session: Session) -> tuple[Any, ...]:
-    """Everything that a refused call must not change: the state of the session, and the world bit for bit."""
+    """Return everything that a refused call must not change: the session state and the bytes of the world state."""
     world = session.world.save()
     return (
         session.state,
@@ -106,7 +106,7 @@ def open_bench(
 
 
 def public_pack(listed: tuple[PublicObject, ...], soft: tuple[str, ...] = ()) -> PublicPack:
-    """The public half of a pack that only lists some objects."""
+    """Return the public half of a pack whose only content is a list of objects."""
     return PublicPack(
         scene_id=1,
         name="bench",

@@ -1,4 +1,4 @@
-"""A page in headless Chromium, driven through its DevTools protocol: what a reader sees, clicks and types."""
+"""Drives a page in headless Chromium through the DevTools protocol, as a user would: read, click, type."""
 
 import base64
 import itertools

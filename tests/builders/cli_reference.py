@@ -1,4 +1,4 @@
-"""The reference page of the command lines, made from their argparse parsers."""
+"""Generate the reference page of the command lines from their argparse parsers."""
 
 import argparse
 import re
@@ -18,11 +18,11 @@ prints the same with `--help`.
 
 
 Parsers = dict[str, tuple[str, argparse.ArgumentParser]]
-"""Commands, each with its line in the list of all commands and its parser."""
+"""Each command's name, its summary line in the list of commands, and its parser."""
 
 
 def cli_page() -> str:
-    """The text of the page. Commands that `--help` of a program does not list are left out."""
+    """Return the text of the page. Omits commands that the `--help` of their program does not list."""
     laboratory, (evaluator, _) = physment_mcp.commands.program.parser(), physment_eval.parser("--help")
     commands = {name: (what, physment_eval.parser(name)[1][name]) for name, (_, what) in COMMANDS.items() if what}
     parts = [_HEAD, *_program(laboratory, listed(laboratory)), *_program(evaluator, commands)]
@@ -42,7 +42,7 @@ def _program(program: argparse.ArgumentParser, commands: Parsers) -> Iterator[st
 
 
 def listed(parser: argparse.ArgumentParser) -> Parsers:
-    """The commands that `--help` lists, each with its line there and its parser."""
+    """Return the commands that `--help` lists, each with its summary line and its parser."""
     return {
         listed.dest: (listed.help or "", action.choices[listed.dest])
         for action in parser._actions
@@ -90,14 +90,14 @@ def _meaning(action: argparse.Action) -> str:
 
 
 def _prose(text: str) -> Iterator[str]:
-    """The paragraphs of a description; its indented lines, which are examples, become blocks."""
+    """Convert a description to Markdown paragraphs; indented lines, which are examples, become code blocks."""
     for paragraph in re.split(r"\n{2,}", text.strip("\n")):
         for indented, lines in _runs(paragraph.split("\n")):
             yield "```text\n" + "\n".join(lines) + "\n```" if indented else _plain(" ".join(lines))
 
 
 def _runs(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
-    """The lines in runs of indented and other ones; the indentation that a run has in common is taken away."""
+    """Split lines into runs of indented and unindented lines, and remove the common indentation of each run."""
     start = 0
     for end in range(1, len(lines) + 1):
         if end == len(lines) or lines[end].startswith(" ") != lines[start].startswith(" "):
@@ -108,7 +108,7 @@ def _runs(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
 
 
 def _plain(text: str) -> str:
-    """Text in which Markdown shows what is not between backquotes as it is written."""
+    """Escape text outside backquotes, so that Markdown shows it literally."""
     return "".join(
         part if part.startswith("`") else re.sub(r"([\\*_\[\]<])", r"\\\1", part)
         for part in re.split(r"(`[^`]+`)", text)

@@ -1,4 +1,4 @@
-"""Runs `physment-eval` in this process, which spares each command more than a second of imports."""
+"""Runs `physment-eval` in this process, which saves more than a second of imports per command."""
 
 import contextlib
 import io
@@ -12,7 +12,7 @@ from evaluator.commands.program import main
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """How a command ended, and what it printed."""
+    """The exit code of a command, and its output."""
 
     returncode: int
     stdout: str
@@ -24,8 +24,8 @@ def physment_eval(*words: str | Path, typed: str = "", cwd: Path | None = None) 
 
     Args:
         words: Its arguments.
-        typed: Its standard input, which is no terminal.
-        cwd: Its working folder; None for that of the tests.
+        typed: Text on its standard input, which is not a terminal.
+        cwd: Its working directory; None for that of the tests.
     """
     out, err = io.StringIO(), io.StringIO()
     with (

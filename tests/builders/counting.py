@@ -1,4 +1,4 @@
-"""How often functions are called while a block runs, without changing them."""
+"""Counts the calls of functions while a block runs, without patching the functions."""
 
 import sys
 from collections import Counter
@@ -34,7 +34,7 @@ def calls_counted(*functions: Callable[..., Any]) -> Generator[Counter[str]]:
 
 
 def calls_made(work: Callable[[], object]) -> int:
-    """Number of function calls that a piece of work makes, including C functions; the same on every machine."""
+    """Return the number of function calls, C functions included, that `work` makes; the same on every machine."""
     calls = 0
 
     def note(_frame: FrameType, event: str, _argument: object) -> None:

@@ -1,4 +1,4 @@
-"""Runs to film, played in this process, and what films hold."""
+"""Plays runs in this process, of which films are then made, and reads the contents of films."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ Turns = Sequence[Sequence[ToolCall]]
 
 
 def stored_run(folder: Path, *played: tuple[EpisodeKey, Turns]) -> RunFolder:
-    """A run folder with episodes of these calls."""
+    """Store a run folder whose episodes consist of these calls."""
     run = RunFolder(folder)
     run.create(resume=False)
     plan = Plan(scenes=tuple({key.scene for key, _ in played}), agents=("x",))
@@ -45,12 +45,12 @@ def stored_run(folder: Path, *played: tuple[EpisodeKey, Turns]) -> RunFolder:
 
 
 def key_of(scene: int, turns: Turns, seed: int = 0) -> EpisodeKey:
-    """The key of an episode that these turns use up."""
+    """Return the key of an episode whose budget is exactly these turns."""
     return episode_key(scene, seed=seed, budget=len(turns))
 
 
 def record_of(run: RunFolder, key: EpisodeKey) -> str:
-    """SHA-256 of the record of an episode, which its film carries."""
+    """Return the SHA-256 of an episode's record; its film carries the same hash."""
     return line_hashes(run)[key]
 
 
@@ -60,14 +60,14 @@ def file_of(run: RunFolder, key: EpisodeKey) -> Path:
 
 
 def attached_run(run: RunFolder, target: Path | None = None) -> Run:
-    """A run as a report shows it, with its films and frames beside the page."""
+    """Return a run as a report shows it, with its films and frames attached to the page."""
     rows = [scored(episode, RIGHT) for episode in run.episodes().values()]
     target = target or run.path
     return Run(run.path.name, run.read_run(), rows, {}, attached(run, [row.episode for row in rows], target))
 
 
 def read_film(run: RunFolder, key: EpisodeKey) -> dict[str, Any]:
-    """A film as its file has it."""
+    """Parse the file of a film."""
     text = file_of(run, key).read_text(encoding="utf-8")
     found = re.fullmatch(r"physmentFilm\((.*)\);\n", text)
     assert found
@@ -75,7 +75,11 @@ def read_film(run: RunFolder, key: EpisodeKey) -> dict[str, Any]:
 
 
 def decoded(film: Mapping[str, Any]) -> tuple[list[float], dict[str, list[list[float]]]]:
-    """Times [s], and body → x, y, z [m] and quaternion at each of them, read as the player reads them."""
+    """Decode a film as the player does.
+
+    Returns:
+        The times [s]; body → x, y, z [m] and quaternion at each time.
+    """
     data = iter(base64.b64decode(film["data"]))
     times = [micro / 1e6 for micro in course(data, film["count"])]
     units = [film["step"]] * 3 + [film["turn"]] * 4
@@ -87,7 +91,7 @@ def decoded(film: Mapping[str, Any]) -> tuple[list[float], dict[str, list[list[f
 
 
 def course(data: Iterator[int], count: int) -> list[int]:
-    """The next sequence of whole numbers."""
+    """Decode the next sequence of integers."""
     values: list[int] = []
     zeros = 0
     for place in range(count):

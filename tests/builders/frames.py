@@ -1,4 +1,4 @@
-"""Sessions whose results carry pictures, where something can be drawn."""
+"""Sessions whose results carry pictures. Tests that use them are skipped where rendering is unavailable."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Iterator

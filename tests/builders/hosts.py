@@ -1,4 +1,4 @@
-"""Host headers that name another machine, or that lenient parsers take for this one."""
+"""Invalid Host headers: names of other machines, or strings that a lenient parser accepts as a loopback address."""
 
 FOREIGN_HOSTS = (
     *("", "evil.example", "evil.example:8000", "10.0.0.2", "0.0.0.0", "[::2]"),
@@ -9,4 +9,4 @@ FOREIGN_HOSTS = (
     *("localhost:\xb2", "local\thost", "localhost evil", "localhost,evil", "%6cocalhost"),
     *("localhost/x", "localhost?x", "localhost#x", "//localhost", "http://localhost"),
 )
-"""None of them is a name of this machine, a colon and a port."""
+"""None of them is a loopback name, optionally followed by a colon and a port."""

@@ -117,10 +117,10 @@ class Lab:
 
 
 WritePack = Callable[..., Path]
-"""Writes a pack, its MJCF and, unless it is 7, its id; returns the folder of packs."""
+"""Writes a pack with its MJCF, and its id unless that is 7; returns the folder of packs."""
 Command = Callable[..., list[str]]
-"""The command line of the server under test, with these arguments."""
+"""Returns the command line that starts the server under test with these arguments."""
 OpenLab = Callable[..., AbstractAsyncContextManager[Lab]]
 """Opens a lab on a pack and its MJCF."""
 OpenHost = Callable[..., AbstractAsyncContextManager[tuple[EpisodeServer, httpx.AsyncClient]]]
-"""Opens a host in this process, with the options of `EpisodeServer`, and a client that needs no socket."""
+"""Starts a host in this process with options of `EpisodeServer`, and a client that needs no socket."""

@@ -1,6 +1,6 @@
-"""Model providers on loopback: an HTTP server that implements the three wire formats with scripted replies.
+"""Model providers on loopback: an HTTP server that implements three wire formats with scripted replies.
 
-It refuses requests that the real services refuse, above all a history in which a tool call has no result.
+Like the real services, it rejects invalid requests, for example a history in which a tool call has no result.
 """
 
 import itertools
@@ -78,7 +78,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def returns(self, body: Mapping[str, Any]) -> list[str]:
-        """What came of the calls of the turn before, in order."""
+        """Return the results of the previous turn's calls, in order."""
 
     @abstractmethod
     def last(self, body: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 def check_public_names(package: ModuleType) -> None:
-    """`__all__` is sorted, each name in it exists and is documented, and `import *` brings all of them."""
+    """Check that `__all__` is sorted, that each name in it exists and is documented, and that `import *` binds them."""
     assert package.__all__ == sorted(package.__all__, key=_as_ruff_sorts)
     documented = _documented_constants(Path(str(package.__file__)).parent)
     for name in package.__all__:

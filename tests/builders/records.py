@@ -1,4 +1,4 @@
-"""Records for tests: keys, calls, exchanges, turns, episodes and grades, with defaults for all that does not matter."""
+"""Builders of records for tests: keys, calls, exchanges, turns, episodes and grades, with defaults for most fields."""
 
 import json
 from typing import Any
@@ -54,24 +54,24 @@ ANSWER = answer()
 
 
 def returned(tool: str, content: dict[str, Any] | None = None, /, **arguments: object) -> Exchange:
-    """A call that succeeded; the agent read its content as compact JSON."""
+    """Return the exchange of a successful call; the agent read its content as compact JSON."""
     content = content or {}
     text = json.dumps(content, separators=(",", ":"))
     return Exchange(call=call(tool, **arguments), returned=True, content=content, text=text)
 
 
 def refused(tool: str, text: str = "refused", /, **arguments: object) -> Exchange:
-    """A call that the laboratory refused with a sentence."""
+    """Return the exchange of a call that the laboratory refused with an error message."""
     return Exchange(call=call(tool, **arguments), returned=True, is_error=True, text=text)
 
 
 def rejected(tool: str, /, **arguments: object) -> Exchange:
-    """A call that was not run because it fits no tool schema."""
+    """Return the exchange of a call that was not run because it matches no tool schema."""
     return Exchange(call=call(tool, **arguments), returned=False, is_error=True, text="fits no schema")
 
 
 def skipped(tool: str, /, **arguments: object) -> Exchange:
-    """A call that was not run because its batch stopped before it."""
+    """Return the exchange of a call that was not run because an earlier call stopped the batch."""
     return Exchange(call=call(tool, **arguments), returned=False)
 
 
@@ -90,7 +90,7 @@ def episode(
     usage: Usage | None = None,
     versions: Versions = VERSIONS,
 ) -> Episode:
-    """An episode with these turns; it keeps `answer` only if the outcome is `answered`."""
+    """Return an episode with these turns. `answer` is stored only if the outcome is `answered`."""
     return Episode(
         key=key or episode_key(),
         outcome=outcome,
@@ -106,7 +106,10 @@ def episode(
 
 
 def grade(right: bool | None, *, graded: float | None = None, reason: str = "") -> Grade:
-    """The grade of a right or wrong answer; None is unscored. `graded` replaces the share that follows from `right`."""
+    """Return the grade of a right (True), wrong (False) or unscored (None) answer.
+
+    `graded` overrides the score that follows from `right`.
+    """
     verdict = Verdict.UNSCORED if right is None else Verdict.CORRECT if right else Verdict.INCORRECT
     share = graded if graded is not None or right is None else float(right)
     return Grade(strict=verdict, graded=share, normalised=verdict, reason=reason)

@@ -1,4 +1,4 @@
-"""The client that the integrations share, loaded from its file: it is installed in their environments only."""
+"""Loads the integrations' shared client from its file, because it is installed only in their own environments."""
 
 import functools
 import importlib.util

@@ -1,4 +1,4 @@
-"""Small runs for the tests of the report, with everything that a notebook shows."""
+"""Small runs for the tests of the report, with every kind of event that its notebook pages show."""
 
 from evaluator.records.episode import Exchange, Usage
 from evaluator.records.run import Plan, RunRecord, ServerRecord

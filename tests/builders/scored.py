@@ -1,4 +1,4 @@
-"""Scored episodes made by hand: real scores and grounding, a chosen grade and chosen failures."""
+"""Builds scored episodes: the scores and the grounding are computed, the grade and the failures are chosen."""
 
 from pydantic import JsonValue
 
@@ -11,11 +11,11 @@ from evaluator.scores.scored_episode import ScoredEpisode
 from scenes import LabLimits
 
 CHANCE = Chance(0.0, 0.0)
-"""A blind guess is never right."""
+"""The probability of a correct blind guess, here 0."""
 
 
 def scores_of(episode: Episode, grade: Grade, disabled_tools: frozenset[str] = frozenset()) -> EpisodeScores:
-    """The dimensions of an episode with its own grounding."""
+    """Compute the dimensions of an episode, with the grounding computed from its calls."""
     return dimensions(episode, grade, grounding_of(episode), disabled_tools)
 
 
@@ -32,7 +32,7 @@ def scored(
     limits: LabLimits | None = None,
     chance: Chance = CHANCE,
 ) -> ScoredEpisode:
-    """A scored episode of a scene that no pack describes."""
+    """Build a scored episode of a scene for which there is no pack."""
     record = GradeRecord(
         key=episode.key,
         grade=grade,

@@ -16,14 +16,14 @@ needs_node = pytest.mark.skipif(
 
 
 def run(*command: str) -> str:
-    """What a program of the viewer prints."""
+    """Run a program of the viewer and return its output."""
     done = subprocess.run(command, cwd=VIEWER, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 def bundled(source: str) -> str:
-    """A source with all that it needs, as one script."""
+    """Bundle a source file with its imports into one script."""
     script = run(str(VIEWER / "node_modules" / ".bin" / "esbuild"), source, "--bundle", "--format=iife", "--minify")
     return script.replace("</script", "<\\/script")
 

@@ -25,7 +25,7 @@ def write_worlds(folder: Path, indexes: Iterable[int] = (0,), secret: str = PUBL
 
 @functools.cache
 def _made(difficulty: Difficulty, secret: str, index: int) -> Made:
-    """A world; kept, because it takes seconds to make one."""
+    """Make a world. The result is cached, because it takes seconds."""
     return make_world(1, difficulty, secret, index)
 
 

@@ -1,9 +1,9 @@
-"""Installs other packages in environments of their own, and runs the tests that need them.
+"""Installs third-party frameworks in separate environments, and runs the tests that need them.
 
 python -m tests.harness.frameworks NAME...    verifiers, openenv, nemo_gym, harbor, inspect, ray or lowest
 
-The frameworks pin versions of mcp that exclude ours and each other's. `lowest` tests the whole suite with the oldest
-versions that pyproject.toml allows; it needs uv, and no other environment. Imports the standard library alone.
+The frameworks pin versions of mcp that conflict with ours and with each other. `lowest` runs the whole suite with the
+oldest versions that pyproject.toml allows; it needs uv. This module imports the standard library only.
 """
 
 import argparse
@@ -19,7 +19,7 @@ CLIENTS = ("verifiers", "openenv", "nemo_gym")
 """Frameworks whose packages, in `integrations/`, play through the referee."""
 _NEWEST_FIRST = ("python3.13", "python3.12", "python3.11")
 _BUILD_ONLY_OURS = ("--only-binary", ":all:", "--no-binary", "physment-mcp", "--no-binary", "physment-harbor")
-"""An old sdist of another package may need a compiler, or a build tool that is gone."""
+"""Build only this project from source: an old sdist may need a compiler, or a build tool that is gone."""
 
 
 def run(*words: str | Path) -> int:
@@ -29,7 +29,7 @@ def run(*words: str | Path) -> int:
 
 
 def installed(name: str, *packages: str) -> Path | None:
-    """The interpreter of an environment with packages, made with the newest Python; None if it cannot be made.
+    """Create an environment with packages and the newest Python; returns its interpreter, None if that fails.
 
     NeMo Gym and Harbor, for example, need Python 3.12.
     """
@@ -56,7 +56,7 @@ def client(name: str) -> int:
 
 
 def harbor() -> int:
-    """Write the suite as tasks of Harbor into build/harbor, and let Harbor read them and run trials."""
+    """Export the suite as Harbor tasks into build/harbor, and let Harbor read them and run trials."""
     installed("harbor", "harbor>=0.24,<0.25")
     shutil.rmtree(ROOT / "build" / "harbor", ignore_errors=True)
     return run(sys.executable, "-m", "evaluator", "harbor", "write", "build/harbor") or tested(
@@ -65,7 +65,7 @@ def harbor() -> int:
 
 
 def inspect() -> int:
-    """Test the plugin of Inspect AI, which plays, grades and reads our logs, where Inspect AI is installed."""
+    """Test the plugin of Inspect AI, which plays, grades and reads logs, where Inspect AI is installed."""
     python = installed("inspect", "-e", ".", "-e", "integrations/inspect", "openai==3.52.0", "pytest", "hypothesis")
     tests = ("tests/integrations/test_inspect_task.py", "tests/integrations/test_inspect_log.py")
     return 1 if python is None else tested(python, *tests)

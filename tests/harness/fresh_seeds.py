@@ -1,9 +1,11 @@
-"""Is the reference right on seeds that nobody chose? They follow from the hash of each pack: a changed one has others.
+"""Tests the reference agent on seeds that nobody chose: they follow from the hash of each pack.
 
-Plays the reference in memory: the first seed of every scene, then the second, and so on. `--out` keeps each verdict, so
-an interrupted run continues. `fresh_seeds.json` beside this module is the committed summary: for each scene the hash of
-its pack, how many of its seeds were played, and at which the reference was wrong. A pack that has not changed since is
-not played again: python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
+Plays the reference in memory: the first seed of every scene, then the second, and so on. `--out` stores each verdict,
+so an interrupted run can continue. `fresh_seeds.json` beside this module is the committed summary: for each scene the
+hash of its pack, how many of its seeds were played, and at which seeds the reference was wrong. Packs that have not
+changed are not played again.
+
+python -m tests.harness.fresh_seeds [--scenes SEL] [--count N] [--workers N] [--out FILE]
 """
 
 import argparse
@@ -29,13 +31,13 @@ from tests.builders.paths import ROOT
 
 
 def seeds_of(pack: str, count: int) -> list[int]:
-    """The seeds that follow from the hash of a pack, from 1000 on: none of them was used to make it."""
+    """Return the seeds that follow from the hash of a pack. They start at 1000: no smaller one is independent."""
     digests = (hashlib.sha256(f"{pack}:{number}".encode()).digest() for number in range(count))
     return [1000 + int.from_bytes(digest[:4], "big") for digest in digests]
 
 
 def verdict(files: PackFiles, seed: int) -> dict[str, object]:
-    """The reference's answer at a seed, its key, and whether it is right."""
+    """Play the reference at a seed; returns its answer, the key, and whether the answer is right."""
     subject = Subject.open(files)
     episode = anyio.run(play_reference, subject, seed, MemoryConnector(default_folder()))
     key = subject.truth(subject.draw(seed))
@@ -45,7 +47,7 @@ def verdict(files: PackFiles, seed: int) -> dict[str, object]:
 
 
 async def play(jobs: Iterable[tuple[PackFiles, int]], workers: int, out: Path) -> None:
-    """Play in parallel processes; every verdict is on disk as soon as it is there."""
+    """Play in parallel processes, and write every verdict to disk as soon as it is known."""
     limiter = anyio.CapacityLimiter(workers)
 
     async def one(files: PackFiles, seed: int) -> None:
@@ -92,7 +94,7 @@ def main() -> int:
 
 
 class Row(TypedDict):
-    """What is known of one scene: the first `played` of its seeds were played."""
+    """The verdicts of one scene; its first `played` seeds were played."""
 
     pack: str
     played: int
@@ -104,7 +106,7 @@ def _stored_rows() -> dict[str, Row]:
 
 
 def _summarised(packs: Iterable[PackFiles]) -> dict[tuple[str, int], bool]:
-    """The verdicts of the summary on packs that have not changed since."""
+    """Return the verdicts of the summary, without those on packs that have changed since."""
     rows = _stored_rows()
     return {
         (row["pack"], seed): seed not in row["wrong"]
@@ -115,7 +117,7 @@ def _summarised(packs: Iterable[PackFiles]) -> dict[tuple[str, int], bool]:
 
 
 def _rows(packs: Iterable[PackFiles], verdicts: Mapping[tuple[str, int], bool], count: int) -> dict[str, Row]:
-    """For each scene, the seeds up to the first one without a verdict."""
+    """Return a row for each scene; it ends before the first seed without a verdict."""
     rows: dict[str, Row] = {}
     for files in packs:
         pack = pack_hash(files)

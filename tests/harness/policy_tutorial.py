@@ -1,4 +1,4 @@
-"""Trains the policy of the tutorial, which must get better than random play.
+"""Trains the policy of the tutorial and checks that it becomes better than random play.
 
 python -m tests.harness.policy_tutorial
 """
@@ -14,20 +14,20 @@ from tests.builders.paths import DOCS
 
 PAGE = (DOCS / "tutorials" / "a-policy-that-learns.md").read_text(encoding="utf-8")
 UPDATES = 180
-"""A quarter of those of the page: enough for two of the three scenes."""
+"""A quarter of the updates of the page, which is enough for two of the three scenes."""
 Shares = dict[int, float]
 """Scene → share of right answers."""
 
 
 def shares(printed: str, words: str) -> Shares:
-    """The line of a text that begins with these words."""
+    """Parse the line of a text that begins with these words."""
     found = re.search(rf"^{words} (\{{.*\}})$", printed, re.MULTILINE)
     assert found is not None, printed
     return ast.literal_eval(found[1])
 
 
 def learned(updates: int) -> tuple[Shares, Shares]:
-    """Run the program of the page; returns what it reaches, and the 99 % quantile of random play."""
+    """Run the program of the page; returns the trained policy's shares, and the 99 % quantile of random play."""
     (program,) = re.findall(r"`learn\.py`:\n\n```python\n(.*?)```", PAGE, flags=re.DOTALL)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "learn.py").write_text(program, encoding="utf-8")
@@ -38,7 +38,7 @@ def learned(updates: int) -> tuple[Shares, Shares]:
 
 
 def main() -> int:
-    """Train, and print what it reached; returns 0 if it is better than random play in scenes 7 and 9."""
+    """Train, and print the shares; returns 0 if the policy is better than random play in scenes 7 and 9."""
     trained, limits = learned(UPDATES)
     sys.stdout.write(f"trained {trained}\n99 % quantile of random play {limits}\n")
     return 0 if all(trained[scene] > limits[scene] for scene in (7, 9)) else 1

@@ -1,7 +1,7 @@
-"""Draw docstrings and paragraphs for a fresh reader, by a seed that the hash of the last commit gives.
+"""Draw random docstrings and paragraphs, which a person who never saw the project reads for clarity.
 
-A reader who never saw the project says of each whether it needs decoding. Another salt draws other texts of the same
-commit: python -m tests.harness.reading_sample [COUNT] [SALT]
+The hash of the last commit is the seed, and a salt gives other texts of the same commit:
+python -m tests.harness.reading_sample [COUNT] [SALT]
 """
 
 import ast

@@ -44,7 +44,7 @@ def imports_per_100_lines(package: str) -> float:
 
 
 def files_of_a_run(words: Sequence[str]) -> list[str]:
-    """Own files whose functions a run calls, in the order of their first call, in the process of the command."""
+    """Return the evaluator's files whose functions a run calls in the command's process, in order of first call."""
     with tempfile.TemporaryDirectory() as place:
         command = [sys.executable, "-c", _TRACED, *words, "--out", f"{place}/run"]
         done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=True)
@@ -69,7 +69,7 @@ print(*seen, sep="\\n", file=sys.stderr)
 
 
 def files_of_a_call() -> list[str]:
-    """Own files whose functions a host calls for one `apply_force` over HTTP, in the order of their first call.
+    """Return the host's files whose functions one `apply_force` over HTTP calls, in order of first call.
 
     The client repeats a call that it has made before, on an open connection.
     """

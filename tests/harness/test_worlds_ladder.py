@@ -1,4 +1,4 @@
-"""The ladder of worlds is measured line by line, goes on where it was, and shares out what it found in a table."""
+"""The worlds ladder writes each measurement as a line, resumes an interrupted run, and prints shares as a table."""
 
 import json
 import sys

@@ -1,9 +1,9 @@
-"""How hard are the levels of worlds? References with and without handicaps predict from courses of stored worlds.
+"""Measures how hard the levels of worlds are: references with and without handicaps predict courses of stored worlds.
 
-Every prediction is a line of a file as soon as it is there, and a run goes on where an interrupted one was:
+Every prediction is written as a line of a file at once, and an interrupted run can continue:
 python -m tests.harness.worlds_ladder --worlds-dir DIR [--levels L ...] [--count N] [--references R ...] [--out FILE]
 
-Readings are those of theory with noise, since the certificate of a world proves that the engine's course is the same.
+Readings are computed from theory with noise, since the certificate of a world proves that the engine agrees with it.
 """
 
 import argparse
@@ -30,50 +30,50 @@ from scenes.worlds.search import Search
 from scenes.worlds.weak_form import Legs, to_unit
 
 NOISE_SEED = 1000
-"""Added to the scene id, the seed of the noise of readings: no certificate uses it, and no two worlds share one."""
+"""Added to the scene id to seed the noise of readings. No certificate uses these seeds; no two worlds share one."""
 LINEAR = {"linear drag", "swirl", "wind", "shear", "saddle", "friction", "spring", "slope"}
-"""Forms that are linear in place and velocity."""
+"""Forms of terms that are linear in place and velocity."""
 _BESIDE = 0.05
-"""How far beside the drawn constants a fit that knows the structure begins, as a share of their ranges."""
+"""Initial offset of the informed fit from the drawn constants, as a share of their ranges."""
 
 
 def searched(record: WorldRecord, seconds: float, **changes: Any) -> Search:
-    """A search for the terms of a world, with limits and instruments changed."""
+    """Search for the terms of a world, with changed limits and instruments."""
     told = replace(record.told, **changes)
     course = simulated(record.structure, record.constants, told, NOISE_SEED + record.scene_id)
     return Search(Legs.of(course, told), seconds=seconds)
 
 
 def full(record: WorldRecord, seconds: float) -> Prediction:
-    """The reference that knows the grammar."""
+    """The reference, which knows the grammar."""
     return predicted(searched(record, seconds), record.questions)
 
 
 def half_looks(record: WorldRecord, seconds: float) -> Prediction:
-    """The same with half of the readings."""
+    """The reference with half of the readings."""
     return predicted(searched(record, seconds, looks=max(6, record.looks // 4 * 2)), record.questions)
 
 
 def noisy(record: WorldRecord, seconds: float) -> Prediction:
-    """The same with three times the noise."""
+    """The reference with three times the noise."""
     return predicted(searched(record, seconds, noise=3 * record.noise), record.questions)
 
 
 def unmodulated(record: WorldRecord, seconds: float) -> Prediction:
-    """The same without modulations."""
+    """The reference without modulations."""
     search = searched(record, seconds)
     return predicted(Search(search.legs, seconds=seconds, modulations=()), record.questions)
 
 
 def linear(record: WorldRecord, seconds: float) -> Prediction:
-    """The same with forms that are linear in place and velocity alone."""
+    """The reference with only those forms that are linear in place and velocity."""
     forms = [form for form in forms_of(record.apparatus) if form.name in LINEAR]
     search = searched(record, seconds)
     return predicted(Search(search.legs, seconds=seconds, forms=forms, modulations=()), record.questions)
 
 
 def informed(record: WorldRecord, seconds: float) -> Prediction:
-    """A fit that knows the structure, and begins beside the constants."""
+    """Fit the constants of the known structure, starting near the drawn constants."""
     search = searched(record, seconds)
     rng = random.Random(record.index)
     unit = np.array([float(to_unit(b, record.constants[name])) for name, b in record.structure.ranges.items()])
@@ -82,7 +82,7 @@ def informed(record: WorldRecord, seconds: float) -> Prediction:
 
 
 def one_unknown(record: WorldRecord, seconds: float) -> Prediction:
-    """A fit that knows the structure but for one term, and tries all terms in its place."""
+    """Fit the known structure with one unknown term, for which all terms are tried."""
     search = searched(record, seconds)
     structure = record.structure
     gone = record.index % len(structure.terms)
@@ -106,7 +106,7 @@ REFERENCES: Mapping[str, Callable[[WorldRecord, float], Prediction]] = {
 
 
 def measured(record: WorldRecord, certificate: Certificate, reference: str, seconds: float) -> dict[str, Any]:
-    """What a reference predicts of a world, compared with its key."""
+    """Compare a reference's predictions for a world with its key."""
     begun, key = time.process_time(), np.array(certificate.key)
     found = REFERENCES[reference](record, seconds)
     return {
@@ -120,7 +120,7 @@ def measured(record: WorldRecord, certificate: Certificate, reference: str, seco
 
 
 def table(lines: Iterable[Mapping[str, Any]]) -> str:
-    """Worlds that are right in all answers, by level and reference; then what the full reference says of itself."""
+    """Tabulate by level and reference how many worlds have all answers right, and how well `full` knows its errors."""
     cells: dict[int, dict[str, list[Mapping[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     for line in lines:
         cells[line["level"]][line["reference"]].append(line)
@@ -145,13 +145,13 @@ def table(lines: Iterable[Mapping[str, Any]]) -> str:
 
 
 def read_lines(file: Path) -> list[dict[str, Any]]:
-    """The lines of a run; one that was cut off is left out."""
+    """Read the lines of a run; an incomplete last line is skipped."""
     lines = file.read_text(encoding="utf-8").splitlines(keepends=True) if file.exists() else []
     return [json.loads(line) for line in lines if line.endswith("\n")]
 
 
 def main() -> int:
-    """Measure what is not measured yet, and print the table."""
+    """Measure the worlds that are missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("--worlds-dir", type=Path, required=True)
     parser.add_argument("--levels", type=int, nargs="+", default=list(LEVELS))

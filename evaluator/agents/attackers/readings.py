@@ -13,7 +13,7 @@ from scenes.protocol import Call, Reading, call
 _DEFAULT_FORCE_N, _DEFAULT_TORQUE_NM, _DEFAULT_CALLS, _DEFAULT_LAB_TIME_S = 10.0, 1.0, 150, 100.0
 """Used where a scene states no limit."""
 _LAST_SENTENCES = 4
-"""Number of sentences at the end of the task that are searched for the asked case."""
+"""Number of sentences at the end of the task in which the values of the question are searched."""
 _PURE_NUMBER = Unit(Fraction(1), (0, 0, 0))
 _OBJECT_ROW = re.compile(r"^\| (object_\d+) \|", re.MULTILINE)
 _UNIT = re.compile(r"\((?:in (?P<unit>.+?)|no unit)\)(?=[.;]|$)")
@@ -53,7 +53,7 @@ class Opening:
             unit: The unit that the values must be convertible to.
 
         Returns:
-            The values, or an empty list if no searched sentence states one.
+            The values; an empty list if no searched sentence states one.
         """
         for sentence in reversed(self.sentences[-_LAST_SENTENCES:]):
             spoken = [number for number in spoken_numbers(sentence) if number.unit is not None]

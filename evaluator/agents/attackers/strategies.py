@@ -125,7 +125,7 @@ def _sweep(opening: Opening) -> Attempt:
 def _sweep_control(
     opening: Opening, control: Control, survey: Survey, settings: int, duration: float
 ) -> Generator[list[Call], list[Reading], list[_Row]]:
-    """Return the readings at equally spaced settings up to the control's limit, with the sign of the asked case.
+    """Return the readings at equally spaced settings up to the control's limit, with the sign of the question's value.
 
     Positions and angles are relative to the reading before the first setting; if the question states a duration, to
     the reading before each setting.
@@ -187,7 +187,7 @@ def _fitting(rows: Sequence[_Row], measure: Unit, duration: float, wanted: Unit)
 def _continued(
     opening: Opening, rows: Sequence[_Row], control: Control, duration: float, part: int, wanted: Unit
 ) -> tuple[float, float]:
-    """Return the range of the series that changes most, and the value of its fitted curve at the asked case."""
+    """Return the range of the series that changes most, and the value of its fitted curve at the question's value."""
     settings = [row.setting for row in rows]
     if conversion(control.unit, wanted) is not None:
         # The question asks for a setting: fit the setting as a function of the reading that the question states.
@@ -209,7 +209,7 @@ def _continued(
 
 
 def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
-    """Return the fitted value at a point: of a parabola, or of a power law if its largest residual is smaller."""
+    """Evaluate the fitted curve at a point: a parabola, or a power law if its largest residual is smaller."""
     degree = min(_DEGREE, len(set(xs)) - 1)
     if degree < 1:
         return ys[-1]
@@ -225,7 +225,7 @@ def _curve(xs: Sequence[float], ys: Sequence[float], at: float) -> float:
 
 
 def _asked_setting(opening: Opening, control: Control, part: int) -> float:
-    """Return the setting that the question states for a part of the answer; the control's limit if it states none."""
+    """Return the setting that the question states for a part of the answer; the control's limit without one."""
     asked = opening.asked(control.unit)
     if not asked:
         return control.limit

@@ -38,7 +38,7 @@ _PLACEHOLDER = re.compile(r"\{(mcp_config|mcp_url|prompt)\}")
 
 @dataclass(frozen=True, slots=True)
 class ExternalAgent:
-    """A participant that runs a command, which plays the episode by itself."""
+    """A participant that runs a command. The command's program plays the episode by itself."""
 
     command: tuple[str, ...]
     """Program and arguments; `{mcp_config}`, `{mcp_url}` and `{prompt}` are replaced."""

@@ -54,7 +54,7 @@ _RULES: tuple[tuple[type[Exception], type[EvaluatorError], str], ...] = (
     (ai.ModelRequestRejectedError, PermanentFailure, "the provider rejected the request"),
     (ai.UserError, PermanentFailure, "the request cannot be made"),
 )
-"""Client exception, our exception, and its wording. The first match applies."""
+"""Exception of the client library → exception and wording of this package. The first match applies."""
 
 
 def judge(error: Exception, key: str | None) -> EvaluatorError:

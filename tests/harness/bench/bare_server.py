@@ -1,6 +1,6 @@
-"""A minimal typed MCP server, with one tool that returns a constant. The laboratory's speed is compared with it.
+"""A minimal typed MCP server with one tool that returns a constant: the baseline for the laboratory's speed.
 
-The tool has input and output schemas like ours, so the client's check of results takes the same time on both sides.
+The tool has input and output schemas like the laboratory's tools, so the client spends the same time on validation.
 
 python bare_server.py          on stdio
 python bare_server.py http     over HTTP, one session manager at /mcp; prints its address as one JSON line

@@ -1,7 +1,7 @@
-"""Speed as ratios measured in one run: `make bench`.
+"""Measures speed as ratios of two times in one run: `make bench`.
 
 Each row times both sides alternately in many rounds, and gives the median of the ratios with its quartiles. A ratio
-above its aim is marked but is no failure, because machines differ and other processes disturb the measurement.
+above its aim is marked but is not a failure, because machines differ and other processes disturb the measurement.
 
 python -m tests.harness.bench.bench [PART …] [--out FILE]
 """
@@ -35,7 +35,7 @@ PARTS: dict[str, Callable[[], AsyncGenerator[Row]]] = {
 
 
 async def measure(parts: Sequence[str], console: Console) -> dict[str, list[Row]]:
-    """Measure the parts, and print a table of each as soon as it is there."""
+    """Measure the parts, and print the table of each part as soon as it is complete."""
     measured: dict[str, list[Row]] = {}
     for part in parts:
         measured[part] = [row async for row in PARTS[part]()]
@@ -57,7 +57,7 @@ def _table(part: str, rows: Sequence[Row]) -> Table:
 
 
 def _machine() -> dict[str, object]:
-    """What the figures depend on."""
+    """Describe the machine and the versions on which the figures depend."""
     packages = {name: version(name) for name in ("physment-mcp", "mujoco", "mcp", "numpy")}
     load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
     return {"python": platform.python_version(), "cores": os.cpu_count(), "load": load, "packages": packages}

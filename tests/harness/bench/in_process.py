@@ -1,6 +1,6 @@
-"""The library in a training loop: readings, steps and edits in process, compared with the engine alone.
+"""Times the Python library in a training loop (readings, steps and edits) against the engine alone.
 
-python -m tests.harness.bench.in_process prints the rows by themselves.
+python -m tests.harness.bench.in_process prints these rows only.
 """
 
 from collections.abc import AsyncGenerator
@@ -27,7 +27,7 @@ Moment = tuple[Snapshot, SessionState]
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Lines for the table."""
+    """Yield the rows of the table."""
     episode = open_episode(PLAIN, 1)
 
     def reading() -> object:
@@ -44,7 +44,7 @@ async def rows() -> AsyncGenerator[Row]:
 
 
 def _short_steps() -> Work:
-    """One time step a call, in a new episode whenever the time of the old one would be used up."""
+    """Time calls of one time step each; open a new episode when the laboratory time is used up."""
     left = [open_episode(PLAIN, 1)]
 
     def step() -> object:
@@ -64,7 +64,7 @@ def _episode() -> None:
 
 
 def _stepping(scene: int, length: float) -> Row:
-    """A step of a session, against `mj_step(nstep)` from the same state."""
+    """Compare a step of a session with `mj_step(nstep)` from the same state."""
     session = Session(load_scene(scene, 1))
     world, start = session.world, session.world.save()
     data, steps = mujoco.MjData(start.model), world.whole_steps(length)
@@ -87,7 +87,7 @@ def _stepping(scene: int, length: float) -> Row:
 
 
 def _edits() -> list[Row]:
-    """Each edit, made again and again from the same state, against what it needs at least."""
+    """Compare each edit, repeated from the same state, with the engine operations that it cannot avoid."""
     session = Session(load_scene(PLAIN, 1))
     plain = session.world.save(), session.state
     call(session, "create_objects", NEW)

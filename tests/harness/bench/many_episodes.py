@@ -1,9 +1,10 @@
-"""Many conversations at a time on one machine: wall time relative to the ideal, and processor time per turn.
+"""Many concurrent conversations on one machine: wall time relative to the ideal, and processor time per turn.
 
 The agent simulates a model: it waits for a fixed time, then calls two tools, and answers in its last turn. The ideal is
-the sum of the waiting times of one. The conversations are timed, from the opening of the first to the end of the last,
-and so is the whole command `physment-eval run`, with its start, the grades and the report:
+the total waiting time of one conversation. Two times are compared with it: from the opening of the first conversation
+to the end of the last, and that of the whole command `physment-eval run`, with start-up, grades and report.
 python -m tests.harness.bench.many_episodes [--episodes N] [--turns N] [--thinking S] [--workers N]
+(_TURNS, _THINKING): | Environment variables that configure the agent; worker processes load it by its class name.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Two things timed alternately in one run, and the row of the table that compares them."""
+"""Times two functions alternately in one run, and makes the table row that compares them."""
 
 import statistics
 import time
@@ -41,19 +41,19 @@ async def compare(what: str, ours: Timed, theirs: Timed, rounds: int, aim: float
 
 
 async def against_aim(what: str, timed: Timed, rounds: int, aim_s: float) -> Row:
-    """Time one thing, after one round to warm up, and compare it with the time [s] that is aimed at."""
+    """Time one function, after one round to warm up, and compare it with a target time [s]."""
     await timed()
     return row_of(what, [(await timed(), aim_s) for _ in range(rounds)], 1.0)
 
 
 def compare_busy(what: str, ours: Work, theirs: Work, aim: float, *, calls: int, rounds: int = 21) -> Row:
-    """As `compare`, by the processor time that both sides take in this process.
+    """Compare the processor time of two functions in this process.
 
     Args:
         what: Text of the row.
         ours: One call of ours.
-        theirs: What it is compared with.
-        aim: The ratio that we want to stay below.
+        theirs: One call of the reference.
+        aim: Largest ratio that is not marked.
         calls: Calls of each side in a round.
         rounds: Number of rounds.
     """
@@ -63,14 +63,14 @@ def compare_busy(what: str, ours: Work, theirs: Work, aim: float, *, calls: int,
 
 
 def busy_against_aim(what: str, ours: Work, aim_s: float, *, calls: int, rounds: int = 21) -> Row:
-    """As `against_aim`, by the processor time in this process; the text gets the calls per second."""
+    """Compare the processor time of one function with a target time; the row's text gets the calls per second."""
     busy_s(ours, calls)
     row = row_of(what, [(busy_s(ours, calls), aim_s) for _ in range(rounds)], 1.0)
     return row._replace(what=f"{what} ({1 / row.ours_s:,.0f} a second and core)")
 
 
 def busy_s(work: Work, calls: int) -> float:
-    """Processor time of one call [s], averaged over some."""
+    """Return the processor time of one call [s], averaged over several calls."""
     start = time.process_time()
     for _ in range(calls):
         work()
@@ -78,7 +78,7 @@ def busy_s(work: Work, calls: int) -> float:
 
 
 def row_of(what: str, pairs: Sequence[tuple[float, float]], aim: float) -> Row:
-    """The row for the times of both sides [s] in each round."""
+    """Make the row from the times of both sides [s] in each round."""
     ratios = [mine / other for mine, other in pairs]
     low, _, high = statistics.quantiles(ratios, n=4)
     return Row(

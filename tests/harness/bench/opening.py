@@ -1,6 +1,6 @@
-"""Opening episodes: processor time in process and in a warm host, and the memory of many open episodes.
+"""Processor time to open an episode, in process and in a warm host, and the memory of many open episodes.
 
-python -m tests.harness.bench.opening [EPISODES] prints the rows, then the memory of so many on one host (1000).
+python -m tests.harness.bench.opening [EPISODES] prints the rows, then the memory of EPISODES on one host (1000).
 """
 
 import json
@@ -79,7 +79,7 @@ def _resident(pid: int) -> float:
 
 
 async def memory(episodes: int) -> None:
-    """Open episodes of all scenes on one host, make a few calls on each, and print what they occupy."""
+    """Open episodes of all scenes on one host, make a few calls on each, and print the memory that they use."""
     ids = scene_ids()
     with _host() as (process, url):
         async with httpx.AsyncClient(base_url=url, timeout=60) as http:

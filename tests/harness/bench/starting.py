@@ -1,4 +1,4 @@
-"""Times of starts: of programs, against what they import."""
+"""Times the start of programs, and compares it with the time of their imports alone."""
 
 import json
 import resource
@@ -27,7 +27,7 @@ _IMPORTS = ("mcp", "mujoco", "physment_mcp", "physment_mcp.session", "physment_m
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Start to first reply, help, and imports."""
+    """Yield rows: start to first reply, `--help`, and imports."""
 
     async def ours() -> float:
         return _until_line([sys.executable, "-m", "physment_mcp", "--scene", str(SCENE)], _HELLO)

@@ -1,4 +1,4 @@
-"""Times of steps, against the engine alone."""
+"""Times steps of a session and compares them with the engine alone."""
 
 import json
 import time
@@ -24,7 +24,7 @@ _TERMS = (
     "-0.4*{v}", "-0.1*{v}*hypot(vx, vy)", "-0.3*{p}", "0.5*sin({p}+1)", "0.2*cos(2*t)*{p}", "-0.2*{p}/(1+hypot(x, z))",
     "0.1*tanh({v})",
 )  # fmt: skip
-"""Forces along a line by its place and its velocity, as in a world of a high level."""
+"""Forces along a line that depend on place and velocity, as in a world of a high level."""
 
 
 def _puck(laws: int) -> str:
@@ -38,7 +38,7 @@ def _puck(laws: int) -> str:
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Ten simulated seconds of eight boxes, without and with a law; and of a puck with seven laws."""
+    """Yield rows: ten simulated seconds of eight boxes, without and with a law, and of a puck with seven laws."""
     yield await stepping("step(10) of a session", STACK, 1.05)
     yield await stepping("step(10) of a session with a law", STACK_WITH_LAW, 1.2)
     yield await seven_laws()
@@ -65,7 +65,7 @@ async def stepping(what: str, mjcf: str, aim: float) -> Row:
 
 
 async def seven_laws() -> Row:
-    """Time a puck with seven laws, compared with one of them: what they share is done once."""
+    """Compare a puck with seven laws and the same puck with one law: common work must be done only once."""
 
     def ten_seconds(laws: int) -> Callable[[], Awaitable[float]]:
         scene = Scene(load_scene(SCENE).public.model_copy(update={"objects": ()}), _puck(laws))

@@ -22,7 +22,7 @@ READERS: dict[Reader, tuple[str, ...]] = {
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Adversarial texts that are slow to parse: a text of twice the length is compared with one of the single length.
+    """Parse adversarial texts, which are slow to parse, and compare the time for a text with that for half of it.
 
     A test checks that the number of function calls grows linearly; it does not measure the time inside C functions.
     """

@@ -1,4 +1,4 @@
-"""Times of a reading through each transport, and of opening an episode."""
+"""Times a reading through each transport, and the opening of an episode."""
 
 import contextlib
 import json
@@ -50,7 +50,7 @@ async def listening(*arguments: str) -> AsyncGenerator[str]:
 
 
 async def rows() -> AsyncGenerator[Row]:
-    """Compare with a server that does nothing."""
+    """Yield rows that compare each transport with a server whose tool does nothing."""
     async with Client(open_episode(SCENE).server()) as mine, Client(bare_server()) as bare:
         yield await compare("tool call, in memory", calling(mine, 200), calling(bare, 200), 15, 1.25)
     async with stdio("-m", "physment_mcp", "--scene", str(SCENE)) as mine, stdio(BARE) as bare:

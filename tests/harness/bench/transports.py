@@ -1,6 +1,7 @@
-"""Processor time per turn of many conversations on a local host, over sockets and over HTTP.
+"""Processor time per turn of many conversations on a local host, over passed sockets and over HTTP.
 
-`rows` yields what `make bench` prints. Wall time would say little: it depends on what else the machine does.
+`rows` yields the rows that `make bench` prints. It measures processor time because wall time depends on the other
+processes of the machine.
 Run with: python -m tests.harness.bench.transports [EPISODES [TURNS [ROUNDS]]]
 """
 
@@ -49,7 +50,7 @@ async def turn(episodes: int, turns: int, *, sockets: bool) -> tuple[float, floa
 
 
 async def _start() -> float:
-    """Processor time that a host takes without episodes [s]: it starts, and lists its tools once."""
+    """Return the processor time of a host without episodes [s]: it starts and lists its tools once."""
     before = _of_children()
     async with LocalHost() as host, host.open(7, 0) as client:
         await host.toolboxes.of(client)
@@ -62,7 +63,7 @@ def _of_children() -> float:
 
 
 async def rows(episodes: int = 40, turns: int = 20, rounds: int = 3) -> AsyncGenerator[Row]:
-    """Turns over sockets against turns over HTTP, alternately, without the start of the host."""
+    """Compare turns over sockets with turns over HTTP, alternately; the start of the host is not included."""
     pairs = [
         (await turn(episodes, turns, sockets=True), await turn(episodes, turns, sockets=False)) for _ in range(rounds)
     ]

@@ -1,4 +1,7 @@
-"""Do the 95 % intervals of simulated takers cover? `python tests/harness/calibration/coverage.py [REPLICATIONS]`."""
+"""Measures how often the 95 % intervals contain the true parameters of simulated takers and scenes.
+
+python tests/harness/calibration/coverage.py [REPLICATIONS]
+"""
 
 import sys
 import time
@@ -56,14 +59,14 @@ def drawn(design: Design, source: np.random.Generator) -> Drawn:
 
 
 def covered(found: Drawn) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each interval of an ability and of a difficulty holds the true value."""
+    """Return, for each ability and difficulty, whether its interval contains the true value."""
     fitted = fit(found.data, found.features)
     abilities = np.abs(fitted.ability - found.ability) <= 1.96 * fitted.ability_se
     return abilities, np.abs(fitted.difficulty - found.difficulty) <= 1.96 * fitted.difficulty_se
 
 
 def main(replications: int) -> None:
-    """Print the coverage of each design, and pooled."""
+    """Print the coverage of each design, and that of all designs together."""
     source, pooled = np.random.default_rng(20261123), []
     for design in DESIGNS:
         start, abilities, difficulties = time.monotonic(), [], []

@@ -25,7 +25,7 @@ class Client(BaseModel):
     scenes: tuple[int, ...] = (20, 23)
     """Scenes to play: scene 20 needs a created object, scene 23 a found object."""
     stdio: Literal["session", "process-per-call", "none"] = "session"
-    """How it uses stdio: one server process for an episode, one for each call, or not at all."""
+    """How the client uses stdio: one server process per episode, one per call, or not at all."""
     know: str
 
     @property

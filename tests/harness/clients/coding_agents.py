@@ -27,7 +27,7 @@ def read_messages_request(body: Mapping[str, Any]) -> Conversation:
 
 
 def read_response_request(body: Mapping[str, Any]) -> Conversation:
-    """Parse a request for a response of OpenAI's API. A search for tools is no reply of the scripted model."""
+    """Parse a request for a response of OpenAI's API. A tool search does not count as a scripted reply."""
     items = [item for item in body["input"] if item["type"] in {"message", "function_call", "function_call_output"}]
     said, returns = split_at_replies(
         [
@@ -97,7 +97,7 @@ async def _responses(request: Request) -> Response:
 
 
 def _search(number: int) -> dict[str, Any]:
-    """A search for the tools of the laboratory, which Codex does not list until they are looked for."""
+    """Return a search for the laboratory's tools. Codex lists them only after a search."""
     arguments = {"query": "physment laboratory step answer", "limit": 30}
     return {"type": "tool_search_call", "call_id": f"search_{number}", "execution": "client", "arguments": arguments}
 
@@ -126,4 +126,4 @@ ROUTES = (
     Route("/v1/messages/count_tokens", _no_tokens, methods=["POST"]),
     Route("/v1/responses", _responses, methods=["POST"]),
 )
-"""What a provider for coding agents answers besides chat completions and generateContent."""
+"""Routes of a provider for coding agents, in addition to chat completions and generateContent."""

@@ -1,6 +1,6 @@
-"""Creates an environment for each client, once for each set of pins, in the user's cache folder.
+"""Creates an environment for each client and each set of pinned versions, in the user's cache folder.
 
-It is outside the checkout, because an external agent must not get paths that lead to the packs.
+The folder is outside the checkout, because an external agent must not get paths that lead to the packs.
 """
 
 import hashlib

@@ -63,5 +63,5 @@ def _quoted(requirement: str) -> str:
 
 
 def current() -> str:
-    """The page as it must be now."""
+    """Return the page as it must be with the current programs."""
     return page(read_clients())

@@ -1,7 +1,7 @@
-"""Plays scenes through one client and compares the calls and results with those of the evaluator's own client.
+"""Plays scenes through a third-party client and compares its calls and results with those of the evaluator's client.
 
-They are recorded on the laboratory's side: over HTTP in the evaluator's records of an external agent, on stdio by a
-process between client and laboratory.
+Over HTTP, the evaluator records the calls as those of an external agent. On stdio, a process between the client and
+the laboratory records them.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ class Played:
     """None if there was no answer."""
     prompt: str = ""
     failure: str = ""
-    """Why there was no answer."""
+    """The reason why there was no answer."""
     protocols: frozenset[str] = frozenset()
     """MCP protocol versions used."""
     processes: int = 1
@@ -51,7 +51,7 @@ class Played:
 
 @dataclass(frozen=True, slots=True)
 class Rehearsed:
-    """The scripted model as an agent of the evaluator; clients are compared with its play."""
+    """The scripted model as an agent of the evaluator. Its play is the expected one for every client."""
 
     name: str = "rehearsed"
 
@@ -73,7 +73,7 @@ class _Rehearsal:
 
 
 async def rehearse(scene: int) -> Played:
-    """Play a scene with the evaluator's own client on stdio: the play that clients are compared with."""
+    """Play a scene with the evaluator's own client on stdio; returns the expected play."""
     key = EpisodeKey(scene=scene, seed=0, agent="rehearsed", budget=20)
     async with ProcessConnector(LABORATORY).open(scene, 0) as client:
         episode = await play_episode(Rehearsed(), client, key, Versions(physment="0", protocol="0", pack="0"))
@@ -97,13 +97,13 @@ def played(scene: int, exchanges: Sequence[Exchange], **facts: Any) -> Played:
 
 
 def canonical(exchange: Exchange) -> dict[str, Any]:
-    """A call and its result, without what differs from run to run."""
+    """Return a call and its result without the parts that differ between runs."""
     result = {"refused": exchange.text} if exchange.is_error else {"result": exchange.content}
     return {"tool": exchange.call.tool, "arguments": exchange.call.arguments, **result}
 
 
 def over_http(command: Sequence[str], scenes: Iterable[int], provider: str, path: str) -> dict[int, Played]:
-    """Let a program play as an external agent of the evaluator.
+    """Run a program as an external agent of the evaluator.
 
     Args:
         command: The program; the address of the episode and the opening prompt are appended.
@@ -174,7 +174,7 @@ def _versions_posted(notes: Path) -> frozenset[str]:
 
 
 def on_stdio(command: Sequence[str], scene: int, prompt: str, provider: str, path: str) -> Played:
-    """Let a program play a scene in a laboratory that it starts itself.
+    """Run a program that starts the laboratory itself and plays a scene on stdio.
 
     Args:
         command: The program; the command of the laboratory and the opening prompt are appended.
@@ -203,7 +203,7 @@ def on_stdio(command: Sequence[str], scene: int, prompt: str, provider: str, pat
 
 
 def read_messages(messages: Iterable[Mapping[str, Any]]) -> tuple[list[Exchange], frozenset[str]]:
-    """The tool calls in the messages of a client and a laboratory, and the protocol versions used."""
+    """Extract the tool calls and the protocol versions from the messages of a client and a laboratory."""
     calls: dict[tuple[int, Any], Mapping[str, Any]] = {}
     exchanges: list[Exchange] = []
     versions: set[str] = set()

@@ -2,7 +2,7 @@
 
 python -m tests.harness.clients.run [NAME...] [--out FILE]    all clients, or those whose names contain one of the words
 
-With names, the other rows of FILE stay as they are.
+If names are given, the rows of other clients in FILE stay unchanged.
 """
 
 import argparse
@@ -35,7 +35,7 @@ class Row:
     protocol: str
     works: bool
     why: str
-    """Why it does not work, or what is special if it does."""
+    """Why the client does not work, or a note if it does."""
     know: str
 
 
@@ -107,11 +107,11 @@ def lines_of(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def kept_lines(file: Path, rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """The table of a file, with these rows in the place of those of their clients.
+    """Return the table of a file, in which these rows replace the old rows of the same clients.
 
     Args:
-        file: A page that was written before.
-        rows: Of the clients that were run now.
+        file: The page of an earlier run.
+        rows: The rows of the clients that were run now.
     """
     found: dict[str, list[tuple[str, ...]]] = {}
     for line in file.read_text(encoding="utf-8").splitlines():

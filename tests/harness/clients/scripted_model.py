@@ -1,9 +1,9 @@
 """A model provider on loopback that plays the reference protocol of a pack.
 
-It implements OpenAI's chat completions and Gemini's generateContent, so that each client runs as with a real model. It
-keeps no state: its next reply follows from the conversation in the request. Each reply has one call, because clients
-run several calls in parallel, in an unpredictable order. Its first three calls are wrong, and it continues only if the
-client returns the reason of each refusal, as agents need it.
+It implements OpenAI's chat completions and Gemini's generateContent, so that each client runs as with a real model. The
+provider keeps no state: it derives the next reply from the conversation in the request. Each reply has one call,
+because clients run several calls in parallel, in an unpredictable order. The first three calls are deliberately wrong.
+The provider continues only if the client passes on the reason of each refusal, because agents need it.
 """
 
 import contextlib
@@ -45,10 +45,10 @@ class Conversation:
 
 
 def next_call(conversation: Conversation) -> Call | None:
-    """The next call: first the wrong calls, then those of the scene's protocol; None at its end.
+    """Return the next call: first the wrong calls, then those of the scene's protocol; None at the end.
 
     Raises:
-        ValueError: The conversation names no scene, a refusal gives no reason, or a result cannot be used.
+        ValueError: The conversation names no scene, a refusal gives no reason, or a result cannot be parsed.
     """
     readings = [reading(returned) for returned in conversation.returns]
     for refusal in readings[:WRONG_CALLS]:
@@ -85,7 +85,7 @@ def _packs() -> Mapping[str, PackFiles]:
 
 
 def reading(returned: Any) -> Reading:
-    """The structured result inside a client's representation: text, parts of text, or text around JSON."""
+    """Extract the structured result from a client's representation: text, parts of text, or text around JSON."""
     found = _result_in(returned)
     return found if found is not None else {"error": returned if isinstance(returned, str) else json.dumps(returned)}
 
@@ -144,7 +144,7 @@ def read_gemini(body: Mapping[str, Any]) -> Conversation:
 
 
 def split_at_replies(messages: Sequence[tuple[bool, Any]]) -> tuple[list[Any], tuple[Any, ...]]:
-    """The contents before the model's first reply, and those after each of its replies."""
+    """Split the contents at the model's replies: those before the first reply, and those after each reply."""
     before: list[Any] = []
     after: list[list[Any]] = []
     for ours, content in messages:
@@ -191,7 +191,7 @@ async def _openai(request: Request) -> Response:
 
 
 def streamed(message: Mapping[str, Any], finish: str) -> Response:
-    """A chat completion as server-sent events: the message in one piece, then why it ended, then the usage."""
+    """Format a chat completion as server-sent events: the whole message, the finish reason, the usage."""
     calls = [{"index": number, **call} for number, call in enumerate(message.get("tool_calls", ()))]
     delta = {**message, "tool_calls": calls} if calls else message
     events = [
@@ -229,7 +229,7 @@ def reply_to(conversation: Conversation) -> tuple[Call | None, str]:
 
 
 def app(*more: Route) -> Starlette:
-    """The provider; with further wire formats, if more routes are given."""
+    """Create the provider; `routes` adds wire formats."""
     return Starlette(
         routes=[
             Route("/v1/chat/completions", _openai, methods=["POST"]),

@@ -1,4 +1,4 @@
-"""What plays with third-party clients: the generated page, the scripted model, and the detection of client faults."""
+"""Tests of the harness for third-party clients: the generated page, the scripted model, the detection of faults."""
 
 import json
 import sys

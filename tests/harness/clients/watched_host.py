@@ -1,4 +1,4 @@
-"""The host as `physment-mcp serve` runs it, which also records the protocol version of each call.
+"""Runs the host as `physment-mcp serve` does, and records the protocol version of each call.
 
 python watched_host.py FILE    serves on a free port, prints its address, appends a JSON line for each POST to FILE
 """

@@ -1,4 +1,4 @@
-"""Passes messages between a client and a laboratory on stdio, and records them.
+"""Forwards messages between a client and a laboratory on stdio, and records them.
 
 python watched_process.py FILE COMMAND...    appends a JSON line for each message to FILE
 """
@@ -13,7 +13,7 @@ from typing import IO
 
 
 def pump(source: IO[bytes], sink: IO[bytes], speaker: str, notes: int) -> None:
-    """Pass on messages, one per line, until the end."""
+    """Forward messages, one per line, until the stream ends."""
     for line in iter(source.readline, b""):
         note = {"process": os.getpid(), "speaker": speaker, "message": json.loads(line)}
         os.write(notes, json.dumps(note).encode() + b"\n")  # one write, because other processes append too

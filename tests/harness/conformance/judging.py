@@ -1,4 +1,4 @@
-"""Compares the results of the suite with the list of expected failures."""
+"""Compares the results of the conformance suite with the list of expected failures."""
 
 import tomllib
 from collections import Counter
@@ -19,7 +19,7 @@ KINDS = {
     "option": "needs an optional part of the protocol that the server does not declare",
     "fault": "a fault of the server",
 }
-"""Why a scenario does not pass."""
+"""The categories of reasons for an expected failure."""
 
 
 class Expected(BaseModel):
@@ -48,7 +48,7 @@ def read_expected(file: Path) -> dict[str, Expected]:
 
 
 def differences(found: Found, expected: Mapping[str, Expected]) -> list[str]:
-    """Differences between results and list: failures that are not listed, and listed checks that do not fail."""
+    """Return the differences between results and list: unlisted failures, and listed checks that pass."""
     problems: list[str] = []
     for revision, results in found.items():
         for scenario, result in results.items():

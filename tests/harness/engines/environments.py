@@ -1,4 +1,4 @@
-"""Creates an environment for each engine in `.engines/`: the locked packages, with another version of MuJoCo."""
+"""Creates an environment for each MuJoCo version in `.engines/`; all other packages are the locked ones."""
 
 import re
 import shutil
@@ -22,12 +22,12 @@ def without_engine(lock: str) -> str:
 
 
 def versions_of(lock: str) -> str:
-    """The packages of a lock file with their versions, each with the Pythons for which it is meant, without hashes."""
+    """Return the packages of a lock file with their versions and Python markers, without hashes."""
     return "".join(f"{line.strip()}\n" for line in re.findall(r"^[\w.-]+==[^\\\n]+", lock, flags=re.MULTILINE))
 
 
 def environment_of(engine: str, python: str) -> Path:
-    """The interpreter of an environment with an engine, which is created if it is missing or older than the lock.
+    """Return the interpreter of an engine's environment. Creates it if it is missing or older than the lock.
 
     Args:
         engine: Version of MuJoCo.

@@ -1,4 +1,4 @@
-"""Runs inside the environment of one engine: what it gives for the scenes, as JSON on stdout, one line for each scene.
+"""Measures the scenes on the MuJoCo version of its environment, and prints one line of JSON for each scene.
 
 python -m tests.harness.engines.measuring --seeds N --jobs N [--scenes SEL]
 """
@@ -25,7 +25,11 @@ from scenes import PackFiles
 
 
 def measured(files: PackFiles, seeds: int) -> dict[str, Any]:
-    """The engine's keys of a scene at seeds 0, 1, …, and the reference agent's grade at seed 0, over MCP in memory."""
+    """Measure one scene.
+
+    Returns:
+        The engine's keys at seeds 0, 1, …, and the grade of the reference agent at seed 0, played over MCP in memory.
+    """
     versions = {"engine": version("mujoco"), "python": platform.python_version()}
     found: dict[str, Any] = {"scene": files.scene_id, **versions, "keys": [], "right": False}
     try:

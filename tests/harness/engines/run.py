@@ -1,4 +1,4 @@
-"""Measures the scenes on several versions of MuJoCo, each in an environment of its own, and prints a table.
+"""Measures the scenes on several versions of MuJoCo, each in its own environment, and prints a table.
 
 python -m tests.harness.engines.run                          the newest 3.x and the newest 4.x, against the locked one
 python -m tests.harness.engines.run 4.1.0 --scenes 7-20      another version, on some scenes
@@ -26,9 +26,9 @@ from scenes import find_pack
 from tests.harness.engines.environments import ROOT, CannotInstall, environment_of
 
 NEWEST = ("3.17.0", "4.0.0")
-"""The newest 3.x and the newest 4.x when this was last run."""
+"""The newest 3.x and 4.x releases at the time of the last update of this list."""
 QUARTER = 0.25
-"""Share of the tolerance by which a key may depend on the engine, as between theory and engine."""
+"""Largest difference between the keys of two engines, as a share of the tolerance; as between theory and engine."""
 
 Found = Mapping[str, Any]
 """What `measuring` prints for a scene."""
@@ -42,9 +42,9 @@ class Row:
     python: str
     scenes: int
     wrong: Mapping[int, str]
-    """Scene whose reference is not right → why."""
+    """Scene whose reference answer is wrong → the reason."""
     other_keys: Mapping[int, str]
-    """Scene whose key is another than on the locked engine → how."""
+    """Scene whose key differs from that on the locked engine → the difference."""
     minutes: float
 
     def cells(self) -> list[str]:
@@ -57,7 +57,7 @@ TITLES = ("MuJoCo", "Python", "references right", "scenes whose key differs", "m
 
 
 def other_key(subject: Subject, base: Sequence[Any], keys: Sequence[Any]) -> str:
-    """The first seed at which an engine gives another key than the locked one; empty if there is none."""
+    """Describe the first seed at which the key differs from that on the locked engine; empty if there is none."""
     if len(keys) != len(base):
         return "the engine gives no key"
     for seed, (mine, theirs) in enumerate(zip(base, keys, strict=True)):
@@ -67,7 +67,7 @@ def other_key(subject: Subject, base: Sequence[Any], keys: Sequence[Any]) -> str
 
 
 def measure(python: str | Path, options: Sequence[str]) -> Iterator[Found]:
-    """Yield what the engine of an environment gives for each scene."""
+    """Yield the results of each scene on the engine of an environment."""
     words = [str(python), "-m", "tests.harness.engines.measuring", *options]
     with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -76,7 +76,7 @@ def measure(python: str | Path, options: Sequence[str]) -> Iterator[Found]:
 
 
 def row_of(engine: str, found: Sequence[Found], base: Mapping[int, Found], seconds: float) -> Row:
-    """Judge what an engine gives."""
+    """Make the row of an engine from its results."""
     others = {one["scene"]: other_key(_subject(one["scene"]), base[one["scene"]]["keys"], one["keys"]) for one in found}
     return Row(
         engine,
@@ -93,7 +93,7 @@ def _subject(scene: int) -> Subject:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Measure and print; returns 0 if on every engine all references are right and all keys the same."""
+    """Measure and print; returns 0 if, on every engine, all references are right and all keys agree."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("engines", nargs="*", default=NEWEST, metavar="VERSION", help=f"default: {' '.join(NEWEST)}")
     parser.add_argument("--scenes", metavar="SEL", help="such as 7-20 (default: all, open worlds too)")

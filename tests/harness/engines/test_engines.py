@@ -1,4 +1,4 @@
-"""How other engines are judged, and that they are measured as the rest of the suite measures the locked one."""
+"""Tests that results on other engines are judged correctly, and measured as on the locked engine."""
 
 import re
 from importlib.metadata import version
@@ -42,7 +42,7 @@ def test_the_locked_engine_gives_the_stored_key_and_the_reference_finds_it() -> 
 
 @pytest.mark.parametrize(("keys", "same"), [([10.12], True), ([10.13], False), ([], False)])
 def test_a_key_may_depend_on_the_engine_by_a_quarter_of_the_tolerance(keys: list[float], same: bool) -> None:
-    """The tolerance of scene 7 is 5 %, so a key of 10 may become 10.125."""
+    """The tolerance of scene 7 is 5 %, so a key of 10 may change to 10.125."""
     assert (other_key(Subject.open(find_pack(7)), [10.0], keys) == "") == same
 
 

@@ -1,6 +1,7 @@
-"""The episode that the README shows: played through the command line, and written as a transcript of at most 20 lines.
+"""Plays the episode that the README shows, and writes it as a transcript of at most 20 lines.
 
 Its scene, twelve ramps, is a pack beside this file and not one of the suite, so the README discloses nothing.
+(SCENE, SEED): | No scene of the suite has this number, so pictures and texts do not show it.
 """
 
 import subprocess
@@ -18,7 +19,7 @@ SCENE, SEED = 904, 1
 """The number is of no scene of the suite, so pictures and texts do not show it."""
 RAMPS = 12
 SLIDES = 0.01
-"""Momentum of 1 kg [kg·m/s] above which the slider slides; `solution.py` of the scene draws the same line."""
+"""Momentum of 1 kg [kg·m/s] above which the slider counts as sliding; the scene's `solution.py` uses the same value."""
 
 
 class Measurement(NamedTuple):
@@ -42,7 +43,7 @@ def played(folder: Path) -> tuple[Episode, GradeRecord]:
     """Let the reference agent play the episode, and grade it.
 
     Args:
-        folder: Where the run is written to; it does not exist yet.
+        folder: The run folder to create.
     """
     run = [sys.executable, "-m", "evaluator", "run", "--scenes", str(SCENE), "--seeds", str(SEED)]
     run += ["--scenes-dir", str(PACKS)]
@@ -54,7 +55,7 @@ def played(folder: Path) -> tuple[Episode, GradeRecord]:
 
 
 def measurements(episode: Episode) -> list[Measurement]:
-    """What was tried in which iteration, and which ramps were still possible before it."""
+    """Return the measurement of each iteration, and the ramps that were possible before it."""
     found: list[Measurement] = []
     low, high = 1, RAMPS
     for turn in episode.turns[:-1]:
@@ -72,7 +73,7 @@ def _x_of(exchange: Exchange) -> float:
 
 
 def title(episode: Episode) -> str:
-    """What the README calls the episode."""
+    """Return the title of the episode in the README."""
     return f"twelve ramps, seed {episode.key.seed}"
 
 
@@ -89,7 +90,7 @@ def transcript(episode: Episode, grade: GradeRecord) -> list[str]:
 
 
 def caption(episode: Episode, grade: GradeRecord) -> str:
-    """The picture of the scene in words, for those who do not see it."""
+    """Describe the picture of the scene in words, for readers who cannot see it."""
     parts = [
         f"{number}: ramp {done.ramp}, {reading(done.momentum)} kg m/s, {'slides' if done.slides else 'holds'}."
         for number, done in enumerate(measurements(episode), start=1)

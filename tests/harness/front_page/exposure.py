@@ -1,6 +1,6 @@
-"""The scene as a multiple exposure: the slider at the start and the end of each measurement, in one MJCF model.
+"""Builds one MJCF model with the slider at the start and at the end of each measurement, like a multiple exposure.
 
-It shows only what the server may show of the scene, at the moments of the recorded calls. Nothing is drawn here.
+The model contains only what the server may show of the scene at those moments. This module does not render it.
 """
 
 import xml.etree.ElementTree as ET
@@ -43,7 +43,7 @@ def exposure(episode: Episode) -> str:
 
 
 def _moments(episode: Episode) -> Sequence[Moments]:
-    """Play the calls of the episode again, and look at the world after the first and the last call of each turn."""
+    """Replay the calls of the episode, and copy the visible world after the first and the last call of each turn."""
     scene = load_scene(episode.key.scene, episode.key.seed, PACKS)
     session = Session(scene)
     visibility = visibility_of(scene, load_variants(episode.key.scene, PACKS))

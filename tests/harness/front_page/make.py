@@ -1,8 +1,8 @@
-"""Writes the pictures of the README into docs/pictures: a scene being measured, a report, a film; light and dark.
+"""Writes the README's pictures into docs/pictures (a measured scene, a report, a film), in light and in dark.
 
-python -m tests.harness.front_page.make [--run DIR]    with the report of a run; else the run is played first
+python -m tests.harness.front_page.make [--run DIR]    with the report of a run; without it, the run is played first
 
-It needs Chromium and libosmesa6. `pytest tests/harness/front_page --update-goldens` writes the text beside them.
+It needs Chromium and libosmesa6. `pytest tests/harness/front_page --update-goldens` writes the text around them.
 """
 
 import argparse
@@ -25,9 +25,9 @@ from tests.harness.front_page.episode import caption, played
 PICTURES = DOCS / "pictures"
 SCHEMES = ("light", "dark")
 DESCRIPTION = 0x010E
-"""The tag of EXIF, ImageDescription, in which a picture says what it shows."""
+"""The EXIF tag ImageDescription, which holds the description of a picture."""
 SCALE = 2
-"""Pixels of the picture for each pixel of the page, for screens that are as fine."""
+"""Device pixel ratio of the pictures, for high-resolution screens."""
 REPORT_WIDTH = 1000
 STUDY = (
     *("--agent", "reference", "--agent", "random", "--agent", "blind"),
@@ -72,13 +72,13 @@ def _scene(page: Page, episode: Episode, grade: GradeRecord, file: Path) -> None
 
 
 def _report(page: Page, file: Path) -> None:
-    """From the head of the report to its first row of charts."""
+    """Take the part of the report from its head to its first row of charts."""
     end = "document.querySelector('.charts figure').getBoundingClientRect().bottom + 6"
     _shoot(page, file, "report", REPORT_WIDTH, end, "The upper part of a report.")
 
 
 def _film(page: Page, folder: Path) -> None:
-    """A film of three boxes that one push has set in motion, in its report, in the middle of the step."""
+    """Film three boxes that one push has set in motion, and show the film in its report in the middle of the step."""
     for words in (
         ["run", "--agent", "reference", "--scenes", "13", "--out", folder],
         ["film", folder],
@@ -106,15 +106,15 @@ def _film(page: Page, folder: Path) -> None:
 
 
 def _shoot(page: Page, file: Path, name: str, width: int, end: str, description: str) -> None:
-    """Write the upper part of a page as NAME-light.webp and NAME-dark.webp, without loss.
+    """Write the upper part of a page as NAME-light.webp and NAME-dark.webp, losslessly.
 
     Args:
         page: The browser.
         file: The page.
         name: Name of the picture.
-        width: How wide the window is [px].
-        end: Expression of JavaScript for the lower end of the part [px].
-        description: What the picture shows, kept in it.
+        width: Width of the window [px].
+        end: JavaScript expression for the lower end of the part [px].
+        description: Description that is stored in the picture.
     """
     for scheme in SCHEMES:
         page.look(width, scheme, scale=SCALE)
@@ -126,7 +126,7 @@ def _shoot(page: Page, file: Path, name: str, width: int, end: str, description:
 
 
 def _save(data: str, name: str, scheme: str, description: str) -> None:
-    """Write a screenshot as NAME-SCHEME.webp, without loss."""
+    """Write a screenshot as NAME-SCHEME.webp, losslessly."""
     picture, exif = Image.open(io.BytesIO(base64.b64decode(data))), Image.Exif()
     exif[DESCRIPTION] = description
     target = PICTURES / f"{name}-{scheme}.webp"

@@ -1,6 +1,7 @@
-"""The picture of the scene: all four measurements in one exposure, and below each ramp what was read on it.
+"""Draws the scene of the README: all four measurements in one picture, and below each ramp its reading.
 
-Import this after MUJOCO_GL is set.
+Set MUJOCO_GL before importing this module.
+(WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW): | Layout of the picture [px]; the strip shows the row of ramps.
 """
 
 # MuJoCo ships no type stubs.
@@ -24,16 +25,16 @@ WIDTH, STRIP_TOP, STRIP_HEIGHT, ROWS_TOP, ROW = 800, 40, 84, 160, 34
 """Parts of the picture [px]; the strip is the row of ramps."""
 STRIP_LEFT, STRIP_WIDTH = 106, 694
 SHOWN_M = 12.4
-"""How much of the world the strip is wide [m]; the ramps stand 1 m apart."""
+"""Width of the part of the world that the strip shows [m]; the ramps stand 1 m apart."""
 TEXT_WIDTH = 150
-"""Room for a reading and what it means [px]."""
+"""Width reserved for a reading and its meaning [px]."""
 NOTE = (
     "Each iteration: set the slider down (pale), wait 1 s, read its momentum along x, for a mass of 1 kg.",
     "Band: the ramps that can still be the answer. Dot: the ramp that is tried.",
 )
 NOTE_LINE = 19
 FINE = 3
-"""The strip is drawn so many times finer than it is shown, and then twice as fine again for smooth edges."""
+"""Oversampling factor of the strip; a further factor of two smooths the edges."""
 
 STYLE = """
 :root { --ink: #1f2328; --soft: #59636e; --line: #d1d9e0; --band: #818b981f; --slides: #bc4c00; --holds: #0969da;
@@ -53,7 +54,7 @@ line { stroke: var(--line); }
 
 
 def page_of(episode: Episode, grade: GradeRecord) -> str:
-    """The picture as a page of HTML that follows the reader's colours; its SVG is as large as the picture."""
+    """Return the picture as an HTML page that follows the reader's colour scheme; its SVG has the picture's size."""
     tried = measurements(episode)
     strip = base64.b64encode(_png(_matted(exposure(episode)))).decode("ascii")
     height = ROWS_TOP + ROW * (len(tried) + 1) + 12 + NOTE_LINE * len(NOTE)
@@ -78,7 +79,7 @@ def page_of(episode: Episode, grade: GradeRecord) -> str:
 
 
 def _x(ramp: float) -> float:
-    """Where a ramp is in the picture [px]."""
+    """Return the x coordinate of a ramp in the picture [px]."""
     return STRIP_LEFT + STRIP_WIDTH / 2 + (ramp - (RAMPS + 1) / 2) * STRIP_WIDTH / SHOWN_M
 
 
@@ -119,9 +120,11 @@ def _answer(row: int, ramp: int, verdict: str) -> list[str]:
 
 
 def _matted(mjcf: str) -> NDArray[np.uint8]:
-    """The model from the front, without a background, as (height, width, 4): drawn on white and on black.
+    """Render the model from the front without a background, as RGBA (height, width, 4).
 
-    Where both agree the picture is opaque; what is white on one and black on the other is background.
+    It is rendered on white and on black. Pixels that agree are opaque; pixels that are white on white and black on
+    black
+    are background.
     """
     model, data = staged(mjcf)
     height, width = STRIP_HEIGHT * FINE * 2, STRIP_WIDTH * FINE * 2

@@ -1,4 +1,4 @@
-"""The README shows a real episode: its transcript and the words of its picture are remade and compared."""
+"""The README shows a real episode: the tests regenerate its transcript and its picture's caption, and compare them."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -87,7 +87,7 @@ def test_the_episode_is_not_taken_for_one_of_a_scene_of_the_suite(episode: Playe
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_picture_of_the_scene_is_of_this_episode(episode: Played, scheme: str) -> None:
-    """If not, the scene has changed: `python -m tests.harness.front_page.make` draws it again."""
+    """If this fails, the scene has changed: run `python -m tests.harness.front_page.make` again."""
     with Image.open(PICTURES / f"scene-{scheme}.webp") as picture:
         assert picture.getexif()[DESCRIPTION] == caption(*episode)
 

@@ -1,4 +1,4 @@
-"""Fixed lists of calls, played on many seeds of a scene, as by an agent that does not adapt to results."""
+"""Plays fixed lists of calls on many seeds of a scene, like an agent that does not adapt to results."""
 
 import json
 import random
@@ -22,7 +22,7 @@ _READS = [tool.name for tool in TOOLS if tool.reads_only]
 
 
 def draw_batch(session: Session, source: random.Random) -> list[Call]:
-    """A list of calls that a session accepts: interventions and steps, then readings. The session stays as it was."""
+    """Draw a list of calls that a session accepts: interventions and steps, then readings. Restores the session."""
     public = session.scene.public
     longest = min(10.0, 0.9 * session.lab_time_left)
     mood = source.choice(MOODS)
@@ -56,7 +56,7 @@ def _result(session: Session, asked: Call) -> dict[str, Any]:
 
 
 class undone:  # noqa: N801 - reads as a word after `with`
-    """Restores a session at the end of the block, its counters too."""
+    """Restore a session at the end of the block, its counters included."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -72,7 +72,11 @@ class undone:  # noqa: N801 - reads as a word after `with`
 
 
 def play_batch(sessions: Sequence[Session], batch: Sequence[Call]) -> tuple[Array, list[str]]:
-    """The numbers that a batch returns in each session (sessions, numbers), NaN where one has none; and their names."""
+    """Play a batch in each session.
+
+    Returns:
+        The numbers of the results (sessions, numbers), NaN where a session has none; and their names.
+    """
     rows: list[dict[str, float]] = []
     for session in sessions:
         row: dict[str, float] = {}

@@ -1,6 +1,7 @@
-"""Draws tool calls: mostly ones that fit their schemas, the others wrong in every way that JSON allows.
+"""Draws random tool calls: most fit their schemas, the others violate them in every way that JSON allows.
 
-Knows the published schemas, and of the session only ids and limits. Judges nothing.
+Knows the published schemas, and the ids and limits of a session. Judges no results.
+(_FEW, _CROWD): | Numbers of created objects above which steps are kept short and very short: crowded steps are slow.
 """
 
 import functools
@@ -53,13 +54,13 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def draw_call(session: Session, deleted: Collection[str], mood: Mapping[str, float], source: random.Random) -> Call:
-    """The next call of an episode.
+    """Draw the next call of an episode.
 
     Args:
-        session: The episode, for the ids and limits that a call may try.
-        deleted: Ids of objects that are gone.
+        session: The episode, for its ids and limits.
+        deleted: Ids of deleted objects.
         mood: One of `MOODS`.
-        source: Random numbers.
+        source: Random number generator.
     """
     name = _tool(session, mood, source)
     call = fitting_call(session, name, source)
@@ -72,7 +73,7 @@ def draw_call(session: Session, deleted: Collection[str], mood: Mapping[str, flo
 
 
 def fitting_call(session: Session, tool: str, source: random.Random) -> Call:
-    """A call of a tool with arguments that fit its schema and the limits of the laboratory."""
+    """Draw a call whose arguments fit the tool's schema and the limits of the laboratory."""
     drawing = _Drawing(session, (), source)
     arguments = drawing.arguments(schemas()[tool])
     drawing.suit(tool, arguments)
@@ -91,7 +92,7 @@ class _Drawing:
 
     session: Session
     deleted: tuple[str, ...]
-    """Ids of objects that are gone."""
+    """Ids of deleted objects."""
     source: random.Random
 
     def arguments(self, schema: Any) -> dict[str, Any]:
@@ -145,7 +146,7 @@ class _Drawing:
         return f"ball{self.source.randrange(1000)}{'-_'[self.source.randrange(2)] * length}"
 
     def _number(self, schema: Any) -> float:
-        """A number within the bounds: usual, of any magnitude, or at a bound."""
+        """Draw a number within the bounds: a usual one, one of any magnitude, or a bound."""
         low = schema.get("minimum", schema.get("exclusiveMinimum", -1e6))
         high = schema.get("maximum", 1e6)
         kind = self.source.random()
@@ -161,7 +162,7 @@ class _Drawing:
         return value if value != schema.get("exclusiveMinimum") else self.source.choice((5e-324, 1e-3, 1.0, high))
 
     def suit(self, name: str, arguments: dict[str, Any]) -> None:
-        """Adjust a valid call so that this laboratory often accepts it and it does not take long."""
+        """Adjust a valid call so that the laboratory is likely to accept it and it runs quickly."""
         limits = self.session.limits
         match name:
             case "step":
@@ -202,7 +203,7 @@ class _Drawing:
         return vector
 
     def spoil(self, arguments: dict[str, Any]) -> None:
-        """Make one argument wrong, leave it out, or add one."""
+        """Make one argument invalid, drop one, or add one."""
         ways: list[Callable[[dict[str, Any]], None]] = [self._replace] * 5 + [self._drop, self._add, self._spoil_part]
         self.source.choice(ways)(arguments)
 

@@ -1,6 +1,6 @@
-"""Plays episodes of drawn calls, and plays them again: whole to reproduce a failure, or only the calls that changed it.
+"""Plays episodes of random calls, and replays them: all calls to reproduce a failure, or only the changing ones.
 
-An episode depends on nothing but its scene and seeds.
+An episode is determined by its scene and its seeds.
 """
 
 import json
@@ -25,7 +25,7 @@ LENGTHS = (10, 60, 150, 400)
 _AFTER_THE_END = 3
 """Calls that are still made when an episode has ended."""
 _PLAYED_TWICE = 0.25
-"""Share of episodes whose changing calls are played once more, in a new session."""
+"""Share of episodes whose state-changing calls are played again in a new session."""
 _ATTEMPTS = 300
 """How often a failure is played again to make it shorter."""
 
@@ -122,7 +122,7 @@ def _opened(scene: int, seed: int, max_calls: int | None) -> tuple[Session, Priv
 
 
 def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | None:
-    """Whether an episode ended otherwise than one in which only its changing calls are made."""
+    """Return whether an episode ends otherwise when only its state-changing calls are made."""
     # Compiled anew: a change of what episodes share would show in both.
     forget_scenes()
     twin, private = _opened(session.scene.public.scene_id, seed, None)
@@ -141,7 +141,7 @@ def _differs(session: Session, seed: int, changed: Sequence[Call]) -> Problem | 
 
 
 def replayed(failure: Failure) -> Problem | None:
-    """Make the calls of a failure again; returns the first problem."""
+    """Repeat the calls of a failure; returns the first problem."""
     try:
         session, private = _opened(failure.scene, failure.seed, failure.max_calls)
     except SceneError as error:
@@ -157,7 +157,7 @@ def replayed(failure: Failure) -> Problem | None:
 
 
 def shrunk(failure: Failure) -> Failure:
-    """The failure with as few calls as dropping some of them gives, larger parts first."""
+    """Shorten a failure by dropping calls, larger parts first, while it still fails."""
     for max_calls in (None, 1):
         problem = replayed(shorter := replace(failure, max_calls=max_calls))
         if problem is not None and problem.kind == failure.problem.kind:

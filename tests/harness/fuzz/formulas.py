@@ -1,6 +1,6 @@
-"""Which simple formula gives a key by one or two numbers: fitted on some seeds, judged on others.
+"""Finds simple formulas that compute a key from one or two numbers; fits them on some seeds, judges them on others.
 
-Knows numbers, and neither scenes nor calls.
+Knows only numbers: no scenes and no calls.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _TINY = 1e-9
-"""Smaller numbers have no logarithm here: they are rounding errors."""
+"""Smaller numbers count as rounding errors and get no logarithm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A formula, and the share of seeds for which it gives the key."""
+    """A formula, and the share of seeds at which it gives the key."""
 
     formula: str
     fitted: float
@@ -38,16 +38,16 @@ class Fit:
 
 
 def best_formula(features: Array, names: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
-    """The formula that gives the most keys on the first seeds.
+    """Return the formula that gives the key at most of the fitted seeds.
 
     Tried are a constant, a + b x, c xᵖ, c (x y)ᵖ and c (x / y)ᵖ.
 
     Args:
         features: A row for each seed, a column for each number (seeds, features); NaN where there is none.
-        names: Of the features.
+        names: Names of the features.
         keys: The key of each seed.
-        fitted: On how many of the first seeds formulas are fitted.
-        tolerance: Of the key.
+        fitted: How many of the first seeds are used for fitting.
+        tolerance: Tolerance of the key.
     """
     use = np.isfinite(features[:fitted]).all(axis=0) & (np.ptp(np.nan_to_num(features[:fitted]), axis=0) > _TINY)
     x, labels = features[:, use], [name for name, used in zip(names, use, strict=True) if used]
@@ -65,7 +65,7 @@ def best_formula(features: Array, names: Sequence[str], keys: Array, fitted: int
 
 
 def _of_powers(x: Array, labels: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
-    """The best power law of a number, or of the product or ratio of two."""
+    """Return the best power law of one number, or of the product or the ratio of two."""
     sign = np.sign(np.median(keys[:fitted]))
     if not (np.sign(keys[:fitted]) == sign).all() or sign == 0:
         return Fit("none", 0.0, 0.0)
@@ -87,7 +87,7 @@ def _of_powers(x: Array, labels: Sequence[str], keys: Array, fitted: int, tolera
 
 
 def _lines(x: Array, wanted: Array, fitted: int) -> Array:
-    """What the straight line through the first seeds gives for each column of x, by least squares."""
+    """Fit a straight line to the first seeds for each column of x, by least squares; returns its values."""
     centre, level = x[:fitted].mean(axis=0), wanted[:fitted].mean()
     spread = ((x[:fitted] - centre) ** 2).sum(axis=0)
     slope = ((x[:fitted] - centre) * (wanted[:fitted, None] - level)).sum(axis=0) / np.where(spread > 0, spread, np.inf)
@@ -95,7 +95,7 @@ def _lines(x: Array, wanted: Array, fitted: int) -> Array:
 
 
 def _judged(values: Array, texts: Sequence[str], keys: Array, fitted: int, tolerance: Tolerance) -> Fit:
-    """The column of values that gives the most keys of the first seeds."""
+    """Return the column that agrees with the key at most of the first seeds."""
     right = tolerance.agree(values, keys[:, None])
     best = int(np.argmax(right[:fitted].sum(axis=0)))
     return Fit(texts[best], float(right[:fitted, best].mean()), float(right[fitted:, best].mean()))

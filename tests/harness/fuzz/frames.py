@@ -1,7 +1,7 @@
-"""Sends spoiled JSON-RPC frames to a live server and checks that nothing but honest calls has an effect.
+"""Sends malformed JSON-RPC frames to a live server and checks that they have no effect.
 
-After every few frames, honest calls must be answered as at the start, and no reply and no line of the log may tell of
-the inside of the program. Knows frames and connections. Knows no laboratory.
+At regular intervals, valid calls must return the same as at the start. No reply and no line of the log may reveal
+internals of the program. Knows frames and connections, and nothing of the laboratory.
 """
 
 import asyncio
@@ -18,9 +18,9 @@ from tests.harness.load.hosting import hosted
 from tests.harness.load.wire import Connection, call, opened, posted, request
 
 _EVERY = 20
-"""Frames between two honest calls."""
+"""Number of frames between two valid calls."""
 _PATIENCE_S = 60.0
-"""Wall time after which a server that says nothing has failed [s]."""
+"""Wall time without output after which a server counts as failed [s]."""
 _INTERNALS = re.compile(
     rb"Traceback|File \\?\"|site-packages|\.py\b|0x[0-9a-f]{8}|pydantic|starlette|anyio|Exception\b"
 )
@@ -72,7 +72,7 @@ _BYTES = (b"\xff", b"\xc3", b"\xed\xa0\x80", b"\x00", b"\xf5\x80\x80\x80", b"\xf
 
 
 def draw_frame(source: random.Random) -> bytes:
-    """A frame that changes nothing in the laboratory: its JSON is broken, or the best it can ask for is to read."""
+    """Draw a frame that cannot change the laboratory: it is malformed JSON, or at most asks for a reading."""
     if source.random() < 0.4:
         change = {"name": source.choice(("step", "apply_force", "answer")), "arguments": {"duration": 1, "answer": 1}}
         return source.choice(_BREAKING)(_text(_message(source, "tools/call", change)), source)
@@ -124,7 +124,7 @@ def _unclosed_number(frame: bytes, source: random.Random) -> bytes:
 
 
 _BREAKING = (_cut, _spliced, _not_json, _unclosed_number)
-"""Each makes a frame that is no JSON, or no message."""
+"""Functions that make a frame that is not JSON, or not a message."""
 
 
 def _wrong_id(source: random.Random) -> bytes:
@@ -178,16 +178,16 @@ _BENDING = (
     *(_wrong_id, _wrong_method, _wrong_params, _wrong_field, _wrong_version, _wrong_number),
     *(_doubled, _batch, _response),
 )
-"""Each makes a frame from one that reads."""
+"""Functions that derive a frame from a valid one."""
 
 Honest = Callable[[], Awaitable[Any]]
-"""Makes an honest call, or several; returns what they say."""
+"""Makes one or several valid calls; returns their results."""
 Send = Callable[[bytes], Awaitable[bytes]]
-"""Sends a frame; returns what the server says, if it says anything before the next honest call."""
+"""Sends a frame; returns the server's output up to the next valid call."""
 
 
 async def play(count: int, source: random.Random, send: Send, honest: Honest) -> list[str]:
-    """Send frames; returns a sentence about each invariant that one of them broke, and stops at the third."""
+    """Send frames. Returns a sentence for each broken invariant, and stops at the third."""
     problems: list[str] = []
     usual, lately = await asyncio.wait_for(honest(), _PATIENCE_S), list[bytes]()
     for number in range(count):
@@ -211,7 +211,7 @@ async def play(count: int, source: random.Random, send: Send, honest: Honest) ->
 
 
 async def over_http(count: int, seed: int) -> list[str]:
-    """Send frames to an episode of a host, some with the headers of the stateless protocol and some without."""
+    """Send frames to an episode of a host, some of them with the headers of the stateless protocol."""
     source = random.Random(f"http:{seed}")
     with hosted() as host:
         path = (await opened(host.port))["path"]
@@ -254,7 +254,7 @@ async def _on_stdio() -> AsyncGenerator[asyncio.subprocess.Process]:
 
 
 async def over_stdio(count: int, seed: int) -> list[str]:
-    """Send frames to an episode on stdio; at the end, half a line."""
+    """Send frames to an episode on stdio; the last one is an unfinished line."""
     source = random.Random(f"stdio:{seed}")
     async with _on_stdio() as process:
         stdin, stdout, stderr = process.stdin, process.stdout, process.stderr

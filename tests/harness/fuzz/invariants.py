@@ -87,7 +87,7 @@ def changes_nothing(call: Call) -> bool:
 
 
 def fingerprint(session: Session, saved: Snapshot | None = None) -> tuple[Any, ...]:
-    """Everything that a refusal must not change, bit for bit: session without counters, state and model."""
+    """Return everything that a refusal must not change: session without counters, world state and model, as bytes."""
     world, state = saved or session.world.save(), session.state
     earlier = world.before_step
     objects = tuple(
@@ -139,7 +139,7 @@ def _of_result(session: Session, call: Call, result: dict[str, Any], told: dict[
 
 
 def _of_clock(session: Session, call: Call, before: float) -> Problem | None:
-    """Only `step` lets time pass, and it lets pass what it was asked for."""
+    """Check that only `step` advances the time, and by the requested duration."""
     passed, dt = session.world.time - before, session.world.timestep
     asked = max(dt, call.arguments["duration"]) if call.tool == "step" else 0.0
     if abs(passed - asked) > (0.51 * dt if asked else 0.0):

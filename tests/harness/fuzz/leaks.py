@@ -1,9 +1,9 @@
-"""Searches for leaks of answer keys: differences between seeds at the start, and fixed lists of calls that suffice.
+"""Searches for leaks of answer keys: initial differences between seeds, and fixed lists of calls that give the key.
 
 python -m tests.harness.fuzz.leaks [--scenes 7,20-25] [--minutes N] [--batches N] [--seed N]
 
-A scene whose task is one measurement is expected to be answered by a fixed list; one that asks for a law is not. Only
-numbers are searched for, of several the first.
+A fixed list is expected to answer a scene whose task is one measurement, but not one that asks for a law. The search
+covers only numeric answers; of an answer with several numbers, it covers the first.
 """
 
 import argparse
@@ -45,16 +45,16 @@ class Finding:
 
     scene: int
     twins: str
-    """A difference between two seeds at the start; empty if there is none."""
+    """An initial difference between two seeds; empty if there is none."""
     batches: int
     constant: Fit | None
-    """The best answer without any call; None if the key is no number."""
+    """The best answer without any call; None if the key is not a number."""
     best: Fit | None
     """The best formula over all batches, by the seeds on which it was fitted."""
 
 
 async def published(session: Session) -> dict[str, Any]:
-    """Everything that can be read of an episode through MCP before its first call."""
+    """Return everything that a client can read of an episode through MCP before its first call."""
     async with Client(OpenEpisode(session).server(), cache=None) as client:
         found: dict[str, Any] = {"instructions": client.instructions, "server": str(client.server_info)}
         found["tools"] = (await client.list_tools()).model_dump_json()
@@ -71,7 +71,7 @@ async def published(session: Session) -> dict[str, Any]:
 
 
 async def revealing(subject: Subject, pairs: int = PAIRS) -> str:
-    """A difference at the start between seed 0 and a seed with another key; empty if there is none."""
+    """Return an initial difference between seed 0 and a seed with another key; empty if there is none."""
     base = subject.draw(0)
     first = await _at_start(subject.session_to_compare(base))
     seeds = [
@@ -92,7 +92,11 @@ async def _at_start(session: Session) -> dict[str, Any]:
 
 
 def search(subject: Subject, until: float, least: int, source: random.Random) -> tuple[int, Fit | None, Fit | None]:
-    """Play random batches until a time, and at least some; returns how many, and the best constant and formula."""
+    """Play random batches until a deadline, but at least `least` of them.
+
+    Returns:
+        The number of batches, the best constant and the best formula.
+    """
     draws = [subject.draw(seed) for seed in range(FITTED + HELD_OUT)]
     keys = _first_numbers([subject.truth(draw) for draw in draws])
     if keys is None:
@@ -122,7 +126,7 @@ def finding(scene: int, seconds: float, least: int, source: random.Random) -> Fi
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print a row for each scene; returns 1 if twins differ at the start."""
+    """Print a row for each scene; returns 1 if two seeds differ initially."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=parse_scenes, help="such as 7,20-25; the whole suite by default")
     parser.add_argument("--minutes", type=float, default=30.0, help="for all scenes together (%(default)s)")

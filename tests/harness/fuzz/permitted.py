@@ -1,4 +1,4 @@
-"""An independent implementation of a scene's permissions, which detects results that exceed them."""
+"""An independent implementation of a scene's permissions, which detects results that violate them."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -21,18 +21,18 @@ _ACTS = {
 
 
 def named_by(call: Call, objects: Mapping[str, LabObject]) -> list[LabObject | None]:
-    """The objects that a call names, hidden ones too; None for one that does not exist."""
+    """Return the objects that a call names, hidden ones included; None for one that does not exist."""
     ids = [str(value) for name, value in call.arguments.items() if name.endswith("_id")]
     return [objects.get(f"object_{text}" if text.isdecimal() else text) for text in ids]
 
 
 def overstepped(call: Call, result: Mapping[str, Any], objects: Mapping[str, LabObject], is_ball: Look) -> str:
-    """What a call obtained or did although its scene does not permit it; empty if nothing.
+    """Describe what a call obtained or did without permission of its scene; empty if nothing.
 
     Args:
         call: The call, which was not refused.
         result: Its result.
-        objects: Every object by id as before the call.
+        objects: The objects by id, before the call.
         is_ball: Tells whether an object is a ball.
     """
     named = named_by(call, objects)
@@ -52,7 +52,7 @@ def overstepped(call: Call, result: Mapping[str, Any], objects: Mapping[str, Lab
 def _shown(
     call: Call, result: Mapping[str, Any], named: list[LabObject], objects: Mapping[str, LabObject], is_ball: Look
 ) -> str:
-    """The withheld field that a result shows."""
+    """Return a withheld field that a result shows."""
     may = named[0].permissions if named else Permissions()
     shown: dict[str, bool] = {}
     match call.tool:

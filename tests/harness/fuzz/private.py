@@ -1,7 +1,7 @@
-"""Detects leaks in results and refusals: words and numbers of a scene that are private at this moment.
+"""Detects leaks in results and refusals: words and numbers of a scene that are private at the moment of the call.
 
-Words in the server's code or in the opening prompt may occur by chance and are not searched for. Nor are numbers that
-instruments could show. Instruments round, so many drawn values have more decimals than a reading.
+Words of the server's code or of the opening prompt may occur by chance and are not searched for, nor are numbers that
+instruments could show. Instruments round, so most drawn values have more decimals than any reading.
 """
 
 import functools
@@ -21,7 +21,7 @@ from scenes.protocol import Call
 
 _SHORTEST_WORD = 4
 _DIGITS = 6
-"""Least number of significant digits of a number that is searched for."""
+"""Least number of significant digits that a number must have to be searched for."""
 _NAMES_INSIDE = (r"created:\w", r"attached:\d", r"unnamed_[a-z]+_\d")
 """Names that the server gives to parts of the model."""
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -31,7 +31,7 @@ _ECHO = re.compile(r"of \S+ (?:N|N·m|kg) is too|step: \S+ s is")
 
 @dataclass(frozen=True, slots=True)
 class Private:
-    """The private words and numbers of an episode; some only while its hidden objects are."""
+    """The private words and numbers of an episode; some are private only while their objects are hidden."""
 
     words: re.Pattern[str]
     numbers: frozenset[str]
@@ -39,12 +39,12 @@ class Private:
     hidden_numbers: frozenset[str]
 
     def leak(self, session: Session, text: str, call: Call) -> str:
-        """The private word or number that a text contains and its call does not explain; empty if there is none.
+        """Return the private word or number that a text contains without repeating the call; empty if there is none.
 
         Args:
-            session: The episode after the call, which tells what is still hidden.
+            session: The episode after the call, for the objects that are still hidden.
             text: The refusal, or the result as JSON.
-            call: The call; what it says itself is no leak where it is quoted.
+            call: The call; quoting it is no leak.
         """
         hidden = any(not item.known for item in session.state.objects.values())
         for quoted in sorted(set(_quoted(call)), key=len, reverse=True):
@@ -58,7 +58,7 @@ class Private:
 
 
 def private_of(session: Session, seed: int) -> Private:
-    """What is private in a new episode of the suite.
+    """Collect the private words and numbers of a new episode.
 
     Args:
         session: The episode, before its first call.
@@ -90,7 +90,7 @@ def _private_words(session: Session, pack: Pack, names: Iterable[str], prompt: s
 
 
 def _unusual(names: Iterable[str], prompt: str) -> list[str]:
-    """The names that cannot stand in a text by chance."""
+    """Return the names that cannot occur in a text by chance."""
     public = _words_of_the_server() | set(re.findall(r"\w+", prompt))
     return sorted(
         name for name in set(names) if len(name) >= _SHORTEST_WORD and not set(re.findall(r"\w+", name)) <= public
@@ -106,7 +106,9 @@ def _words_of_the_server() -> frozenset[str]:
 
 
 def _pattern(words: Sequence[str], patterns: Sequence[str] = ()) -> re.Pattern[str]:
-    """Finds each word as a whole word, and each pattern anywhere; nothing if there are none."""
+    """Compile a pattern that finds each word as a whole word and each given pattern anywhere; without any, it never
+    matches.
+    """
     whole = [rf"(?<!\w){re.escape(word)}(?!\w)" for word in words]
     return re.compile("|".join([*whole, *patterns]) or r"(?!)")
 
@@ -127,7 +129,7 @@ def _withheld(session: Session) -> list[float]:
 
 
 def _searched(session: Session, values: Iterable[float]) -> set[str]:
-    """The spellings of the numbers that no instrument can show, because they have more decimals than it reads."""
+    """Return the spellings of the numbers that have more decimals than any instrument shows."""
     said = session.scene.public.instruments
     if said is None:
         return set()
@@ -140,7 +142,7 @@ def _searched(session: Session, values: Iterable[float]) -> set[str]:
 
 
 def _numbers(values: Iterable[object]) -> Iterator[float]:
-    """The numbers in values, however they are nested."""
+    """Return all numbers in nested values."""
     for value in values:
         if isinstance(value, bool | str) or value is None:
             continue
@@ -153,9 +155,10 @@ def _numbers(values: Iterable[object]) -> Iterator[float]:
 
 
 def _spellings(values: Iterable[float]) -> set[str]:
-    """How a text could show numbers: in full, or with six digits; without their sign.
+    """Return how a text could show numbers: in full or with six digits, without sign.
 
-    A spelling with fewer digits, as `12.85` of 12.850003, is left out: the clock, for example, may show it by chance.
+    Spellings with fewer digits, such as `12.85` for 12.850003, are left out, because the clock, for example, may show
+    them.
     """
     sizes = [abs(value) for value in values]
     spelled = {spelling for size in sizes for spelling in (repr(size), f"{size:.6g}")}
@@ -163,7 +166,7 @@ def _spellings(values: Iterable[float]) -> set[str]:
 
 
 def _quoted(call: Call) -> Iterator[str]:
-    """How a refusal or a result repeats texts of the call."""
+    """Return how a refusal or a result could quote strings of the call."""
     texts = [call.tool, *call.arguments, *(value for value in call.arguments.values() if isinstance(value, str | int))]
     for text in map(str, texts):
         for length in (len(text), 64, 40):

@@ -1,6 +1,6 @@
-"""Makes random tool calls on every scene of the suite and checks after each what must always hold.
+"""Makes random tool calls on every scene of the suite and checks the invariants after each call.
 
-Then sends spoiled JSON-RPC frames to a live host and to a server on stdio.
+Then sends malformed JSON-RPC frames to a live host and to a server on stdio.
 
 python -m tests.harness.fuzz.run [--calls N] [--frames N] [--seed N] [--scenes 7,20-25] [--jobs N] [--out DIR]
 python -m tests.harness.fuzz.run --replay FILE
@@ -28,14 +28,14 @@ CALLS = 200_000
 FRAMES = 5000
 _OUT = Path("build/fuzz")
 _SHARE = 1000
-"""Most calls of a scene that one process makes before it takes up another scene."""
+"""Most calls that a process makes on one scene before it goes on to another."""
 
 
 def parse_scenes(text: str) -> list[int]:
-    """The ids of scenes that a text such as `7,20-25` names.
+    """Parse a selection of scene ids such as `7,20-25`.
 
     Raises:
-        argparse.ArgumentTypeError: A part is no number or range, or no scene of the suite is named.
+        argparse.ArgumentTypeError: A part is not a number or a range, or the selection contains no scene of the suite.
     """
     try:
         bounds = [[int(bound) for bound in part.split("-", 1)] for part in text.split(",")]
@@ -48,7 +48,7 @@ def parse_scenes(text: str) -> list[int]:
 
 
 def play_all(scenes: Sequence[int], count: int, seed: int, jobs: int) -> Generator[tuple[int, Tally]]:
-    """Make the calls, in processes; yields what was played of a scene when it is done.
+    """Make the calls in several processes; yields the result of each scene when it is complete.
 
     The calls depend only on scenes, count and seed, and not on the number of processes.
     """
@@ -71,7 +71,7 @@ def _play(work: tuple[int, int, int]) -> Tally:
 
 
 def replay(file: Path, console: Console) -> int:
-    """Make the calls of a written failure again; returns 1 if they still fail."""
+    """Repeat the calls of a stored failure; returns 1 if they still fail."""
     failure = Failure.read(file)
     problem = replayed(failure)
     said = "the calls fail no more" if problem is None else f"{problem.kind}: {problem.detail}"
@@ -80,7 +80,7 @@ def replay(file: Path, console: Console) -> int:
 
 
 def fuzz(args: argparse.Namespace, console: Console) -> int:
-    """Make the calls that the command line asks for, and print what was found; returns 1 if anything was."""
+    """Make the calls that the command line asks for, and print the failures; returns 1 if there are any."""
     scenes = args.scenes or scene_ids()
     seed = random.SystemRandom().randrange(10**6) if args.seed is None else args.seed
     console.print(f"{args.calls} calls on {len(scenes)} scenes, --seed {seed}", highlight=False)
@@ -107,7 +107,7 @@ def fuzz(args: argparse.Namespace, console: Console) -> int:
 
 
 def frames(count: int, seed: int, console: Console) -> int:
-    """Send frames over both transports, half of them over each; returns how many invariants they broke."""
+    """Send half of the frames over each transport; returns how many invariants they broke."""
     if not count:
         return 0
     broken = [*asyncio.run(over_http(count // 2, seed)), *asyncio.run(over_stdio(count - count // 2, seed))]

@@ -1,4 +1,4 @@
-"""Live servers withstand spoiled frames, and the checks see a server that does not."""
+"""Live servers withstand malformed frames, and the checks detect a server that does not."""
 
 import random
 import sys

@@ -1,4 +1,4 @@
-"""The laboratory withstands random calls, and the fuzzer sees the faults that are planted in it."""
+"""The laboratory withstands random calls, and the fuzzer detects faults that the tests plant."""
 
 import argparse
 import contextlib
@@ -32,7 +32,7 @@ PLAIN = 20
 """A scene in which all can be created, attached and deleted."""
 
 FOUND = Path(__file__).parent / "found"
-"""Failures that were found and mended."""
+"""Failures that the fuzzer found, and that were fixed."""
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 Run = Callable[[Session, Any], Any]
@@ -133,13 +133,13 @@ def step_and_set(session: Session, args: Any) -> Any:
 
 
 def paint(session: Session, args: Any) -> Any:
-    """Changes only the spec from which later models are made, which no fingerprint of a call contains."""
+    """Change only the spec from which later models are compiled, which no fingerprint of a call contains."""
     session.world._spec.geoms[0].rgba[0] = 0.123
     return told({"x": 0.0, "y": 0.0, "z": 0.0})(session, args)
 
 
 def never_undone(patch: pytest.MonkeyPatch) -> None:
-    """Joins the pair before it is checked, and undoes nothing."""
+    """Join the pair before checking it, and do not roll back."""
 
     def join_first(session: Session, args: Any) -> Any:
         first, second = session.find(args.object1_id), session.find(args.object2_id)

@@ -1,4 +1,4 @@
-"""The search for leaks finds the formulas and the difference at the start that are planted."""
+"""The search for leaks finds planted formulas and a planted initial difference."""
 
 import random
 

@@ -2,7 +2,7 @@
 
 python -m tests.harness.load.attacks PORT KIND    attacks until its stdin ends, then prints what it sent
 
-Knows bytes on connections. Knows no measurements.
+Knows bytes and connections. Measures nothing.
 """
 
 import asyncio
@@ -24,7 +24,7 @@ _MANY = 200
 _HEAVY_SCENE = 99
 """The scene of the suite whose steps take the longest."""
 _LOW_PRIORITY = 10
-"""Niceness: an attacker competes with honest clients for the host, and not for the processors of this machine."""
+"""Niceness of an attacker, so that it loads the host without taking processor time from the honest clients."""
 _HELLO = {"protocolVersion": "2025-11-25", "capabilities": {}, "clientInfo": {"name": "load", "version": "1"}}
 _PROMPT = {"name": "scene", "arguments": {"prompting": "few-shot-cot"}}
 _SESSION_HEADERS = {"Accept": "application/json, text/event-stream", "Content-Type": "application/json"}
@@ -54,13 +54,13 @@ class Target:
         return not reply.failed
 
     async def throw(self, connection: Connection, content: bytes) -> None:
-        """Send bytes and read nothing."""
+        """Send bytes without reading a response."""
         self.sent_bytes += len(content)
         connection.writer.write(content)
         await connection.writer.drain()
 
     async def connecting(self, use: Callable[[Connection], Awaitable[None]]) -> None:
-        """Use one connection after another without end, each until `use` returns or the host closes it."""
+        """Open one connection after another; each lasts until `use` returns or the host closes it."""
         while True:
             try:
                 connection = await Connection.dial(self.port)
@@ -120,7 +120,7 @@ def _refused_openings(_path: str) -> Iterable[bytes]:
 
 
 async def long_steps(target: Target) -> None:
-    """Step for a minute of laboratory time, again and again; an episode whose time is used up gives way to another."""
+    """Repeat steps of one minute of laboratory time; open a new episode when the time is used up."""
     target.begun.set()
 
     async def use(connection: Connection) -> None:
@@ -133,7 +133,7 @@ async def long_steps(target: Target) -> None:
 
 
 async def _filled(target: Target, calls: int, max_calls: int | None = None) -> dict[str, str]:
-    """An episode with this many calls in its log."""
+    """Open an episode whose log holds this many calls."""
     episode = await opened(target.port, max_calls=max_calls)
     connection = await Connection.dial(target.port)
     for _ in range(calls):
@@ -144,7 +144,7 @@ async def _filled(target: Target, calls: int, max_calls: int | None = None) -> d
 
 
 async def measurements(target: Target) -> None:
-    """Read pages of the measurements of the largest size."""
+    """Read pages of measurements of the largest size."""
     episode, uri = await _filled(target, 500), "physment://measurements"
     page = message(episode["path"], "resources/read", {"uri": uri}, uri)
 
@@ -156,7 +156,7 @@ async def measurements(target: Target) -> None:
 
 
 async def call_log(target: Target) -> None:
-    """Read pages of the log as the owner of the episode."""
+    """Read pages of the call log as the owner of the episode."""
     episode = await _filled(target, 500, max_calls=10_000)
     owner = {"Authorization": f"Bearer {episode['owner_token']}"}
     page = request("GET", f"/episodes/{episode['episode_id']}/calls", headers=owner)
@@ -210,7 +210,7 @@ async def half_open(target: Target) -> None:
 
 
 async def slow_readers(target: Target) -> None:
-    """Ask for long responses one after another, and read them a little at a time."""
+    """Ask for long responses and read them slowly."""
     path = (await opened(target.port))["path"]
     target.begun.set()
 
@@ -254,7 +254,7 @@ async def sessions(target: Target) -> None:
 
 
 async def streams(target: Target) -> None:
-    """Keep streams for messages open, each in a session of its own."""
+    """Keep streams for server messages open, each in a session of its own."""
     path = (await opened(target.port))["path"]
     target.begun.set()
 

@@ -16,7 +16,7 @@ _BALLAST = "ballast"
 
 @contextlib.contextmanager
 def mounted(folder: Path) -> Generator[None]:
-    """Mount a file system in memory on an empty folder; at the end it is gone with all its files.
+    """Mount an in-memory file system on an empty folder, and unmount it with all its files at the end.
 
     Raises:
         OSError: This process may not mount.

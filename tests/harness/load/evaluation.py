@@ -28,7 +28,7 @@ _LAST_S = 15.0
 _TRIES = 4
 """Largest number of starts until a run must be complete."""
 _HEEDING = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); from evaluator.__main__ import entry; entry()"
-"""The program, where Ctrl-C is ignored until Python has started: before that, Python itself shows a traceback."""
+"""Starts the program with Ctrl-C ignored until Python has initialised, because Python would print a traceback."""
 _NOTE = re.compile(r"physment-eval: .*, line \d+ was damaged ")
 
 
@@ -88,7 +88,7 @@ class Evaluation:
         """Wait for the run and all its child processes to end; returns the exit code and stderr.
 
         Raises:
-            Broken: The run hangs, leaves a process behind, or does not report in one sentence why it ended.
+            Broken: The run hangs, leaves a process behind, or does not say in one sentence why it ended.
         """
         try:
             _, errors = process.communicate(timeout=_LONGEST_S)
@@ -134,10 +134,10 @@ class Evaluation:
         raise Broken(f"it is not complete after {self.starts} starts: {said}")
 
     def results(self) -> dict[str, Any]:
-        """Episode → its answer and its verdicts, when it is complete.
+        """Return episode → its answer and its verdicts, of a complete run.
 
         Raises:
-            Broken: A record is missing, unreadable or there twice.
+            Broken: A record is missing, unreadable or duplicated.
         """
         folder = RunFolder(self.folder)
         try:

@@ -1,8 +1,8 @@
-"""Fault injection: runs of the evaluator are disturbed at a random moment and then resumed.
+"""Fault injection: disturbs runs of the evaluator at a random moment and then resumes them.
 
-After each, every episode must be recorded once, with the grade that it has in an undisturbed run; no process may be
-left behind; and the run must have said in one sentence why it ended. Prints a table of faults and outcomes. The folders
-of runs that failed are kept.
+Afterwards, every episode must be recorded once, with the same grade as in an undisturbed run; no process may be left
+behind; and the run must have said in one sentence why it ended. Prints a table of faults and outcomes. Keeps the
+folders of runs that failed.
 
 python -m tests.harness.load.faults [--count N] [--seed N] [--seeds N] [--kinds WORD,…]
 """
@@ -30,7 +30,7 @@ from tests.harness.load import disks
 from tests.harness.load.evaluation import Broken, Evaluation
 
 _STDIO_EVERY = 6
-"""Every `_STDIO_EVERY`-th run plays on stdio, with a process per episode, which takes five times as long."""
+"""Interval of runs that play on stdio, with a process per episode, which takes five times as long."""
 _DROP_CAPABILITY, _IGNORE_PERMISSIONS = 24, 1  # PR_CAPBSET_DROP, CAP_DAC_OVERRIDE
 
 
@@ -55,7 +55,7 @@ class Struck:
     def strike(
         self, fault: Callable[[subprocess.Popen[str]], None], prepare: Callable[[], None] | None = None
     ) -> tuple[int, str]:
-        """Start the run, let the fault strike at a random moment, wait for the end; returns exit code and stderr."""
+        """Start the run, inject the fault at a random moment, wait for the end; returns exit code and stderr."""
         with self.evaluation.started(prepare) as process:
             time.sleep(self.chance.uniform(0, self.usual.took_s))
             fault(process)
@@ -68,7 +68,7 @@ class Struck:
 
 
 Fault = Callable[[Struck], int]
-"""Disturbs a run; returns the exit code of the disturbed process."""
+"""Injects a fault into a run; returns the exit code of the run's process."""
 
 
 def _signalled(sign: signal.Signals) -> Fault:
@@ -142,7 +142,7 @@ def _read_only(run: Struck) -> int:
 
 
 def _on_own_disk(strike: Callable[[Struck], int]) -> Fault:
-    """Play and resume on a file system of its own, then take the run from there."""
+    """Play and resume on a separate file system, then copy the run from it."""
 
     def fault(run: Struck) -> int:
         folder = run.evaluation.folder
@@ -210,7 +210,7 @@ def undisturbed(folder: Path, server: str, seeds: int) -> Undisturbed:
 
 
 def disturb(kind: str, folder: Path, server: str, usual: Undisturbed, seeds: int, chance: random.Random) -> str:
-    """Play with a fault and resume; returns how the disturbed process ended.
+    """Play, inject a fault, and resume; returns how the disturbed process ended.
 
     Raises:
         Broken: An invariant does not hold afterwards.

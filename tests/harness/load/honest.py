@@ -1,4 +1,4 @@
-"""Honest clients of a host: each plays episodes of its own with usual calls at a usual pace, and times every call."""
+"""Honest clients of a host: each plays its own episodes with typical calls at a typical pace, and times every call."""
 
 import asyncio
 import itertools
@@ -20,7 +20,7 @@ class Crowd:
     port: int
     clients: int = 50
     calls_each: int | None = None
-    """Calls after which a client closes its episode and opens another; None if it keeps its first."""
+    """Calls after which a client closes its episode and opens another; None to keep the first episode."""
     pace_s: tuple[float, float] = _PACE_S
     took_s: list[float] = field(default_factory=list[float])
     """Duration of every call since the last `take`."""

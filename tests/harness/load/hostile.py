@@ -1,8 +1,8 @@
-"""How much one hostile client slows honest ones, for each kind of attack.
+"""Measures how much one hostile client slows honest clients, for each kind of attack.
 
-A host of its own serves honest clients, each with its own episode and at a usual pace. Windows without and with one
+A host serves honest clients, each with its own episode and at a typical pace. Time windows without and with one
 attacker alternate. The ratio compares the medians of the slowest calls of both kinds of windows. A ratio above the aim
-is marked but is no failure, because other processes disturb the measurement; an honest call that fails is one.
+is marked but is not a failure, because other processes disturb the measurement. A failed honest call is a failure.
 
 python -m tests.harness.load.hostile [--kinds WORD,…] [--clients N] [--repeats N] [--window S]
 """
@@ -86,7 +86,7 @@ class Compared:
 
 @contextlib.asynccontextmanager
 async def attacking(port: int, kind: str) -> AsyncGenerator[dict[str, int]]:
-    """Attack a host from another process. When the context ends, the yielded dictionary says what was sent."""
+    """Attack a host from another process; at the end of the context, the yielded dictionary holds its counts."""
     words = ["-m", "tests.harness.load.attacks", str(port), kind]
     process = await asyncio.create_subprocess_exec(
         sys.executable, *words, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
@@ -105,7 +105,7 @@ async def attacking(port: int, kind: str) -> AsyncGenerator[dict[str, int]]:
 
 
 async def window(host: Hosted, crowd: Crowd, seconds: float) -> Window:
-    """Let some wall time pass and take the honest calls that ended in it."""
+    """Wait for some wall time; returns the honest calls that ended in it."""
     crowd.take()
     busy = host.processor_s
     await asyncio.sleep(seconds)

@@ -1,4 +1,4 @@
-"""A run that a fault strikes is resumed to what it would have been without the fault."""
+"""A run that was disturbed by a fault and resumed equals an undisturbed run."""
 
 import random
 import subprocess
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are f
 
 SEEDS = 1
 KINDS = ("SIGTERM", "server killed", "worker killed", "full disk", "torn last line", "garbage line")
-"""Faults that the suite tries; a torn line begins with SIGKILL. `tests.harness.load.faults` tries all, each night."""
+"""Faults that the suite injects; SIGKILL precedes a torn line. `tests.harness.load.faults` injects all, each night."""
 
 
 @pytest.fixture(scope="session")

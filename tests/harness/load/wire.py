@@ -1,4 +1,4 @@
-"""A minimal HTTP/1.1 and MCP client, which takes less processor time of the measuring process than a library.
+"""A minimal HTTP/1.1 and MCP client, which takes less processor time of the measuring process than a library does.
 
 Implements the messages of the stateless protocol, and faulty uses of a connection.
 """
@@ -122,7 +122,7 @@ def raw_call(path: str, arguments: str, tool: str = "get_position") -> bytes:
 
 
 async def opened(port: int, scene: int = 7, max_calls: int | None = None) -> dict[str, str]:
-    """Open an episode; returns what the host says about it, and its `path`."""
+    """Open an episode; returns the host's description of it, and its `path`."""
     wanted = {"scene": scene} | ({} if max_calls is None else {"max_calls": max_calls})
     connection = await Connection.dial(port)
     try:

@@ -1,4 +1,4 @@
-"""Scene 904: halve the range of ramps until one is left."""
+"""Scene 904: find the shallowest ramp on which the slider slides, by bisection."""
 
 from math import cos, radians, sin
 
@@ -10,7 +10,7 @@ RADIUS = 0.1
 WATCH_S = 1.0
 SLID_M = 0.005
 STIRRED = 0.01
-"""Momentum per kg [m/s] above the creep of a slider that holds, below the speed of one that slides."""
+"""Threshold of momentum per kg [m/s]: above the creep of a slider at rest, below the speed of a sliding one."""
 
 
 def _place(ramp):
@@ -19,7 +19,7 @@ def _place(ramp):
 
 
 def solve(task):
-    """Set the slider down on the middle ramp of those left, at rest, and see whether it gains momentum."""
+    """Place the slider at rest on the middle one of the possible ramps, and test whether it gains momentum."""
     low, high = 1, 12
     while low < high:
         ramp = (low + high) // 2
@@ -42,7 +42,7 @@ def theory(knobs):
 
 
 def measure(engine, knobs):
-    """Every ramp in turn in the engine, from the shallowest."""
+    """Try every ramp in the engine, from the shallowest."""
     for ramp in range(1, 13):
         place = _place(ramp)
         engine.place("object_1", np.array([place["x"], place["y"], place["z"]]), {})
