@@ -1,6 +1,6 @@
 """The laboratory: one MuJoCo scene per episode, and 26 tools to experiment with, over MCP or in this process.
 
-The names below are for programs that import the laboratory; docs/how-to/use-as-a-library.md shows them at work. Each is
+The names below are the public interface for Python programs; docs/how-to/use-as-a-library.md shows their use. Each is
 imported at its first use, so that the command line starts without the engine.
 
 Knows no answers, agents, budgets or reports.

@@ -1,4 +1,4 @@
-"""The program `physment-mcp`. Ctrl-C ends it at once while it imports everything else, which takes a second."""
+"""The program `physment-mcp`. During the other imports, which take a second, Ctrl-C ends the process at once."""
 
 import signal
 import sys

@@ -1,7 +1,7 @@
 """The laboratory as a bundle for Claude Desktop (`.mcpb`): a zip file that the application installs with one click.
 
-It contains our code, a manifest, and exported scenes, so that no answers are on the machine where the model works. The
-application installs Python and our dependencies with `uv`, so one file serves every operating system.
+It contains the code of this package, a manifest, and exported scenes, so that no answers are on the machine where the
+model works. The application installs Python and the dependencies with `uv`, so one file serves every operating system.
 
 Source: the MCP Bundle manifest, version 0.4.
 """
@@ -32,7 +32,7 @@ entry()
 '''
 _MAIN = "main.py"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of every file in the bundle: the same content gives the same bundle, byte for byte."""
+"""Date of every file in the bundle. It is fixed so that equal content gives a byte-identical bundle."""
 
 
 def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None = None) -> None:
@@ -68,7 +68,7 @@ def write_bundle(target: Path, seeds: Collection[int], scenes_dir: Path | None =
 
 
 def manifest(last_seed: int) -> dict[str, Any]:
-    """What the application shows, and how it starts the laboratory.
+    """Return the manifest: what the application shows, and how it starts the laboratory.
 
     Args:
         last_seed: The greatest seed that a person may choose.
@@ -114,7 +114,7 @@ def manifest(last_seed: int) -> dict[str, Any]:
 
 
 def _code() -> Iterator[tuple[str, bytes]]:
-    """All files of our package, and the modules of `scenes` that it needs, by their names in the bundle; no packs."""
+    """Return the files of this package and the modules of `scenes` that it needs, by name in the bundle; no packs."""
     root = Path(__file__).parent
     for path in root.rglob("*"):
         if path.is_file() and path.parent.name != "__pycache__":
@@ -125,7 +125,7 @@ def _code() -> Iterator[tuple[str, bytes]]:
 
 
 def _modules_of_scenes(root: Path, folder: Path) -> set[str]:
-    """The modules of `scenes` that the laboratory imports. Those for reference protocols need further libraries."""
+    """Return the modules of `scenes` that the laboratory imports. Reference protocols need further libraries."""
     found, unread = set[str](), [folder / "__init__.py", *root.rglob("*.py")]
     while unread:
         named = set(
@@ -137,7 +137,7 @@ def _modules_of_scenes(root: Path, folder: Path) -> set[str]:
 
 
 def _project() -> str:
-    """The pyproject.toml from which `uv` installs our dependencies."""
+    """Return the pyproject.toml from which `uv` installs the dependencies."""
     declared = metadata.requires("physment-mcp") or []
     needed = [line for line in declared if _name(line) in _NEEDED and "extra" not in line]
     assert {_name(line) for line in needed} == set(_NEEDED)

@@ -1,45 +1,45 @@
-"""Everything that can go wrong in the laboratory, and who reads it.
+"""The errors of the laboratory, with the reader of each.
 
 PhysMentError
 ├─ UsageError            the command line asks for something impossible     → the operator, before serving
 ├─ SceneError            the scene cannot be loaded                         → the operator, before serving
-├─ NotOpened             a host opens no episode                            → the client that asked, as a reply
-└─ RefusedCall           the agent can do better: its message is all it sees → the agent, as an error result
+├─ NotOpened             a host refuses to open an episode                  → the requesting client, as a response
+└─ RefusedCall           a tool refuses a call                              → the agent, as an error result
    ├─ UnknownObject      no such object, as far as the agent may know
-   ├─ NotPermitted       the attribute is withheld, or the object is sealed
+   ├─ NotPermitted       the attribute is withheld, or the object is read-only
    ├─ NotAvailable       the tool is disabled in this scene
-   ├─ BeyondLimit        the call would go beyond a limit of this scene
-   ├─ NotPossible        the laboratory cannot do that to this object
+   ├─ BeyondLimit        the call would exceed a limit of this scene
+   ├─ NotPossible        the physics of this object does not allow it
    ├─ NoDifference       no velocity difference exists yet
-   ├─ BadArgument        a value is out of bounds or of the wrong form
-   ├─ Unstable           the simulation blew up and was rolled back
+   ├─ BadArgument        a value is out of bounds or has the wrong form
+   ├─ Unstable           the simulation diverged and was rolled back
    └─ EpisodeOver        there is no episode, or it has ended
-      └─ EpisodeGone     there is none at this address any more
+      └─ EpisodeGone     the episode at this address no longer exists
 
-A refused call changes nothing.
+A refused call changes nothing. Its message is all that the agent learns.
 """
 
 from collections.abc import Sequence
 
 _MOST_LISTED = 16
-"""Most ids that a refusal lists."""
+"""Largest number of ids that a refusal lists."""
 _MOST_QUOTED = 64
-"""Most characters that a refusal quotes of a text of the client."""
+"""Largest number of characters of a client's text that a refusal quotes."""
 
 
 def quoted(text: str, most: int = _MOST_QUOTED) -> str:
-    """A text of the client as a refusal quotes it: its beginning in quotes, without characters that cannot be printed.
+    """Quote the beginning of a client's text for a refusal, without characters that cannot be printed.
 
     Args:
         text: Any text.
-        most: Most characters between the quotes; an escaped one counts as up to ten.
+        most: Largest number of characters between the quotes; an escaped one counts as up to ten.
     """
     shown = repr(text[:most])
     return shown if len(shown) <= most + 2 else shown[: most + 1] + shown[0]
 
 
 class PhysMentError(Exception):
-    """Root of the errors this package raises on purpose."""
+    """Base class of the errors that this package raises on purpose."""
 
 
 class UsageError(PhysMentError):
@@ -50,7 +50,7 @@ class SceneError(PhysMentError):
     """A scene cannot be loaded.
 
     Args:
-        sentence: Why, for the operator.
+        sentence: The reason, for the operator.
         for_client: The sentence for a client, which must not learn where the packs are or what they contain.
     """
 
@@ -65,8 +65,8 @@ class NotOpened(PhysMentError):
     """A host does not open an episode.
 
     Args:
-        status: The HTTP status that says so.
-        sentence: Why, for the client.
+        status: HTTP status of the response.
+        sentence: The reason, for the client.
     """
 
     def __init__(self, status: int, sentence: str) -> None:
@@ -75,7 +75,7 @@ class NotOpened(PhysMentError):
 
 
 class RefusedCall(PhysMentError):
-    """A call the laboratory refuses; one sentence that says what was wrong and what would be right."""
+    """The laboratory refuses a call. The message says in one sentence what was wrong and what would be right."""
 
 
 class UnknownObject(RefusedCall):
@@ -88,7 +88,7 @@ class UnknownObject(RefusedCall):
 
 
 class NotPermitted(RefusedCall):
-    """The attribute is withheld, or the object is sealed."""
+    """The attribute is withheld, or the object is read-only."""
 
 
 class NotAvailable(RefusedCall):
@@ -96,11 +96,11 @@ class NotAvailable(RefusedCall):
 
 
 class BeyondLimit(RefusedCall):
-    """The call would go beyond a limit of the scene: force, torque, created mass, laboratory time or calls."""
+    """The call would exceed a limit of the scene: force, torque, created mass, laboratory time or calls."""
 
 
 class NotPossible(RefusedCall):
-    """The laboratory cannot do that to this object."""
+    """The physics of the object does not allow the call, for example because nothing lets it move."""
 
 
 class NoDifference(RefusedCall):
@@ -112,7 +112,7 @@ class BadArgument(RefusedCall):
 
 
 class Unstable(RefusedCall):
-    """The simulation left the finite numbers; the call was rolled back."""
+    """A value of the simulation is no longer finite; the call was rolled back."""
 
 
 class EpisodeOver(RefusedCall):

@@ -1,4 +1,4 @@
-"""The instruments of a scene: the resolution and the noise with which readings are given."""
+"""The instruments of a scene: the resolution and the noise of readings."""
 
 from physment_mcp.world import Fineness, Readout
 from physment_mcp.world.readout import EXACT, Quantity
@@ -8,7 +8,7 @@ _QUANTITIES: tuple[Quantity, ...] = ("position", "velocity", "angle", "spin")
 
 
 def readout_of(public: PublicPack) -> Readout:
-    """The instruments of a scene. Their noise is the same for all seeds, so it reveals nothing."""
+    """Return the instruments of a scene. Their noise is the same at all seeds, so it reveals nothing."""
     said = public.instruments
     if said is None:
         return EXACT

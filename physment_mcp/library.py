@@ -1,8 +1,8 @@
 """An episode in this process: open it, read its prompt, call its tools. No MCP and no event loop.
 
-For code that you trust. Nothing public here gives access to the model, the hidden values or the world. They are in the
-same process all the same, and Python hides nothing from code that searches for it: give code that you do not trust a
-server in another process.
+For trusted code only. No public name here gives access to the model, the hidden values or the world, but they are in
+the same process, and Python hides nothing from code that searches for it. Give code that you do not trust a server in
+another process.
 """
 
 import functools
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ToolDescription:
-    """What an agent reads of a tool."""
+    """The name, description and schemas of a tool, as an agent reads them."""
 
     name: str
     description: str
@@ -34,9 +34,9 @@ class ToolDescription:
 
 
 class OpenEpisode:
-    """An episode of one scene; `open_episode` makes it. Use it from one thread at a time.
+    """An open episode of one scene, created by `open_episode`. Use it from one thread at a time.
 
-    An episode holds its own copy of the scene, so any number of them can be open. Nothing has to be closed.
+    Each episode has its own copy of the scene, so any number can be open. Nothing has to be closed.
     """
 
     __slots__ = ("_session",)
@@ -46,7 +46,7 @@ class OpenEpisode:
 
     @property
     def scene_id(self) -> int:
-        """Which scene it is."""
+        """Id of the scene."""
         return self._session.scene.public.scene_id
 
     @property
@@ -56,22 +56,22 @@ class OpenEpisode:
 
     @property
     def tools(self) -> tuple[ToolDescription, ...]:
-        """The 26 tools in their published order; those that the prompt calls not available are refused."""
+        """The 26 tools in their published order. Those that the prompt calls unavailable are refused."""
         return deepcopy(_descriptions())
 
     @property
     def calls(self) -> int:
-        """Tool calls so far, refused ones included."""
+        """Number of tool calls so far, refused ones included."""
         return self._session.calls
 
     @property
     def ended(self) -> bool:
-        """True after the answer, and when the calls are used up."""
+        """Whether the episode has ended, by the answer or because the calls are used up."""
         return self._session.ended
 
     @property
     def answer(self) -> object:
-        """What was given to the tool `answer`; None before."""
+        """The argument of the tool `answer`; None before it was called."""
         return self._session.state.answer
 
     def call(self, tool: str, /, **arguments: Any) -> dict[str, Any]:
@@ -91,7 +91,7 @@ class OpenEpisode:
         return call(self._session, tool, arguments).model_dump(mode="json")
 
     def server(self) -> "Server[Any]":
-        """An MCP server for this episode, to connect a client in this process or a transport of your own.
+        """Return an MCP server for this episode, to which you can connect a client or your own transport.
 
         Do not use `call` while a client's call is running.
         """
@@ -110,7 +110,7 @@ def open_episode(
     Args:
         scene_id: Id of the scene, such as 7.
         seed: 0 for the scene as written; any other whole number for a variant with other hidden values.
-        max_calls: Calls the episode may use, refused ones included; None for no limit.
+        max_calls: Limit on calls, refused ones included; None for no limit.
         scenes_dir: Folder of scene packs; the suite by default.
 
     Raises:

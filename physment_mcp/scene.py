@@ -1,4 +1,4 @@
-"""A scene as the laboratory sees it: the public half of its pack, and the model with the drawn values.
+"""A scene as the laboratory uses it: the public half of its pack, and the model with the drawn values.
 
 `scenes.public` copies the public fields one by one, so a private field that is added to packs later stays private.
 """
@@ -132,10 +132,10 @@ def _digest(path: Path) -> bytes:
 
 
 def load_variants(scene_id: int, folder: Path | None = None) -> list[str]:
-    """The models of a scene at seeds 0 to 19, as MuJoCo XML.
+    """Return the models of a scene at seeds 0 to 19, as MuJoCo XML.
 
-    They show which parts of the model depend on the seed. The probability that a choice between two values is equal at
-    all twenty seeds is 1 in 500 000.
+    Comparing them shows which parts of the model depend on the seed. The probability that a random choice between two
+    values is equal at all twenty seeds is 1 in 500 000.
 
     Raises:
         SceneError: One of them cannot be read, for example because it was not exported.
@@ -160,7 +160,7 @@ def scene_ids(folder: Path | None = None) -> list[int]:
 
 
 def list_scenes(folder: Path | None = None) -> list[PublicPack]:
-    """The public halves of the packs in a folder, by ascending id; a pack that cannot be read is logged and left out.
+    """Return the public halves of the packs in a folder, by ascending id. Unreadable packs are logged and omitted.
 
     Raises:
         SceneError: There is no such folder, or it holds no pack.

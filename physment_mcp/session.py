@@ -1,6 +1,6 @@
-"""One episode in the laboratory: which objects the agent knows, what it may read and do, and how it ended.
+"""One episode in the laboratory: the objects that the agent knows, what it may read and do, and its answer.
 
-Every tool reaches the world through the gates here. Knows no MCP, no JSON, no paths and no answers.
+Every tool accesses the world through the permission checks in this module. Contains no MCP, JSON, paths or answer keys.
 """
 
 import logging
@@ -26,9 +26,9 @@ logger = logging.getLogger(__name__)
 Attribute = Literal["type", "density", "mass", "size", "radius", "position", "orientation", "angle", "velocity", "spin"]
 
 MAX_SIMULATED_S = 3600.0
-"""Simulated time an episode may use [s], unless its scene says less."""
+"""Limit on the simulated time of an episode [s], unless its scene sets a lower one."""
 MAX_CREATED = 64
-"""Objects an episode may create."""
+"""Limit on the number of objects that an episode may create."""
 
 _PUBLIC = Permissions(
     geom_type=True, geom_density=True, body_mass=True, geom_size=True, geom_radius=True, body_pos=True, body_quat=True
@@ -42,36 +42,36 @@ _PERMISSION: dict[Attribute, str] = {
     "velocity": "velocity",
     "spin": "spin",
 }
-"""Attribute → the field of `Permissions` that alone decides whether it is read."""
+"""Attribute → the field of `Permissions` that alone decides whether it may be read."""
 _UNLIMITED = LabLimits()
 
 
 class _InitialState(NamedTuple):
-    """The initial state that all episodes of a scene share; nothing in it is changed."""
+    """The initial state, which all episodes of a scene share. It is never modified."""
 
     state: SessionState
     opening: tuple[tuple[LabObject, dict[str, object]], ...]
 
 
 _INITIAL_STATES: WeakKeyDictionary[Scene, _InitialState] = WeakKeyDictionary()
-"""Cache of initial states, with the lifetime of their scenes."""
+"""Cache of initial states, with weak references to their scenes."""
 
 
 @dataclass(slots=True)
 class Session:
-    """An episode: a scene, its world, and the gates between the agent and both."""
+    """An episode: a scene, its world, and the permission checks between the agent and both."""
 
     scene: Scene
     world: World = field(init=False)
     state: SessionState = field(init=False)
     opening: tuple[tuple[LabObject, dict[str, object]], ...] = field(init=False)
-    """The objects known at the start, each with its description then: the table of the opening prompt."""
+    """The objects known at the start, with their descriptions at that time: the table of the opening prompt."""
     calls: int = 0
-    """Tool calls so far, refused ones included; a roll-back does not lower it."""
+    """Number of tool calls so far, refused ones included; a roll-back does not reduce it."""
     counted_calls: int = 0
-    """The same without calls of `answer`, for the limit of the scene."""
+    """Number of tool calls without those of `answer`, for the limit of the scene."""
     max_calls: int | None = None
-    """Calls the episode may use, refused ones included; None for no limit."""
+    """Limit on calls, refused ones included; None for no limit."""
 
     def __post_init__(self) -> None:
         self.world = World(self.scene.mjcf, self.scene.timestep, readout=readout_of(self.scene.public))
@@ -108,11 +108,11 @@ class Session:
 
     @property
     def ended(self) -> bool:
-        """True after the answer, and when the calls are used up."""
+        """Whether the episode has ended, by the answer or because the calls are used up."""
         return self.state.answered or (self.max_calls is not None and self.calls >= self.max_calls)
 
     def check_open(self) -> None:
-        """Refuse everything after the end.
+        """Raise if the episode has ended.
 
         Raises:
             EpisodeOver: The answer has been given, or the calls are used up.
@@ -126,10 +126,10 @@ class Session:
         """Count a call before it runs.
 
         Args:
-            answers: Whether it gives the answer, which no scene limits.
+            answers: Whether the call gives the answer, which does not count towards the limit of the scene.
 
         Raises:
-            BeyondLimit: The scene allows no further call but the answer.
+            BeyondLimit: The scene allows no further call except the answer.
         """
         self.calls += 1
         if answers:
@@ -147,7 +147,7 @@ class Session:
 
     @property
     def calls_left(self) -> int | None:
-        """Calls that the scene still allows, besides the answer; None for no limit."""
+        """Number of calls that the scene still allows besides the answer; None for no limit."""
         return None if self.limits.calls is None else max(0, self.limits.calls - self.counted_calls)
 
     @property
@@ -157,7 +157,7 @@ class Session:
         return round(max(0.0, allowed - self.state.simulated_s), 9)
 
     def find(self, object_id: str) -> LabObject:
-        """The object with this id; `1` means `object_1`.
+        """Return the object with this id; `1` means `object_1`.
 
         Raises:
             UnknownObject: The agent knows of no such object.
@@ -169,11 +169,11 @@ class Session:
         return found
 
     def known(self) -> list[LabObject]:
-        """Objects the agent knows of, in the order in which it met them."""
+        """Objects that the agent knows of, in the order in which it learned of them."""
         return [item for item in self.state.objects.values() if item.known]
 
     def readable(self, object_id: str, attribute: Attribute) -> LabObject:
-        """The object, if the agent may read this attribute of it.
+        """Return the object with this id if the agent may read this attribute of it.
 
         Raises:
             UnknownObject: The agent knows of no such object.
@@ -185,7 +185,7 @@ class Session:
         return found
 
     def may_read(self, item: LabObject, attribute: Attribute) -> bool:
-        """Whether the scene lets the agent read an attribute of an object."""
+        """Return whether the scene lets the agent read an attribute of an object."""
         may = item.permissions
         match attribute:
             case "size":
@@ -198,16 +198,16 @@ class Session:
                 return getattr(may, _PERMISSION[attribute]) is True
 
     def _is_ball(self, item: LabObject) -> bool:
-        """Whether its size follows from its radius and the other way round."""
+        """Return whether an object is a ball, whose size and radius determine each other."""
         return self.world.shape(item.body).type == "sphere"
 
     def movable(self, object_id: str) -> LabObject:
-        """The object, if the agent may act on it and a joint lets it move.
+        """Return the object with this id if the agent may act on it and a joint lets it move.
 
         Raises:
             UnknownObject: The agent knows of no such object.
-            NotPermitted: It is sealed.
-            NotPossible: It is fixed to the laboratory.
+            NotPermitted: The object is read-only.
+            NotPossible: The object is fixed to the laboratory.
         """
         found = self.unsealed(object_id)
         if not self.world.is_movable(found.body):
@@ -215,11 +215,11 @@ class Session:
         return found
 
     def unsealed(self, object_id: str) -> LabObject:
-        """The object, if the agent may act on it.
+        """Return the object with this id if the agent may act on it.
 
         Raises:
             UnknownObject: The agent knows of no such object.
-            NotPermitted: It is sealed.
+            NotPermitted: The object is read-only.
         """
         found = self.find(object_id)
         if not found.permissions.actuate:
@@ -227,9 +227,10 @@ class Session:
         return found
 
     def obstacles(self) -> dict[str, str]:
-        """Bodies that nothing may be placed into, each with the name a refusal gives it.
+        """Bodies that nothing may be placed into → the name that a refusal uses.
 
-        Soft objects are left out: others may sink into them. Hidden objects are left out: a refusal would reveal them.
+        Soft objects are omitted, because others may sink into them. Hidden objects are omitted, because a refusal would
+        reveal them.
         """
         soft = self.scene.public.soft_objects
         hidden = {item.body for item in self.state.objects.values() if not item.known}
@@ -240,15 +241,15 @@ class Session:
     # Changes of state
 
     def pass_time(self, duration: float) -> None:
-        """Count simulated time [s] that has passed."""
+        """Add elapsed simulated time [s]."""
         self.state = replace(self.state, simulated_s=self.state.simulated_s + duration)
 
     def answer(self, answer: object, steps: Mapping[str, object] | None = None) -> None:
-        """Record the answer, and what is stated beside it; this ends the episode."""
+        """Record the answer and the quantities stated with it; this ends the episode."""
         self.state = replace(self.state, answer=answer, steps=steps, answered=True)
 
     def add(self, object_id: str, body: str) -> None:
-        """Add a created ball; the agent knows it at once."""
+        """Add a created ball, which the agent knows at once."""
         position = self.world.pose(body).position
         made = LabObject(object_id, object_id, body, _PUBLIC, position, known=True, created=True)
         self.state = replace(
@@ -259,13 +260,13 @@ class Session:
         )
 
     def drop(self, object_ids: set[str]) -> None:
-        """Forget removed objects and the joints they were part of."""
+        """Remove deleted objects, and the joints that they were part of."""
         objects = {key: item for key, item in self.state.objects.items() if key not in object_ids}
         joined = frozenset(pair for pair in self.state.joined if not pair & object_ids)
         self._rejoin(objects, joined)
 
     def join(self, first: LabObject, second: LabObject) -> None:
-        """Note that two objects are attached to each other."""
+        """Record that two objects are attached to each other."""
         self._rejoin(self.state.objects, self.state.joined | {frozenset({first.object_id, second.object_id})})
 
     def reveal(self) -> list[LabObject]:
@@ -286,7 +287,7 @@ class Session:
 
     @contextmanager
     def all_or_nothing(self) -> Generator[None]:
-        """Restore everything as it was if the block fails or is cancelled."""
+        """Restore the session and the world if the block fails or is cancelled."""
         world, state = self.world.save(), self.state
         try:
             yield
@@ -298,7 +299,7 @@ class Session:
     # What an object looks like
 
     def describe(self, item: LabObject) -> dict[str, object]:
-        """The permitted static attributes of an object, by name; a withheld one is None.
+        """Return the static attributes of an object that the agent may read, by name; a withheld one is None.
 
         Keys: type, density [kg/m³], mass [kg], size (full edge lengths) [m], radius [m], position [m], orientation.
         """

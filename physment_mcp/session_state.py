@@ -1,4 +1,4 @@
-"""What a session knows at one moment, as frozen records: its objects, and what calls have changed. Knows no world."""
+"""The state of a session as frozen records: its objects, and what calls have changed. Contains no world."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,30 +16,30 @@ class LabObject:
     body: str
     permissions: Permissions
     start: Array
-    """Position of its origin at the start of the episode, or where it was created (3,) [m]."""
+    """Position of the object's origin at the start of the episode, or where it was created (3,) [m]."""
     known: bool
-    """False while hidden."""
+    """Whether the agent knows of the object; False while it is hidden."""
     created: bool = False
     attached: bool = False
-    """Part of a pair joined by `attach_objects`."""
+    """Whether the object is part of a pair joined by `attach_objects`."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionState:
-    """All of a session that calls change and a roll-back restores, besides the world.
+    """The part of a session that calls change and a roll-back restores, except the world.
 
-    A change replaces the whole record, so keeping a reference to it is enough to restore it.
+    A change replaces the whole record, so a reference to the old one is enough to restore it.
     """
 
     objects: Mapping[str, LabObject]
-    """Every object by id, hidden ones too, in the order in which the agent met them."""
+    """Every object by id, hidden ones included, in the order in which the agent learned of them."""
     joined: frozenset[frozenset[str]] = frozenset()
     """Pairs of ids joined by `attach_objects`."""
     simulated_s: float = 0.0
     created_count: int = 0
     created_mass: float = 0.0
-    """Total mass of the objects created so far, deleted ones too [kg]."""
+    """Total mass of all objects created so far, deleted ones included [kg]."""
     answer: object = None
     steps: Mapping[str, object] | None = None
-    """Quantities stated beside the answer."""
+    """Intermediate quantities that were stated with the answer."""
     answered: bool = False

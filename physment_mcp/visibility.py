@@ -40,7 +40,7 @@ class Visible(NamedTuple):
     parts: frozenset[Part]
     """Geoms that may be drawn, of fixtures and of objects."""
     turns: Mapping[str, Array]
-    """Body → the orientation (4,) in which its geom is drawn instead of its own."""
+    """Body → the orientation (4,) in which its geom is drawn, in place of its own."""
 
     @property
     def bodies(self) -> frozenset[str]:
@@ -57,7 +57,7 @@ class Visibility:
     turns: Mapping[str, Array]
 
     def now(self, session: Session) -> Visible:
-        """The bodies and geoms that may be seen now in an episode of the scene.
+        """Return the bodies and geoms that may be seen at this moment of an episode.
 
         Args:
             session: The session of the episode.
@@ -89,7 +89,7 @@ def visibility_of(scene: Scene, variants: Sequence[str]) -> Visibility:
 
 
 def _start_turns(scene: Scene, start: World) -> dict[str, Array]:
-    """Start orientation of each body that is drawn with it because its present orientation is withheld."""
+    """Return the start orientation of each body that is drawn in it because its present one is withheld."""
     withheld = (item.object_id for item in scene.public.objects if not item.permissions.body_quat)
     turns = {body: start.turn_at_centre(body) for body in withheld if start.is_movable(body)}
     return {body: turn for body, turn in turns.items() if turn is not None}

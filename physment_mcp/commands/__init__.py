@@ -1,1 +1,1 @@
-"""The commands of `physment-mcp` besides serving one episode on stdio, a module each."""
+"""The commands of `physment-mcp`, one module each. Without a command, the program serves one episode on stdio."""

@@ -1,4 +1,4 @@
-"""Shared by the commands: the interface for declaring them, common options, argument types, errors of writing."""
+"""Shared code of the commands: how they are declared, common options, argument types, errors of writing."""
 
 import argparse
 import math
@@ -14,7 +14,7 @@ from scenes.errors import WorldError
 from scenes.world_names import one_world
 
 _MOST = 10_000
-"""Longest accepted range of numbers; a longer one is taken for a mistake."""
+"""Longest accepted range of numbers; a longer one is assumed to be a mistake."""
 
 
 class Commands(Protocol):
@@ -26,10 +26,10 @@ class Commands(Protocol):
 
 
 def common_options(*, again: bool = False) -> argparse.ArgumentParser:
-    """Options that may be given before or after the name of a command.
+    """Return the options that may be given before or after the name of a command.
 
     Args:
-        again: True after the name: an option that is not given there keeps its value from before the name.
+        again: True for the options after the name. An option that is not given there keeps its value from before.
     """
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS if again else None)
     common.add_argument(
@@ -70,7 +70,7 @@ def timestep(command: argparse.ArgumentParser, *, again: bool = False) -> None:
 
 @contextmanager
 def writing(target: Path) -> Generator[None]:
-    """Report in one sentence why something could not be written.
+    """Convert errors of writing inside the block to an error message of one sentence.
 
     Raises:
         SceneError: A pack is missing or malformed, or its export cannot go there.
@@ -85,7 +85,7 @@ def writing(target: Path) -> Generator[None]:
 
 
 def numbers(text: str) -> list[int]:
-    """The whole numbers of a list such as `7,21-30`."""
+    """Argument type: a list of whole numbers and ranges, such as `7,21-30`."""
     found: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
@@ -97,14 +97,14 @@ def numbers(text: str) -> list[int]:
 
 
 def port(text: str) -> int:
-    """A TCP port; 0 lets the system choose."""
+    """Argument type: a TCP port; 0 lets the system choose."""
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text} is not a port; ports are 0 to 65535")
     return int(text)
 
 
 def scene_id(text: str) -> int:
-    """The number of a scene, or a reference to a world."""
+    """Argument type: the number of a scene, or a reference to a world."""
     if not text.startswith("world:"):
         return whole_number(text)
     try:
@@ -114,14 +114,14 @@ def scene_id(text: str) -> int:
 
 
 def whole_number(text: str) -> int:
-    """A whole number, which may be negative."""
+    """Argument type: a whole number, which may be negative."""
     if not text.removeprefix("-").isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not a whole number")
     return int(text)
 
 
 def positive(kind: type[int] | type[float]) -> "partial[int | float]":
-    """An argument type: a finite number above 0."""
+    """Argument type: a finite number above 0."""
 
     def parse(kind: type[int] | type[float], text: str) -> int | float:
         try:

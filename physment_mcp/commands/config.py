@@ -1,4 +1,4 @@
-"""`physment-mcp config`: prints what to paste into the configuration of an MCP client, to start the laboratory."""
+"""`physment-mcp config`: prints the entry that starts the laboratory, for the configuration of an MCP client."""
 
 import argparse
 import json
@@ -15,14 +15,14 @@ from scenes import PackError, find_pack
 
 @dataclass(frozen=True, slots=True)
 class _Client:
-    """How the configuration of a client names a server."""
+    """How the configuration file of a client declares a server."""
 
     key: str
     """Key under which servers are listed."""
     typed: bool
     """Whether an entry names the transport."""
     where: str
-    """Which file it is, and what to do next; shown to the person."""
+    """Location of the file and the next step, shown to the person."""
 
 
 _CLIENTS = {
@@ -71,7 +71,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the configuration on stdout, and where it belongs on stderr.
+    """Print the configuration entry on stdout, and the file that it belongs to on stderr.
 
     Raises:
         SceneError: There is no such scene.

@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
 
 
 def _scenes(text: str) -> list[list[int] | str]:
-    """Numbers, and references to worlds as they are written."""
+    """Parse scene numbers, and keep references to worlds as they are written."""
     return [part.strip() if part.strip().startswith("world:") else numbers(part) for part in text.split(",")]
 
 

@@ -33,11 +33,11 @@ Program = Callable[[Sequence[str]], int]
 
 
 def add(commands: Commands, program: Program) -> None:
-    """Declare `fork-server`. It has no `help`, so argparse leaves it out of the list: programs start it, not people.
+    """Declare `fork-server`. It has no `help`, so `--help` omits it: programs start it, not people.
 
     Args:
-        commands: Where.
-        program: What a child runs, with its command line.
+        commands: The object on which commands are declared.
+        program: The function that a child runs with its command line.
     """
     command = commands.add_parser(
         "fork-server",
@@ -87,7 +87,7 @@ def _run(program: Program, args: argparse.Namespace) -> int:
 
 
 def _ended() -> int:
-    """Wait for the children, which exit at the end of their stdin, and kill the others; returns the exit code."""
+    """Wait for the children, which exit at the end of their stdin, and kill the rest; returns the exit code."""
     signal.signal(signal.SIGALRM, _kill_group)
     if os.getpid() == os.getpgrp():  # otherwise the group has other members than our children
         signal.alarm(_PATIENCE_S)
@@ -119,7 +119,7 @@ def _episode(brought: Sequence[int], program: Program) -> int:
 
 
 def _words() -> list[str]:
-    """The words in the first line of stdin, read byte by byte: what follows belongs to MCP."""
+    """Parse the first line of stdin, read byte by byte because the bytes after it belong to MCP."""
     line = bytearray()
     while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_LINE:
         line += byte

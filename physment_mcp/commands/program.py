@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line: what stdio takes, and the commands."""
+    """Build the parser: the options for one episode on stdio, and the commands."""
     words = _Parser(
         "physment-mcp",
         description=_DESCRIPTION,
@@ -123,7 +123,7 @@ def _stdio(args: argparse.Namespace) -> int:
 
 
 def _waiting(scene: int | None) -> str:
-    """The notice for a person who starts the server in a terminal."""
+    """Return the notice for a person who starts the server in a terminal."""
     tried = 7 if scene is None else scene
     return (
         "physment-mcp: waits for messages of an MCP client on stdin; Ctrl-C ends it. To connect a client, see"

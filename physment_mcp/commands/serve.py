@@ -17,11 +17,11 @@ from physment_mcp.contract.command_line import restore_sigint
 from physment_mcp.errors import UsageError
 
 _OPEN_FILES = 65_536
-"""Limit of open files that is asked of the system."""
+"""Limit of open files to request from the system."""
 _LONGEST_TOKEN = 4096
-"""[bytes]."""
+"""Longest accepted token [bytes]."""
 _NAME = re.compile(r"[A-Za-z0-9]{1,32}")
-"""What `--id-prefix` accepts."""
+"""Pattern of the values that `--id-prefix` accepts."""
 
 
 def add(commands: Commands) -> None:
@@ -82,7 +82,7 @@ def add(commands: Commands) -> None:
 
 
 def _processes(serve: argparse.ArgumentParser) -> None:
-    """Declare the options about other processes."""
+    """Declare the options that connect this process to others."""
     serve.add_argument(
         "--id-prefix",
         type=_id_prefix,
@@ -171,7 +171,7 @@ def _check_opened(args: argparse.Namespace) -> None:
 
 
 def _id_prefix(text: str) -> str:
-    """The prefix for ids of episodes, with its dot.
+    """Return the prefix for ids of episodes, with its dot.
 
     Raises:
         ArgumentTypeError: The name cannot stand in a path, or could be part of an id without a prefix.
@@ -182,10 +182,10 @@ def _id_prefix(text: str) -> str:
 
 
 def _token(args: argparse.Namespace) -> str | None:
-    """The token of the host; None if it needs none.
+    """Return the token of the host; None if it needs none.
 
     Raises:
-        UsageError: There is no token where it should be, or two places are named.
+        UsageError: The named place contains no token, or two places are named.
     """
     if args.token_stdin and args.token_env is not None:
         raise UsageError("--token-env and --token-stdin: give the token in one place")
@@ -222,7 +222,7 @@ def _control(args: argparse.Namespace) -> socket.socket | None:
 
 
 def _first_line() -> str:
-    """The first line of stdin, read byte by byte: `--end-with-stdin` reads what follows."""
+    """Read the first line of stdin byte by byte, because `--end-with-stdin` reads the bytes after it."""
     line = b""
     while (byte := os.read(0, 1)) not in {b"", b"\n"} and len(line) < _LONGEST_TOKEN:
         line += byte

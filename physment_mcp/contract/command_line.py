@@ -1,4 +1,4 @@
-"""Shared by the command lines of both programs: a parser with one-sentence errors, and reliable Ctrl-C."""
+"""Shared by the command lines of both programs: a parser whose errors are one sentence, and reliable Ctrl-C."""
 
 import argparse
 import difflib

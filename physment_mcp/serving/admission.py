@@ -19,7 +19,7 @@ from physment_mcp.session import Session
 logger = logging.getLogger(__name__)
 
 _LARGEST = 2**64 - 1
-"""Largest magnitude of an integer in a request: no scene or seed is larger, and errors and logs would repeat it."""
+"""Largest magnitude of an integer in a request. No scene id or seed is larger, and errors and logs quote it."""
 EPISODE_BYTES = 1_000_000
 """Largest memory of an open episode: its state, a model of its own, its MCP server and its log.
 `tests/harness/bench/opening.py` measures 0.6 MB where four episodes share a seed."""
@@ -39,9 +39,9 @@ class EpisodeRequest(BaseModel):
     scene: int = Field(ge=-_LARGEST, le=_LARGEST)
     seed: int = Field(default=0, ge=-_LARGEST, le=_LARGEST)
     max_calls: int | None = Field(default=None, ge=1, le=10_000)
-    """Tool calls that the episode may use, whose log its owner can read; None for no limit."""
+    """Limit on tool calls; the owner can then read the call log. None for no limit."""
     guarded: bool = False
-    """Whether the episode is played only with a token of its own, which its URL does not contain."""
+    """Whether playing the episode requires a token of its own, which its URL does not contain."""
 
 
 @dataclass(slots=True)
@@ -65,15 +65,15 @@ class EpisodeQuota:
 
 @dataclass(slots=True)
 class Admission:
-    """Opens sessions up to a quota."""
+    """Opens sessions, up to a quota of open episodes."""
 
     scenes_dir: Path | None
     quota: EpisodeQuota
-    """Of the episodes that may be open."""
+    """Quota of open episodes."""
     timestep: float | None
     """Time step that replaces those of the models [s]."""
     for_operator: bool
-    """Whether refusals may tell details of packs: true if only the operator can ask."""
+    """Whether error messages may contain details of packs: true if only the operator can send requests."""
     _loading: anyio.Semaphore = field(default_factory=lambda: anyio.Semaphore(1))
     """Held while a scene is loaded in a thread, which takes up to 50 ms."""
 

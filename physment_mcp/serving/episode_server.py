@@ -5,10 +5,10 @@ The command line, the replies and the documentation call it a host.
 `POST /episodes {"scene": 7, "seed": 0}` opens an episode and returns its URL. The URL identifies the episode, whether
 the client keeps a session, is stateless, or reconnects for each call. Seeds appear in no URL and in no reply.
 
-With a token, it opens episodes only for requests that carry the token. If other machines can reach it, every request
-needs the token, except for episodes that were opened with `"max_calls": N`: another program plays these and knows only
-the URL. The reply then contains an `owner_token`. Reading the log of calls (`GET /episodes/ID/calls`) and closing the
-episode require this token or that of the server.
+If the server has a token, only requests that carry it open episodes. If other machines can reach the server, every
+request needs the token, with one exception: episodes that were opened with `"max_calls": N`, because the program that
+plays them knows only the URL. The reply to such a request contains an `owner_token`. Reading the log of calls
+(`GET /episodes/ID/calls`) and closing the episode require this token or that of the server.
 """
 
 import contextlib
@@ -47,9 +47,10 @@ from physment_mcp.visibility import Visibility, cached_visibility
 logger = logging.getLogger(__name__)
 
 _SESSIONS = 200
-"""Most open MCP sessions of an episode; some clients open one for each call and end none.
+"""Largest number of open MCP sessions of an episode. Some clients open one for each call and close none.
 
-A session takes about 40 kB and 120 objects of the garbage collector."""
+A session takes about 40 kB and 120 objects of the garbage collector.
+"""
 _SWEEP_S = 5.0
 """Longest time between two removals of expired episodes [s]."""
 _GONE = (
@@ -69,9 +70,9 @@ class _HostedEpisode:
     last_used: float
     in_flight: int = 0
     owner_token: str | None = None
-    """Token that closes the episode and reads its log, if it was opened for another program to play."""
+    """Token that closes the episode and reads its log, if another program plays it."""
     player_token: str | None = None
-    """Token that every request of its player needs; None if the URL is enough."""
+    """Token that every request of the playing program needs; None if the URL suffices."""
 
 
 @dataclass(slots=True)
@@ -88,7 +89,7 @@ class EpisodeServer:
     names: tuple[str, ...] = ()
     """Accepted names in Host headers, besides its addresses and those of loopback."""
     watch: Callable[[Session], Frames] | None = None
-    """Makes the frames for results; None for results without frames."""
+    """Creates the frames of an episode; None for results without frames."""
     timestep: float | None = None
     """Time step that replaces those of the models [s]."""
     id_prefix: str = ""
@@ -106,7 +107,7 @@ class EpisodeServer:
     _gone_slot: EpisodeSlot = field(default_factory=lambda: EpisodeSlot(gone=_GONE))
     _scheduler: Scheduler = field(default_factory=Scheduler)
     _find_visibility: Callable[[Scene], Visibility] = field(init=False)
-    """Finds what may be seen in a scene."""
+    """Returns the visibility of a scene."""
 
     def __post_init__(self) -> None:
         assert self.token or not self.exposed, "a host that other machines can reach needs a token"
@@ -168,7 +169,7 @@ class EpisodeServer:
             episode_id: Its id; None for one that cannot be guessed.
 
         Raises:
-            NotOpened: It is not opened.
+            NotOpened: The request is refused.
         """
         wanted, session = await self._admission.open(body)
         try:
@@ -196,7 +197,7 @@ class EpisodeServer:
         return episode_id
 
     async def serve(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request to the MCP server of its episode, or to the one for episodes that are gone."""
+        """Pass a request to the MCP server of its episode, or to the one for episodes that no longer exist."""
         request = Request(scope, receive)
         episode = self._episodes.get(scope["path_params"]["episode_id"])
         if not self._may_play(request, episode):
@@ -225,7 +226,7 @@ class EpisodeServer:
                 episode.last_used = time.monotonic()
 
     def _may_play(self, request: Request, episode: _HostedEpisode | None) -> bool:
-        """Whether a request may reach an episode whose URL it has. A wrong token is always refused."""
+        """Return whether a request may reach the episode of its URL. A wrong token is always refused."""
         owner_token = None if episode is None else episode.owner_token
         if episode is not None and episode.player_token is not None:
             return has_token(request, self.token, owner_token, episode.player_token)
@@ -234,13 +235,13 @@ class EpisodeServer:
         return "authorization" not in request.headers and (not self.exposed or owner_token is not None)
 
     def _owns(self, request: Request, episode: _HostedEpisode) -> bool:
-        """Whether a request comes from the program that opened the episode."""
+        """Return whether a request comes from the program that opened the episode."""
         if episode.owner_token is None and not self.exposed:
             return self._may_play(request, episode)  # only the program that opened it knows its URL
         return has_token(request, self.token, episode.owner_token)
 
     async def _admit(self, path: str) -> None:
-        """Admit a request; one for an open episode is admitted at once."""
+        """Wait until the scheduler admits a request; requests for open episodes are admitted at once."""
         _, _, rest = path.partition("/episodes/")
         if rest.partition("/")[0] not in self._episodes:
             await self._scheduler.enter()

@@ -1,6 +1,6 @@
 """Worked examples for the opening prompt: short episodes in other scenes.
 
-A test plays them in the engine: every return is what the tool returns, to the digits shown.
+A test plays them in the engine and compares every result with the example, to the digits shown.
 """
 
 import json
@@ -15,7 +15,7 @@ class ExampleCall:
     tool: str
     arguments: dict[str, Any]
     returned: str
-    """The result as JSON, some digits left out; empty for the answer."""
+    """The result as JSON with rounded numbers; empty for the answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class ExampleTurn:
 
 @dataclass(frozen=True, slots=True)
 class PromptExample:
-    """An episode from task to answer."""
+    """A worked episode, from the task to the answer."""
 
     title: str
     task: str
@@ -135,7 +135,7 @@ EXAMPLES = (
 
 
 def shown(example: PromptExample, *, as_json: bool) -> str:
-    """An example as the prompt shows it.
+    """Format an example for the prompt.
 
     Args:
         example: The example.

@@ -1,4 +1,4 @@
-"""Frames for results: pictures of what may be seen in an episode, drawn by a separate process.
+"""Frames: images of the visible bodies, which a separate process renders and results carry.
 
 The process receives only what `visibility` permits. If it fails, results have no frame.
 """
@@ -31,19 +31,19 @@ _PATIENCE_S = 60.0
 
 
 class Painter:
-    """The drawing process, which draws one picture at a time. It ends with this process or with `close`."""
+    """The rendering process, which renders one image at a time. It ends with this process or with `close`."""
 
     def __init__(self) -> None:
         """Start the process.
 
         Raises:
-            UsageError: Nothing can be drawn off-screen on this machine.
+            UsageError: This machine cannot render off-screen.
         """
         self._lock = Lock()
         self._process = _started()
 
     def draw(self, mjcf: str, view: View) -> bytes | None:
-        """A picture of a model as PNG; None if it could not be drawn. Blocks."""
+        """Render a model as PNG; None if that fails. Blocks."""
         request = {
             "mjcf": mjcf,
             "centre": view.centre.tolist(),
@@ -77,12 +77,12 @@ class Frames:
     """The frames of one episode."""
 
     def __init__(self, session: Session, variants: Sequence[str], painter: Painter) -> None:
-        """Find out what may be drawn.
+        """Determine the visible bodies of the scene.
 
         Args:
             session: The episode.
             variants: MJCF of the scene at enough other seeds to show everything that depends on the seed.
-            painter: The process that draws.
+            painter: The rendering process.
         """
         self._session, self._painter = session, painter
         self._visibility = visibility_of(session.scene, variants)
@@ -90,9 +90,9 @@ class Frames:
         self._view: View | None = None
 
     def draw(self) -> bytes | None:
-        """What may be seen now, as PNG; None if there is nothing to see or it could not be drawn. Blocks.
+        """Render the currently visible bodies as PNG; None if there are none or rendering fails. Blocks.
 
-        The camera stays where it is as long as the same things are seen.
+        The camera stays fixed while the set of visible bodies stays the same.
         """
         bodies = bodies_of(self._session, self._visibility.now(self._session))
         mjcf, seen = picture_model(bodies), frozenset(body.name for body in bodies)
@@ -104,10 +104,10 @@ class Frames:
 
 
 def watching(observations: str, scenes_dir: Path | None) -> Callable[[Session], Frames] | None:
-    """The factory of frames for a value of `--observations`; None for text alone.
+    """Return the factory of frames for a value of `--observations`; None for text only.
 
     Raises:
-        UsageError: Nothing can be drawn off-screen on this machine.
+        UsageError: This machine cannot render off-screen.
     """
     if observations == "text":
         return None
@@ -137,7 +137,7 @@ def _started() -> "subprocess.Popen[str]":
 
 
 def _asked(process: "subprocess.Popen[str]", request: str | None) -> str:
-    """The next line of a process, after a request if there is one; empty if it ended or took too long."""
+    """Send a request, if there is one, and return the next line of the process; empty if it ended or timed out."""
     assert process.stdin is not None
     assert process.stdout is not None
     watch = Timer(_PATIENCE_S, process.kill)

@@ -1,9 +1,9 @@
-"""The laboratory in the chat: an app that draws what may be seen, for clients that show apps (MCP Apps, 2026-01-26).
+"""An app that draws the visible bodies in chat clients that show apps (MCP Apps, 2026-01-26).
 
-A client declares the extension `io.modelcontextprotocol/ui` for HTML. It then finds the address of the app at the tools
-that change what may be seen, reads it as a resource, and passes it the results of these tools. What the app draws is in
-their `_meta`, which no model reads. Other clients see nothing of this. Neither does a program that plays an episode for
-a score: it would measure without calls.
+A client declares the extension `io.modelcontextprotocol/ui` for HTML. It then finds the address of the app in the tools
+that change what may be seen, reads it as a resource, and passes it the results of these tools. The app draws the data
+in their `_meta`, which no model reads. Other clients get none of this. Neither do programs that play an episode for a
+score, because they could measure without calls.
 """
 
 import functools
@@ -34,24 +34,24 @@ _APP_META = {
         "prefersBorder": True,
     }
 }
-"""The app needs no other page, file or permission."""
+"""Declares that the app needs no other page, file or permission."""
 
 
 def shows_apps(capabilities: types.ClientCapabilities | None) -> bool:
-    """Whether a client declares that it shows apps in HTML."""
+    """Return whether a client declares that it shows apps in HTML."""
     declared = None if capabilities is None else capabilities.extensions
     kinds = (declared or {}).get(APPS, {}).get("mimeTypes")
     return isinstance(kinds, list) and APP_TYPE in kinds
 
 
 def with_app(tools: tuple[types.Tool, ...]) -> list[types.Tool]:
-    """The tools for a client that shows apps: some carry the address of the app, also under the older, flat key."""
+    """Return the tools for a client that shows apps: some carry the app's address, also under the older, flat key."""
     meta = {"ui": {"resourceUri": APP_URI}, "ui/resourceUri": APP_URI}
     return [tool.model_copy(update={"meta": meta}) if tool.name in SHOWING else tool for tool in tools]
 
 
 def app_resources() -> list[types.Resource]:
-    """The resources that only these clients are told of."""
+    """Return the resources that are listed only for these clients."""
     return [
         types.Resource(
             uri=APP_URI,
@@ -74,13 +74,13 @@ def app_resources() -> list[types.Resource]:
 
 
 def app_page() -> types.ReadResourceResult:
-    """The app, as a client reads it."""
+    """Return the app as the content of a resource."""
     content = types.TextResourceContents(uri=APP_URI, mime_type=APP_TYPE, text=_page(), _meta=_APP_META)
     return types.ReadResourceResult(contents=[content], ttl_ms=FRESH_MS, cache_scope="public")
 
 
 def view_page(view: Mapping[str, Any] | None) -> types.ReadResourceResult:
-    """A view, as a client reads it; an empty one if nothing can be seen."""
+    """Return a view as the content of a resource; an empty one if nothing is visible."""
     text = json.dumps(view or {"time": 0.0, "drawing": {"bodies": []}, "poses": {}})
     content = types.TextResourceContents(uri=VIEW_URI, mime_type="application/json", text=text)
     return types.ReadResourceResult(contents=[content], ttl_ms=0, cache_scope="private")

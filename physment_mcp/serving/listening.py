@@ -1,4 +1,4 @@
-"""Runs the episode server with uvicorn: the listening socket, the configuration, and the settings of the process.
+"""Runs the episode server with uvicorn: the listening socket, the configuration, and process-wide settings.
 
 Each setting that defends against an attack names the kind of `python -m tests.harness.load.hostile` that needs it.
 """
@@ -15,11 +15,13 @@ from physment_mcp.serving.episode_server import EpisodeServer
 from physment_mcp.serving.http_guard import Connections, bounded_protocol
 
 _KEEP_ALIVE_S = 60
-"""How long an idle connection is kept [s]: longer than clients keep it (5 s), so none is closed as it is reused."""
+"""Keep-alive timeout of idle connections [s]. Longer than that of clients (5 s), so the client closes first."""
 _CONNECTIONS_EACH = 8
-"""Most connections per episode that may be open (kind `half-open connections`); a client uses two or three."""
+"""Largest number of connections per episode (kind `half-open connections`); a client uses two or three."""
 _MORE_CONNECTIONS = 100
-"""Connections besides these."""
+"""Allowed connections in addition to these. (_M_MMAP_THRESHOLD, _LARGE): | The parameter of glibc's `mallopt`, and the
+size of a block from which it is allocated by mmap [bytes].
+"""
 _ACCEPTED_AT_ONCE = 8
 """Connections accepted in one iteration of the event loop (kinds `200 requests at once`, `200 wrong URLs at once`)."""
 _BACKLOG = 1024
@@ -46,14 +48,14 @@ def listen(address: str, port: int) -> socket.socket:
 
 
 def announce(listener: socket.socket) -> None:
-    """Print the address as one line of JSON; it names the port that was chosen."""
+    """Print the address with the chosen port as one line of JSON."""
     bound, chosen = listener.getsockname()[:2]
     shown = f"[{bound}]" if ":" in bound else bound
     print(json.dumps({"listening": f"http://{shown}:{chosen}"}), flush=True)  # noqa: T201 - the command's output
 
 
 def serve(host: EpisodeServer, address: str, port: int) -> None:
-    """Serve until interrupted. Prints one line of JSON with the address, which names the port that was chosen.
+    """Serve until interrupted. Prints the address with the chosen port as one line of JSON.
 
     Raises:
         OSError: The system does not allow listening on this address.
@@ -66,7 +68,8 @@ def serve(host: EpisodeServer, address: str, port: int) -> None:
 def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
     """Serve until interrupted, with the garbage collector set for short pauses.
 
-    A collection stops all episodes. `gc.freeze` takes the objects of the modules out of it, which take 30 to 70 ms.
+    A collection stops all episodes. `gc.freeze` excludes the objects of the imported modules, which would take 30 to 70
+    ms.
     """
     gc.collect()
     gc.freeze()
@@ -78,8 +81,8 @@ def _run(server: uvicorn.Server, sockets: list[socket.socket]) -> None:
 def _give_memory_back() -> None:
     """Let glibc return the memory of a closed episode to the system at once (kind `episodes opened and closed`).
 
-    The data of an episode are blocks of some hundred kilobytes. By default glibc raises its threshold and serves such
-    blocks from its heap, which fragments: it grows by 3 to 20 kB for each closed episode.
+    The data of an episode are blocks of some hundred kilobytes. By default glibc raises its mmap threshold and
+    allocates such blocks from its heap, which fragments: it grows by 3 to 20 kB for each closed episode.
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # other C libraries than glibc have none
@@ -101,7 +104,7 @@ def _config(host: EpisodeServer) -> uvicorn.Config:
 
 
 class DeepBacklogServer(uvicorn.Server):
-    """Separates the backlog of the socket from the number of connections accepted at once; uvicorn has one number."""
+    """A uvicorn server with separate settings for the socket's backlog and for connections accepted at once."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start to listen, and lengthen the backlog."""

@@ -1,6 +1,6 @@
 """Blocks of the opening prompt: limits, instruments, the form of the answer, and the tools as text.
 
-A pack decides the first three. The list of tools is for agents that have no native tool calls.
+The first three depend on the pack. The list of tools is for agents that have no native tool calls.
 """
 
 import json
@@ -12,7 +12,7 @@ from scenes import AnswerForm, AnswerKind, Instruments, LabLimits, PublicPack, P
 
 
 def laboratory_blocks(scene: PublicPack) -> list[str]:
-    """The blocks on limits and instruments; none for a pack that says nothing of them."""
+    """Return the blocks on limits and instruments; none for a pack that states neither."""
     blocks: list[str] = []
     if scene.limits is not None:
         rules = "\n".join(f"- {rule}" for rule in _limits(scene.limits))
@@ -68,11 +68,11 @@ _PLURALS = {
 
 
 def answer_block(form: AnswerForm | None, problem_type: str) -> str:
-    """The block on the form of the answer and its tolerance.
+    """Return the block on the form of the answer and its tolerance.
 
     Args:
         form: The form that the pack states; None for a published pack.
-        problem_type: Decides where the pack states no form.
+        problem_type: Determines the form if the pack states none.
     """
     if form is None:
         usual = _tolerance(AnswerForm(kind=AnswerKind.NUMBER))
@@ -100,7 +100,7 @@ def answer_block(form: AnswerForm | None, problem_type: str) -> str:
 
 
 def steps_block(steps: Sequence[PublicQuantity]) -> list[str]:
-    """The block on the quantities that may be stated beside the answer; none if the scene names none."""
+    """Return the block on intermediate quantities that may be stated with the answer; none if there are none."""
     if not steps:
         return []
     lines = "\n".join(f"- `{step.name}`: {step.meaning} ({_unit(step.unit)})." for step in steps)
@@ -171,11 +171,11 @@ def _entry(tool: Tool[Any]) -> str:
 _OBJECT = "object_id"
 """An argument of many tools, which the prompt explains once."""
 _EVERYWHERE = {"sim_time", "results"}
-"""Fields of all results, or of none that says anything."""
+"""Fields that are not listed, because all results have them or they contain no information."""
 
 
 def _type(field: Mapping[str, Any], defined: Mapping[str, Any]) -> str:
-    """The type of a field, as `number`, `[number × 3]`, `{x: number, y: number}` or `string or integer`.
+    """Format the type of a field, as `number`, `[number × 3]`, `{x: number, y: number}` or `string or integer`.
 
     Args:
         field: Its JSON Schema.

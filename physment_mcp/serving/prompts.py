@@ -1,6 +1,6 @@
-"""The opening prompt: what every agent is told before its first call, whatever its client.
+"""The opening prompt: the information that every agent gets before its first call, with any client.
 
-It is made from what is public at the start of the episode, so it never depends on hidden values.
+It contains only information that is public at the start of the episode, so it never depends on hidden values.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from physment_mcp.tools import TOOLS
 
 
 class Prompting(StrEnum):
-    """How many worked examples the prompt shows."""
+    """The number of worked examples in the prompt."""
 
     ZERO_SHOT = "zero-shot"
     ONE_SHOT = "one-shot-cot"
@@ -21,7 +21,7 @@ class Prompting(StrEnum):
 
 
 class CallProtocol(StrEnum):
-    """How the agent writes its calls."""
+    """The format in which the agent writes its calls."""
 
     NATIVE = "native"
     TEXT = "text"
@@ -29,7 +29,7 @@ class CallProtocol(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PromptOptions:
-    """What a client may choose about the opening prompt."""
+    """The client's options for the opening prompt."""
 
     prompting: Prompting = Prompting.ZERO_SHOT
     protocol: CallProtocol = CallProtocol.NATIVE
@@ -99,7 +99,7 @@ _BATCH = (
     "The calls of a reply run in order. A call that fits no tool ends them: the calls before it stand, the call and"
     " those after it are not run. A call that the laboratory refuses does not end them."
 )
-"""How the evaluator's loop runs the calls of an iteration, in both protocols."""
+"""The rule by which the evaluator runs the calls of an iteration, in both protocols."""
 
 
 def _objects(session: Session) -> str:

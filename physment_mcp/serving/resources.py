@@ -1,6 +1,6 @@
 """The resources that MCP clients can read: the scenes, the open scene, the state of its episode, the measurements.
 
-They contain only what the agent was told or has seen. Reading one is not a call, and changes nothing.
+They contain only information that the agent has already received. Reading one is not a call, and changes nothing.
 """
 
 import base64
@@ -29,23 +29,23 @@ ICON = types.Icon(
     sizes=["32x32"],
 )
 MAX_URI = 200
-"""Most characters of an unknown address that the data of an error repeats."""
+"""Largest number of characters of an unknown address that an error message quotes."""
 FRESH_MS = 3_600_000
-"""How long a client may keep a copy of what never changes [ms]."""
+"""Time for which a client may cache content that never changes [ms]."""
 _MEASUREMENTS_FROM = "physment://measurements/"
 
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A resource, and how its content is made."""
+    """A resource and the function that creates its content."""
 
     name: str
     title: str
     description: str
     write: Callable[[EpisodeSlot], dict[str, Any] | str]
-    """Makes the content: an object, or the text of one in JSON."""
+    """Creates the content: an object, or its JSON text."""
     settled: bool
-    """Whether it never changes, as long as no other scene can be opened."""
+    """Whether the content never changes, as long as no other scene can be opened."""
 
 
 def _scenes(slot: EpisodeSlot) -> dict[str, Any]:
@@ -160,7 +160,7 @@ def listed_templates() -> list[types.ResourceTemplate]:
 
 
 def read(slot: EpisodeSlot, uri: str) -> types.ReadResourceResult:
-    """The content of a resource now, and how long a client may keep it.
+    """Return the present content of a resource, and how long a client may cache it.
 
     Raises:
         LookupError: There is no such resource; the message lists all resources.

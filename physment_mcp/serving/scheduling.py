@@ -1,4 +1,4 @@
-"""Fair scheduling of requests: those of one episode delay the other episodes of its server little.
+"""Fair scheduling: requests of one episode must not delay the other episodes of the server much.
 
 All episodes share one event loop. Without scheduling, a client that sends many requests at once gets as many shares of
 it, and a long step, which runs in a thread, competes with every other request for the GIL and the processors.
@@ -19,25 +19,25 @@ _ALLOWED_S = 0.02
 """Time after which a step admits the next request of its episode, which may be its cancellation; also the time that an
 episode may step before it yields to others [s]."""
 _REGAINED = 0.1
-"""Share of the time that an episode may step without yielding. Cancelling steps does not reset what was used."""
+"""Fraction of elapsed time by which the used step time decreases again. Cancelling steps does not reset it."""
 _MOST_SPENT_S = 1.0
 """Largest used time that is kept for an episode [s]."""
 _AT_ONCE = 8
-"""Most concurrent requests of an episode; all but one of them wait for something."""
+"""Largest number of concurrent requests of an episode; all but one of them wait."""
 WAITS = 2.0
 """Longest wait of a long step for other episodes, as a multiple of the time of its last piece. It bounds the slowdown
 by many busy episodes."""
 _BRIEF_S = 0.002
-"""Time of a piece of a long step while other episodes are served [s]."""
+"""Duration of one piece of a long step while other episodes are served [s]."""
 _QUIET_S = 0.1
-"""Time without requests of other episodes after which pieces have their usual length [s]."""
+"""Time without requests of other episodes after which pieces have their usual duration [s]."""
 
 
 class Scheduler:
-    """Keeps track of which episodes of a server are being served, apart from those in a long step."""
+    """Keeps track of the episodes of a server whose requests are being served, except those in a long step."""
 
     def __init__(self) -> None:
-        """Start without requests."""
+        """Create a scheduler without requests."""
         self._served: set[object] = set()
         self._quiet = anyio.Event()
         self._last: object = None
@@ -48,14 +48,14 @@ class Scheduler:
     async def enter(self) -> None:
         """Admit a request that reaches no open episode.
 
-        Such requests are admitted one per iteration of the event loop, so many of them delay the episodes little. None
-        waits for the end of the previous one, because opening an episode takes long.
+        Such requests are admitted one per iteration of the event loop, so many of them delay the episodes little. They
+        do not wait for each other to end, because opening an episode takes long.
         """
         async with self._entrance:
             pass
 
     def begin(self, episode: object) -> None:
-        """Note that a request of an episode is being served."""
+        """Record that a request of an episode is being served."""
         if not self._served:
             self._quiet = anyio.Event()
         self._served.add(episode)
@@ -64,13 +64,13 @@ class Scheduler:
         self._last_at = time.monotonic()
 
     def end(self, episode: object) -> None:
-        """Note that it has ended or become a long step."""
+        """Record that a request has ended, or has become a long step."""
         self._served.discard(episode)
         if not self._served:
             self._quiet.set()
 
     def last_besides(self, episode: object) -> float:
-        """Start of the latest request of another episode, by the monotonic clock [s]."""
+        """Return the start of the latest request of any other episode, on the monotonic clock [s]."""
         return self._others_at if episode is self._last else self._last_at
 
     async def quiet(self) -> None:
@@ -89,7 +89,7 @@ class Turns:
         allowed_s: float = _ALLOWED_S,
         quiet_s: float = _QUIET_S,
     ) -> None:
-        """Set up.
+        """Create the turns of one episode.
 
         Args:
             scheduler: Shared by the episodes of a host; None for an episode alone.
@@ -107,14 +107,14 @@ class Turns:
         self._holder: object = None
         """Identifies the request that has the turn; None if none has it."""
         self.exclusive = anyio.Lock(fast_acquire=True)
-        """Held while the episode is read or changed: a request may be admitted while another one runs."""
+        """Lock on the episode's state, because a request may be admitted while another one still runs."""
         self._spent_s = 0.0
-        """Time used by steps, less what has been regained since [s]."""
+        """Used step time, reduced as described at `_REGAINED` [s]."""
         self._spent_at = time.monotonic()
 
     @contextlib.asynccontextmanager
     async def turn(self) -> AsyncGenerator[None]:
-        """Wait for a turn: it begins when the previous request ends or has taken long."""
+        """Wait for a turn. It begins when the previous request ends or exceeds its time."""
         async with self._places:
             request = object()
             with anyio.move_on_after(self._patience_s):
@@ -137,7 +137,7 @@ class Turns:
             self._turn.release()
 
     def giving_way(self, at_most: float = WAITS) -> Callable[[], Coroutine[Any, Any, float | None]]:
-        """A coroutine function that a long call awaits before each piece, to yield to other episodes.
+        """Return a coroutine function that a long call awaits before each piece, to yield to other episodes.
 
         It returns the time that the next piece may take [s]; None for the usual one.
 
@@ -166,7 +166,7 @@ class Turns:
         return give_way
 
     def _spend(self, piece_s: float, now: float) -> float:
-        """Add the time of a piece; returns the time that the episode has used [s]."""
+        """Add the time of a piece; returns the used step time [s]."""
         kept = max(0.0, self._spent_s - _REGAINED * (now - self._spent_at))
         self._spent_s, self._spent_at = min(kept + piece_s, _MOST_SPENT_S), now
         return self._spent_s

@@ -1,6 +1,6 @@
 """The MCP server of one episode: tools, prompt, resources, instructions. Refusals become error results.
 
-Knows MCP. Knows no physics and no files.
+Depends on MCP; contains no physics and no file access.
 """
 
 import functools
@@ -38,7 +38,7 @@ _SAME_FOR_ALL = CacheHint(ttl_ms=FRESH_MS, scope="public")
 
 
 def build_server(slot: EpisodeSlot) -> Server[Any]:
-    """An MCP server for the episode in a slot; connect it to any transport."""
+    """Create an MCP server for the episode in a slot; it can be connected to any transport."""
     service = _Service(slot)
     return Server(
         "physment-mcp",
@@ -74,7 +74,7 @@ def _instructions(slot: EpisodeSlot) -> str:
 
 @functools.cache
 def published_tools() -> tuple[types.Tool, ...]:
-    """The 26 tools as MCP publishes them, in a fixed order; the same for every episode."""
+    """Return the 26 tools as MCP publishes them, in a fixed order; the same for every episode."""
     return tuple(
         types.Tool(
             name=tool.name,
@@ -217,7 +217,7 @@ class _Service:
         return types.GetPromptResult(description=session.scene.public.name, messages=[message])
 
     def _session_for(self, scene_id: str | None) -> Session:
-        """The open episode; with an idle start, a scene_id opens a new one."""
+        """Return the open episode. On a server without a fixed scene, a `scene_id` opens a new episode."""
         slot = self._slot
         if slot.gone is not None:
             raise _bad_request(slot.gone)

@@ -1,8 +1,8 @@
-"""The place of one episode in a server: the open episode, how to open another, and the log of its calls.
+"""The slot for one episode in a server: the open episode, how to open another, and the call log.
 
-The log is kept for the agent itself and for the program that opened the episode. A client that is not the evaluator's
-reports nothing, so its episode is judged by this log. Knows sessions and MCP results. Knows no MCP handlers, no
-transports and no files.
+The log serves the agent itself and the program that opened the episode. External programs report nothing to the
+evaluator, so the evaluator grades their episodes by this log. Depends on sessions and MCP results; contains no MCP
+handlers, transports or file access.
 """
 
 import json
@@ -26,13 +26,13 @@ from physment_mcp.visibility import Visibility
 from scenes import PublicPack
 
 MAX_EPISODE_BYTES = 4_000_000
-"""Largest size of all arguments of an episode [bytes of JSON]; 10,000 usual calls take half of it."""
+"""Largest total size of the arguments in an episode [bytes of JSON]; 10,000 typical calls take half of it."""
 MAX_PAGE_BYTES = 30_000
-"""Largest size of arguments and results in one page of the log [bytes]; writing it takes 1 ms."""
+"""Largest size of arguments and results in one page of the log [bytes]; serialising it takes 1 ms."""
 FULL = f"the calls of this episode have brought {MAX_EPISODE_BYTES} bytes, which is the limit; you can only answer now"
 _TRUTH = {True: "true", False: "false"}
 KEPT_CALLS = 500
-"""Calls that the log keeps of an episode without a limit of calls; it bounds the memory of a server."""
+"""Number of calls that the log keeps of an episode without a call limit. Limits the memory of a server."""
 
 
 class LoggedCall(NamedTuple):
@@ -40,9 +40,9 @@ class LoggedCall(NamedTuple):
 
     tool: str
     written: bytes
-    """The arguments as they came, in JSON; NaN and infinities as text, because JSON has no numbers for them."""
+    """The arguments as received, in JSON; NaN and infinities as strings, because JSON has no numbers for them."""
     text: str | None
-    """What the client received: a result in JSON, or the sentence of a refusal; None if it cancelled the call."""
+    """The text that the client received: a result in JSON, or an error message; None if it cancelled the call."""
     is_error: bool
     started_s: float
     """Wall time since the episode was opened [s]."""
@@ -50,7 +50,7 @@ class LoggedCall(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of arguments and result, roughly."""
+        """Approximate size of arguments and result [bytes]."""
         return len(self.written) + len(self.text or "")
 
     @property
@@ -59,7 +59,7 @@ class LoggedCall(NamedTuple):
         return None if self.is_error else self.text
 
     def as_json(self) -> str:
-        """The call as the owner of the episode reads it, in JSON, of which arguments and result are parts already."""
+        """Return the call as JSON, for the owner of the episode. Arguments and result are serialised already."""
         return (
             f'{{"tool":{json.dumps(self.tool)},"arguments":{self.written.decode()},'
             f'"returned":{_TRUTH[self.text is not None]},"is_error":{_TRUTH[self.is_error]},'
@@ -68,10 +68,10 @@ class LoggedCall(NamedTuple):
         )
 
     def as_note(self, number: int) -> str:
-        """The call as the agent reads it, in JSON: what it saw, without wall-clock times.
+        """Return the call for the agent, as JSON: the information it received, without wall-clock times.
 
         Args:
-            number: Which call of the episode it is, counted from 1.
+            number: Number of the call in the episode, from 1.
         """
         if self.text is None:
             seen = '"taken_back":true'
@@ -85,24 +85,24 @@ class CallLog:
     """The calls of one episode, in order."""
 
     kept: int | None = None
-    """How many of the latest calls to keep; None for all."""
+    """Number of latest calls to keep; None for all."""
     calls: list[LoggedCall] = field(default_factory=list[LoggedCall])
     left_out: int = 0
-    """Calls that are no longer kept."""
+    """Number of calls that are no longer kept."""
     size: int = 0
-    """Bytes of all arguments so far."""
+    """Size of all arguments so far [bytes]."""
     opened_at: float = field(default_factory=time.monotonic)
 
     @property
     def full(self) -> bool:
-        """Whether the arguments have reached the limit; from then on only the answer is accepted."""
+        """Whether the arguments have reached the limit, so that only the answer is accepted."""
         return self.size > MAX_EPISODE_BYTES
 
     def page_from(self, first: int) -> Sequence[LoggedCall]:
-        """The calls from an index in `calls` on, as many as fill a page; at least one if there is one.
+        """Return the calls from an index on that fit on a page; at least one if there is one.
 
         Args:
-            first: Counted from 0.
+            first: Index in `calls`, from 0.
         """
         size, end = 0, first
         while end < len(self.calls) and (size := size + self.calls[end].size) <= MAX_PAGE_BYTES:
@@ -110,7 +110,7 @@ class CallLog:
         return self.calls[first : max(end, first + 1)]
 
     def newest_page(self) -> Sequence[LoggedCall]:
-        """The newest calls, as many as fill a page."""
+        """Return the newest calls that fit on a page."""
         size, first = 0, len(self.calls)
         while first > 0 and (size := size + self.calls[first - 1].size) <= MAX_PAGE_BYTES:
             first -= 1
@@ -121,8 +121,8 @@ class CallLog:
 
         Args:
             params: The call.
-            result: What the client received; None if it cancelled the call.
-            started_at: When the call began, by the monotonic clock [s].
+            result: The result that the client received; None if it cancelled the call.
+            started_at: Start of the call on the monotonic clock [s].
         """
         arguments = params.arguments or {}
         # Arguments that were refused as too large are not kept: they may be an attempt to exhaust the memory.
@@ -159,16 +159,16 @@ class EpisodeSlot:
         scheduler: Scheduler | None = None,
         find_visibility: Callable[[Scene], Visibility] | None = None,
     ) -> None:
-        """Set up.
+        """Create the slot.
 
         Args:
-            session: The open episode; None for an idle start.
-            reopen: For an idle start, opens an episode by scene id.
-            scene_ids: Which scenes can be opened; by default the open one.
+            session: The open episode; None if clients choose the scene.
+            reopen: Opens an episode by scene id, if clients choose the scene.
+            scene_ids: Ids of the scenes that can be opened; by default the open one.
             list_scenes: Lists the scenes that can be opened; by default the open one.
-            watch: Makes the frames for results; None for results without frames.
+            watch: Creates the frames for results; None for results without frames.
             gone: Why there is no episode and none can be opened; None otherwise.
-            find_visibility: Finds what may be seen in a scene, for clients that show the app; None for none.
+            find_visibility: Returns the visibility of a scene, for clients that show the app; None without the app.
             scheduler: Shared by the episodes of a server; None for a single episode.
         """
         self.session = session
@@ -186,11 +186,11 @@ class EpisodeSlot:
 
     @property
     def offers_app(self) -> bool:
-        """Whether clients that show apps are offered ours. Not with a limit of calls, because a view is not a call."""
+        """Whether the app is offered to clients. It is not with a limit on calls, because a view is not a call."""
         return self._find_visibility is not None and (self.session is None or self.session.max_calls is None)
 
     def visibility(self, session: Session) -> Visibility:
-        """What may be seen in the scene of a session; only where the app is offered. Blocks.
+        """Return the visibility of a session's scene. Call it only where the app is offered. Blocks.
 
         Raises:
             SceneError: The folder holds too few variants of the scene.
@@ -214,15 +214,15 @@ class EpisodeSlot:
         """Release the episode: its model and state take a megabyte that the garbage collector does not count.
 
         Args:
-            gone: Why there is no episode any more; the reply to further calls.
+            gone: The reply to further calls, which says why the episode no longer exists.
         """
         self.session, self.frames, self.gone, self.log = None, None, gone, CallLog()
 
     def open_session(self) -> Session:
-        """The open episode.
+        """Return the open episode.
 
         Raises:
-            EpisodeGone: It is gone, and none can be opened here.
+            EpisodeGone: The episode no longer exists, and none can be opened here.
             EpisodeOver: No scene is open yet.
         """
         if self.gone is not None:
@@ -233,7 +233,7 @@ class EpisodeSlot:
 
     @cached_property
     def catalogue(self) -> tuple[PublicPack, ...]:
-        """The scenes that can be opened here."""
+        """Return the scenes that can be opened here."""
         if self._list_scenes is not None:
             return tuple(self._list_scenes())
         return () if self.session is None else (self.session.scene.public,)

@@ -57,7 +57,7 @@ class _Lines(LineStream):
         return None
 
     async def receive(self) -> SessionMessage | Exception:
-        """As `LineStream.receive`, and note the time of last use."""
+        """Receive a message as `LineStream.receive` does, and record the time of last use."""
         message = await LineStream.receive(self)  # a dataclass with slots cannot call super() without arguments
         self.last_used = time.monotonic()
         return message
@@ -76,12 +76,12 @@ class SocketEpisodes:
         find_visibility: Callable[[Scene], Visibility],
         scheduler: Scheduler,
     ) -> None:
-        """Set up.
+        """Create the service without episodes.
 
         Args:
-            admission: Opens their sessions.
-            watch: Makes the frames for results; None for results without frames.
-            find_visibility: Finds out what may be seen in a scene, for clients that show the app.
+            admission: Opens the sessions of the episodes.
+            watch: Creates the frames for results; None for results without frames.
+            find_visibility: Returns the visibility of a scene, for clients that show the app.
             scheduler: Shared by all episodes of the server.
         """
         self._admission = admission
@@ -112,10 +112,10 @@ class SocketEpisodes:
                     logger.warning("an episode is not opened: more files than the system allows would be open")
 
     def expire(self, oldest: float) -> int:
-        """Close the episodes that were last used before a time; returns how many.
+        """Close the episodes that were last used before a time; returns their number.
 
         Args:
-            oldest: By the monotonic clock [s].
+            oldest: Time on the monotonic clock [s].
         """
         expired = [scope for lines, scope in self._open.items() if not lines.in_flight and lines.last_used < oldest]
         for scope in expired:
@@ -160,7 +160,7 @@ class SocketEpisodes:
 
 
 def _in_turn(lines: _Lines, turns: Turns, serve: OnRequest) -> OnRequest:
-    """Serve the requests of an episode in turn, as over HTTP, and count those in flight."""
+    """Serve the requests of an episode in turn, as over HTTP, and count the requests in flight."""
 
     async def served(
         context: DispatchContext[TransportContext], method: str, params: Mapping[str, Any] | None
@@ -182,7 +182,7 @@ async def _ignore(_context: DispatchContext[TransportContext], _method: str, _pa
 
 @contextlib.asynccontextmanager
 async def _lines_of(connection: socket.socket) -> AsyncGenerator[_Lines]:
-    """The streams of a socket, which is closed afterwards; data already written still arrives."""
+    """Return the streams of a socket, and close the socket afterwards. Data already written still arrives."""
     reader, writer = await asyncio.open_connection(sock=connection, limit=MAX_BODY)
     try:
         yield _Lines(reader, writer)

@@ -1,7 +1,7 @@
-"""What goes with a result besides its text: a picture for the agent, a view for viewers.
+"""Attachments of a result besides its text: an image for the agent, a view for viewers.
 
-A view is what may be seen now, and how it moved during a step, in JSON. Both are made after the call, which they can
-neither change nor hide. Making one is no call. Knows MCP results.
+A view is a JSON description of the visible bodies and of their motion during a step. Images and views are made after
+the call and can neither change nor hide it. Making one does not count as a call.
 """
 
 import base64
@@ -31,7 +31,7 @@ MOST_INSTANTS = 120
 
 @contextmanager
 def recorded(session: Session, tool: str, arguments: Mapping[str, Any]) -> Generator[Sequence[Array]]:
-    """Record states for `view_of` while the block runs a call; none unless the call lets time pass."""
+    """Record states for `view_of` while the block runs a call; none unless the call advances the time."""
     duration = arguments.get("duration")
     if tool != STEP.name or not isinstance(duration, int | float) or not 0 < duration <= 60:
         yield ()
@@ -42,11 +42,11 @@ def recorded(session: Session, tool: str, arguments: Mapping[str, Any]) -> Gener
 
 
 def view_of(session: Session, visibility: Visibility, states: Sequence[Array] = ()) -> dict[str, Any]:
-    """What may be seen now.
+    """Return the current view.
 
     Args:
         session: The episode.
-        visibility: What may be seen in its scene.
+        visibility: The visibility of its scene.
         states: States that `recorded` yielded for the call just made.
 
     Returns:
@@ -89,7 +89,7 @@ def _motion(session: Session, drawn: Sequence[LabObject], states: Sequence[Array
 
 
 async def frame_with(frames: Frames) -> list[types.ImageContent]:
-    """The picture after a finished call, as MCP content; empty if it could not be drawn."""
+    """Return the image after a finished call, as MCP content; empty if it could not be rendered."""
     png = await _made(frames.draw, "frame")
     if png is None:
         return []
@@ -99,7 +99,7 @@ async def frame_with(frames: Frames) -> list[types.ImageContent]:
 async def view_with(
     session: Session, find_visibility: Callable[[Session], Visibility], states: Sequence[Array] = ()
 ) -> dict[str, Any] | None:
-    """The view after a finished call, or of now; None if it could not be made. Arguments as for `view_of`."""
+    """Return the view after a finished call, or the current one; None if that fails. Arguments as for `view_of`."""
     return await _made(lambda: view_of(session, find_visibility(session), states), "view")
 
 

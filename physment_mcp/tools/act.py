@@ -1,4 +1,4 @@
-"""Tools that act on objects: push, twist, move, give a velocity, collide."""
+"""Tools that act on objects: push, twist, move, set a velocity, collide."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -75,11 +75,11 @@ class CollisionArguments(Arguments):
 
 
 _SHORT_MOVE = "its joints let it move only along its slides, and within their range; it went as near as they allow"
-"""The note for an object whose joints did not allow the whole move."""
+"""Note in the result if the joints of an object did not allow the whole move."""
 
 
 def _check_loose(session: Session, item: LabObject) -> None:
-    """Refuse to move what is attached to another object, and what the agent cannot read the position of."""
+    """Raise if an object is attached to another one, or the agent may not read its position."""
     moving = set(session.world.with_children(item.body))
     if any(other.attached for other in session.state.objects.values() if other.body in moving):
         raise NotPossible(f"{item.object_id} is attached to another object and cannot be moved by itself")
@@ -88,7 +88,7 @@ def _check_loose(session: Session, item: LabObject) -> None:
 
 @contextmanager
 def _unmoved(item: LabObject) -> Generator[None]:
-    """Name the object in a refusal to move it."""
+    """Return how a refusal to move an object names it."""
     try:
         yield
     except NotPossible as refusal:
@@ -129,10 +129,10 @@ def _set_velocity(session: Session, args: VelocityArguments) -> VelocitySet:
 
 
 def _check_load(session: Session, kind: Literal["force", "torque"], load: Sequence[float]) -> None:
-    """Refuse a force [N] or torque [N·m] that is larger than the scene allows.
+    """Raise if a force [N] or torque [N·m] is larger than the scene allows.
 
     Raises:
-        BeyondLimit: Its magnitude is beyond the limit.
+        BeyondLimit: Its magnitude exceeds the limit.
     """
     limit, unit = (session.limits.force, "N") if kind == "force" else (session.limits.torque, "N·m")
     size = math.hypot(*load)

@@ -1,4 +1,4 @@
-"""What a tool is, and the types of its arguments."""
+"""The record of a tool, and the types of tool arguments."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from physment_mcp.tools.results import Result
 LIMIT = 1e6
 """Largest magnitude of a number argument, unless its tool says otherwise."""
 LIMIT_SLACK = 1e-9
-"""Share of a limit of the scene by which rounding errors may exceed it."""
+"""Relative amount by which rounding errors may exceed a limit of the scene."""
 
 
 def _id_text(value: object) -> object:
@@ -76,12 +76,13 @@ class Progress(NamedTuple):
 Pieces = Generator[Progress, float | None, Result]
 """A generator that does work in pieces: it yields before each piece and after the last, and returns the result.
 
-`send` passes the time that the next piece may take [s]."""
+`send` passes it the time that the next piece may take [s].
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Tool(Generic[A]):
-    """A published tool: what the agent reads, the types of arguments and result, and what it does."""
+    """A published tool: its name, description, argument and result models, and its function."""
 
     name: str
     title: str
@@ -89,16 +90,18 @@ class Tool(Generic[A]):
     arguments: type[A]
     result: type[Result]
     run: Callable[[Session, A], Result | Pieces]
-    """What the tool does; returns pieces if it may take noticeable wall time. The caller rolls back a failure."""
+    """The function of the tool. It returns pieces if it may take noticeable wall time. The caller rolls back a
+    failure.
+    """
     reads_only: bool = False
     destructive: bool = False
     idempotent: bool = False
 
     def parse(self, arguments: dict[str, Any]) -> A:
-        """Check the arguments against the tool's model.
+        """Validate arguments by the tool's model.
 
         Raises:
-            BadArgument: They do not fit; the message says which and why.
+            BadArgument: They do not fit; the message names the argument and the reason.
         """
         try:
             return self.arguments.model_validate(arguments)
@@ -115,7 +118,7 @@ class Tool(Generic[A]):
 
 
 def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
-    """What is wrong with each argument; one with several possible types gets its description instead."""
+    """Describe what is wrong with each argument; an argument with several types gets its description instead."""
     fields = arguments.model_fields
     problems: dict[str, str] = {}
     for detail in error.errors(include_url=False):
@@ -133,10 +136,10 @@ def _sentence(error: ValidationError, arguments: type[Arguments]) -> str:
 
 
 def array(values: list[float]) -> Array:
-    """A float array of a checked list."""
+    """Convert a validated list to a float array."""
     return np.array(values, dtype=np.float64)
 
 
 def plain(values: Array) -> list[float]:
-    """A list of plain floats; -0.0 becomes 0.0."""
+    """Convert an array to a list of floats; -0.0 becomes 0.0."""
     return [value + 0.0 for value in values.tolist()]

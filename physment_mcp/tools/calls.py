@@ -1,6 +1,6 @@
-"""The only entrance to the tools: takes a name and raw arguments; returns a result, or refuses and changes nothing.
+"""Runs tool calls: takes a name and raw arguments, and returns a result, or refuses the call and changes nothing.
 
-It bounds the size of a call before anything else looks at its arguments.
+All callers use this module. It limits the size of a call before anything else reads its arguments.
 """
 
 from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
@@ -19,22 +19,24 @@ from physment_mcp.tools.episode import ANSWER
 from physment_mcp.tools.results import Result
 
 ReportProgress = Callable[[float, float], Awaitable[float | None]]
-"""Takes the work done and the total; returns the time that the next piece may take [s], None for the usual one."""
+"""Callback with the work done and the total; returns the time that the next piece may take [s], None for the
+usual one.
+"""
 
 _SHORT_S = 1e-3
-"""Pieces that are expected to take less time [s] run without a thread, whose start takes up to 0.3 ms."""
+"""Pieces with a shorter expected time [s] run without a thread, whose start takes up to 0.3 ms."""
 _UNSHARED_S = 1.0
 """Time of a piece [s] if no other episode waits; Ctrl-C takes effect between pieces."""
 MAX_NAME = 64
-"""Longest name of a tool, in characters."""
+"""Longest name of a tool [characters]."""
 MAX_CALL_BYTES = 20_000
-"""Most text in the arguments of a call, names and integers of more than 64 bits included [bytes of UTF-8]."""
+"""Largest amount of text in the arguments, names and integers of more than 64 bits included [bytes of UTF-8]."""
 MAX_ARGUMENTS = 32
-"""Most arguments of a call."""
+"""Largest number of arguments of a call."""
 MAX_VALUES = 4000
-"""Most values in the arguments of a call, lists and objects included."""
+"""Largest number of values in the arguments of a call, lists and objects included."""
 MAX_NESTING = 16
-"""Most levels of lists and objects in the arguments of a call."""
+"""Deepest nesting of lists and objects in the arguments of a call."""
 _SHORT = MAX_NAME
 """Longest text that is not counted [characters, each at most 4 bytes]."""
 _FEW = 16
@@ -75,14 +77,14 @@ async def call_async(
     report: ReportProgress = no_progress,
     only_answer: str = "",
 ) -> Result:
-    """As `call`, but long pieces of work run in a thread, report progress, and are undone if the task is cancelled.
+    """Run one tool; long pieces of work run in a thread, report progress, and are undone if the task is cancelled.
 
     Args:
         session: The episode.
         name: Name of the tool.
-        arguments: Its arguments as they came.
-        report: Told how much of the work is done.
-        only_answer: Why every call but the answer is refused; empty if none is.
+        arguments: Its arguments as received.
+        report: Callback with the progress.
+        only_answer: Why every call except the answer is refused; empty if none is.
 
     Raises:
         RefusedCall: As for `call`.
@@ -111,7 +113,7 @@ async def call_async(
 def _checked(
     session: Session, name: str, arguments: dict[str, Any], only_answer: str = ""
 ) -> tuple[Tool[Any], Arguments]:
-    """Count a call, and check all that can be known before it runs. Arguments as for `call_async`."""
+    """Count a call, and do all checks that are possible before it runs. Arguments as for `call_async`."""
     session.check_open()
     answers = name == ANSWER.name
     session.count_call(answers=answers)
@@ -129,7 +131,7 @@ def _checked(
 
 
 def _read(session: Session, tool: Tool[Any], checked: Arguments) -> Result:
-    """The result of a tool that only reads, so nothing has to be restored if it fails."""
+    """Run a tool that only reads, so nothing has to be restored if it fails."""
     try:
         made = tool.run(session, checked)
     except ValidationError:
@@ -162,11 +164,11 @@ def _next(pieces: Pieces, most_s: float | None = None) -> Progress | Result:
 
 
 def excess(name: str, arguments: Mapping[str, Any]) -> str:
-    """Which bound on its size a call exceeds first, as a sentence; empty if none.
+    """Return a sentence about the first size limit that a call exceeds; empty if none.
 
     Args:
         name: Name of the tool, as the client wrote it.
-        arguments: Values that JSON can hold.
+        arguments: JSON values.
     """
     if len(name) <= MAX_NAME and len(arguments) <= MAX_ARGUMENTS:
         for key, value in arguments.items():
@@ -198,7 +200,7 @@ def _excess(name: str, arguments: Mapping[str, Any]) -> str:
 
 
 def _is_small(value: Any) -> bool:
-    """Whether a value is a number, a short text or a short vector: a call of such values is within all bounds."""
+    """Return whether a value is a number, a short text or a short vector. Calls of such values exceed no limit."""
     if isinstance(value, list):
         items = cast("list[Any]", value)
         return len(items) <= _FEW and all(map(_is_number, items))
@@ -206,19 +208,19 @@ def _is_small(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a float or an integer of at most 64 bits."""
+    """Return whether a value is a float or an integer of at most 64 bits."""
     return isinstance(value, float) or (isinstance(value, int) and -_LONG < value < _LONG)
 
 
 def _text_of(value: Any) -> int:
-    """Size of a value as text, without its parts [bytes]; of a long integer estimated from its bits, which is fast."""
+    """Return the size of a value as text, without its parts [bytes]; for a long integer an estimate from its bits."""
     if isinstance(value, str):
         return len(value.encode("utf-8", "surrogatepass"))
     return value.bit_length() * 3 // 10 if isinstance(value, int) and not -_LONG < value < _LONG else 0
 
 
 def _parts(value: Any) -> Sequence[Any]:
-    """The parts of a value: the items of a list, the names and values of an object."""
+    """Return the items of a list, or the names and values of an object."""
     if isinstance(value, Mapping):
         named = cast("Mapping[Any, Any]", value)
         return [*named.keys(), *named.values()]

@@ -1,4 +1,4 @@
-"""Tools that compute a quantity from readings and from what the agent supplies. None of them changes anything."""
+"""Tools that compute a quantity from readings and from values that the agent supplies. They change nothing."""
 
 from typing import Annotated
 
@@ -60,7 +60,7 @@ def _get_potential_energy(session: Session, args: PotentialEnergyArguments) -> P
 
 
 def _spin(session: Session, args: MassArguments) -> tuple[Array, Array]:
-    """Inertia scaled to the agent's mass, so that it does not reveal the true mass; and spin."""
+    """Return the inertia scaled to the agent's mass, so that it does not reveal the true mass, and the spin."""
     item = session.readable(args.object_id, "velocity")
     if item.permissions.spin is False:
         raise NotPermitted(f"the spin of {item.object_id} is withheld in this scene; find it by experiment")

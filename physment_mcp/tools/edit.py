@@ -1,4 +1,4 @@
-"""Tools that change what is in the laboratory: create, delete, reveal, attach."""
+"""Tools that change which objects exist: create, delete, reveal, attach."""
 
 import math
 import re
@@ -53,7 +53,7 @@ class AttachArguments(Arguments):
 
 
 def _check_created_mass(session: Session, mass: float) -> None:
-    """Refuse an object that would bring the mass of all created objects beyond the limit.
+    """Raise if an object would raise the total mass of created objects above the limit.
 
     Args:
         session: The episode. Deleted objects count as well.

@@ -12,7 +12,7 @@ from physment_mcp.tools.results import Answered, Stepped
 _PIECE_S = 0.05
 """Usual wall time of one piece of `step` [s]: how often it reports progress and can be cancelled."""
 _TRIED = 8
-"""Time steps of the first piece, which shows how long a time step takes now."""
+"""Number of time steps in the first piece, which measures how long a time step takes."""
 
 Part = str | int | float
 

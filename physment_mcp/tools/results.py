@@ -1,4 +1,4 @@
-"""What the tools return: models without extra fields, finite numbers, a unit and a frame for every field."""
+"""Result models of the tools: no extra fields, finite numbers, a unit and a frame for every field."""
 
 from typing import Annotated, Any
 

@@ -1,6 +1,7 @@
-"""The physical world behind the tools: the one room that imports mujoco.
+"""The physical world behind the tools: the only package that imports mujoco.
 
-Body names in, SI arrays in the world frame out. Knows no MCP, pydantic, scene files, permissions or answers.
+Takes body names, and returns SI arrays in the world frame. Contains no MCP, pydantic, scene files, permissions or
+answers.
 """
 
 from physment_mcp.world.readings import Contact, HingeMotion, Pose, Shape, Twist

@@ -68,7 +68,7 @@ def _coarse(model: mujoco.MjModel, fixtures: float) -> mujoco.MjModel:
 
 
 def _extent(model: mujoco.MjModel, body: int) -> float:
-    """Upper bound of the distance of a body's surface from its origin [m]."""
+    """Return an upper bound of the distance of a body's surface from its origin [m]."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     reach = [
         float(np.linalg.norm(model.geom_pos[geom])) + float(model.geom_rbound[geom])

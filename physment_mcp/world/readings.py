@@ -101,7 +101,7 @@ def hinge_axis(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array |
 
 
 def only_hinge(model: mujoco.MjModel, body: int) -> tuple[int, int] | None:
-    """Index in `qpos` and in `qvel` of the only hinge between a body and its parent; None if it is not the only one."""
+    """Return the index in `qpos` and in `qvel` of a body's hinge; None unless it has exactly one."""
     joint = _only_hinge_joint(model, body)
     return None if joint is None else (int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint]))
 

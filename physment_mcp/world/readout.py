@@ -55,11 +55,11 @@ class Readout:
         return quantity in self.fineness and self.fineness[quantity].noise > 0
 
     def noise(self, quantity: Quantity, source: str, step: int, count: int) -> Array:
-        """The noise (count,) of a reading, in the unit of the quantity; zeros without noise.
+        """Return the noise (count,) of a reading, in the unit of the quantity; zeros without noise.
 
         Args:
             quantity: The quantity that is read.
-            source: Identifier of the measured thing, such as a body name; selects the noise stream.
+            source: Identifier of the measured object, such as a body name; selects the noise stream.
             step: Number of the time step.
             count: Number of components.
         """
@@ -125,7 +125,7 @@ def quaternion_of(turn: Array) -> Array:
 
 
 def _product(first: Array, second: Array) -> Array:
-    """The quaternion (4,) that turns by `second` and then by `first`."""
+    """Return the quaternion (4,) of the rotation by `second` followed by the one by `first`."""
     scalar = first[0] * second[0] - first[1:] @ second[1:]
     return np.concatenate(([scalar], first[0] * second[1:] + second[0] * first[1:] + np.cross(first[1:], second[1:])))
 

@@ -20,7 +20,7 @@ _Six = ctypes.c_double * 6
 _THREE = 3 * ctypes.sizeof(ctypes.c_double)
 """Size of a vector of three doubles [bytes]."""
 _numbers_of = (ctypes.c_double * 0).from_buffer
-"""Returns the buffer of a numpy array, also of an empty one. Takes a third of the time of `array.ctypes`."""
+"""Returns the buffer of a numpy array, even of an empty one. Takes a third of the time of `array.ctypes`."""
 
 
 def _library() -> ctypes.PyDLL:

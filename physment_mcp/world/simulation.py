@@ -176,13 +176,13 @@ class Simulation:
         self._state, self._is_live = state, True
 
     def save(self) -> Snapshot:
-        """Take a snapshot, with which `restore` undoes all later changes."""
+        """Take a snapshot, from which `restore` can undo all later changes."""
         return Snapshot(
             self._spec, self._model, self._data, self._state, self._before_step, self._disturbed, self._revealed
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Undo everything since `save`, bit for bit."""
+        """Restore the state of a snapshot, bit for bit."""
         self._is_live = self._is_settled = False
         self._spec, self._model, self._data, self._state = snapshot[:4]
         self._before_step, self._disturbed, self._revealed = snapshot[4:]

@@ -149,7 +149,7 @@ class World(Simulation):
     # Acting
 
     def push(self, body: str, force: Array | None = None, torque: Array | None = None) -> None:
-        """Set the external force [N] and torque [N·m] at the centre of mass; None leaves one as it is.
+        """Set the external force [N] and torque [N·m] at the centre of mass; None leaves a value unchanged.
 
         Source: MuJoCo `xfrc_applied`.
         """
@@ -165,7 +165,7 @@ class World(Simulation):
         return self._now().xfrc_applied[self._id(body), 3:].copy()
 
     def place(self, body: str, target: Array, obstacles: Mapping[str, str]) -> bool:
-        """Move the body's origin to a place; velocities stay, jointed children ride along.
+        """Move the body's origin to a position. Velocities stay, and bodies jointed to it move along.
 
         Args:
             body: The body.
@@ -258,7 +258,7 @@ class World(Simulation):
         self._disturbed |= {body}
 
     def remove(self, body: str) -> None:
-        """Remove the body, what is jointed to it and every constraint that refers to any of it."""
+        """Remove the body, the bodies jointed to it, and every constraint that refers to one of them."""
         self._replace(editing.without_body(self._spec, body))
 
     def join(self, first: str, second: str, kind: JointKind, axis: Array | None = None) -> None:

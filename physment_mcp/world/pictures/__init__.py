@@ -1,1 +1,1 @@
-"""Pictures of what may be seen."""
+"""Renders images of the visible bodies."""

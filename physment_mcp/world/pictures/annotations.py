@@ -1,4 +1,4 @@
-"""What is written on a plate: the axes, the scale, and the ids of objects where they hide least.
+"""Annotations of a plate: axes, scale bar, and the ids of objects where they cover least.
 
 Knows no engine. Positions are in pixels.
 """
@@ -14,13 +14,13 @@ from physment_mcp.world.pictures.overlay import LINE, Colour, Overlay
 from physment_mcp.world.readings import Array
 
 PAD = 6
-"""Room beside the text of a label [px]."""
+"""Padding at the sides of a label's text [px]."""
 _GAPS = (10, 26, 50, 84, 130, 190)
 """Distances of a label from its object that are tried [px]."""
 _MISLEADING = 250
-"""What it costs if a label is as near to another thing; a pixel of distance costs 12."""
+"""Penalty for a label that is as near to another object as to its own; a pixel of distance costs 12."""
 _BORDER = 4
-"""Labels are at least so far from the edge of the picture [px]."""
+"""Smallest distance of a label from the edge of the image [px]."""
 
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom [px]."""
@@ -29,16 +29,16 @@ SOFT: Colour = (90, 102, 120)
 PAPER: Colour = (255, 255, 255)
 _AXES: Mapping[str, Colour] = {"x": (200, 48, 48), "y": (30, 130, 60), "z": (40, 88, 200)}
 _EDGE = 22
-"""Distance of what is written from the edge of the picture [px]."""
+"""Distance of axes, scale bar and notes from the edge of the image [px]."""
 _AXIS = 58
-"""Length of an axis that is seen at a right angle [px]."""
+"""Length of an axis that is perpendicular to the line of sight [px]."""
 _BAR = (110, 260)
-"""Shortest and longest scale bar [px]; the longest round length that fits is drawn."""
+"""Smallest and largest length of the scale bar [px]; it shows the longest round length that fits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """Projects points of space into a picture."""
+    """Projects points of space into an image."""
 
     view: View
     width: int
@@ -46,11 +46,11 @@ class Optics:
 
     @property
     def pixels_per_metre(self) -> float:
-        """At the point that the camera looks at."""
+        """Scale at the point that the camera looks at [px/m]."""
         return self.height / 2 / np.tan(np.radians(FIELD_DEG) / 2) / self.view.distance
 
     def places(self, points: Array) -> Array:
-        """Positions (n, 2) [px] of points (n, 3) [m] in front of the camera; behind it, NaN."""
+        """Project points (n, 3) [m] to positions (n, 2) [px]; NaN for points behind the camera."""
         seen = (points - self.view.centre) @ camera_axes().T
         depth = seen[:, 2] + self.view.distance
         depth = np.where(depth > 1e-6 * self.view.distance, depth, np.nan)
@@ -58,20 +58,20 @@ class Optics:
         return np.array((self.width / 2, self.height / 2)) + seen[:, :2] * (1, -1) * scale
 
     def shows(self, points: Array) -> bool:
-        """Whether the middle of the points is inside the picture."""
+        """Return whether the centre of the points is inside the image."""
         x, y = middle(box_of(self.places(points)))
         # A comparison with NaN is false, so what lies behind the camera is outside too.
         return 0 <= x <= self.width and 0 <= y <= self.height
 
 
 def round_length(metres: float) -> float:
-    """The largest 1, 2 or 5 times a power of ten that is no larger."""
+    """Return the largest number not above a length that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(metres))
     return float(power * max(step for step in (1, 2, 5) if step * power <= metres * (1 + 1e-9)))
 
 
 def written_length(metres: float) -> str:
-    """A round length with the unit that needs the fewest digits."""
+    """Format a round length with the unit that needs the fewest digits."""
     for factor, unit in ((1.0, "m"), (100.0, "cm"), (1000.0, "mm")):
         if metres * factor >= 0.999:
             return f"{metres * factor:.0f} {unit}"
@@ -80,22 +80,25 @@ def written_length(metres: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A label that has no place yet."""
+    """A label that has not been placed yet."""
 
     text: str
     width: int
-    """Of the text [px]."""
+    """Width of the text [px]."""
     thing: Box
-    """What it names."""
+    """Bounding box of the object that the label names."""
 
 
 def arranged(labels: Sequence[Label], size: tuple[int, int], taken: Sequence[Box]) -> list[tuple[Box, bool]]:
-    """For each label its place, and whether it is so far from its thing that a line must join them.
+    """Place labels.
 
     Args:
-        labels: The labels; earlier ones choose first.
-        size: Width and height of the picture.
-        taken: What is written already.
+        labels: The labels, in order of priority.
+        size: Width and height of the image.
+        taken: Boxes of the annotations that are already placed.
+
+    Returns:
+        For each label its box, and whether a line must connect it to its distant object.
     """
     used, found = list(taken), list[tuple[Box, bool]]()
     for label in labels:
@@ -107,7 +110,7 @@ def arranged(labels: Sequence[Label], size: tuple[int, int], taken: Sequence[Box
 
 
 def _choices(label: Label) -> list[tuple[int, Box]]:
-    """Places around a thing at several distances, and one on it."""
+    """Return candidate boxes around an object at several distances, and one on it."""
     width, height = label.width + 2 * PAD, LINE + 2
     x, y = middle(label.thing)
     on = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
@@ -124,7 +127,7 @@ def _cost(gap: int, spot: Box, thing: Box, size: tuple[int, int], used: Sequence
 
 
 def _misleads(spot: Box, thing: Box, others: Sequence[Box]) -> bool:
-    """Whether a label is nearer to another thing than to its own, or hardly farther from it: by edges or by middles."""
+    """Return whether a label is nearer to another object than to its own, or hardly farther: by edges or by centres."""
     edges, middles = _distance(spot, thing) + _GAPS[0], float(np.hypot(*np.subtract(middle(thing), middle(spot))))
     return any(
         _distance(spot, other) < edges or np.hypot(*np.subtract(middle(other), middle(spot))) < middles
@@ -139,19 +142,19 @@ def box_of(places: Array) -> Box:
 
 
 def middle(box: Box) -> tuple[float, float]:
-    """Its x and y."""
+    """Return the centre of a box."""
     return (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
 
 
 def _placed(box: Box, size: tuple[float, float], gap: float, side: tuple[int, int]) -> Box:
-    """A box of a size beside another; the side is -1, 0 or 1 to the right and downwards."""
+    """Place a box of a size beside another; the side is -1, 0 or 1 to the right and downwards."""
     x = {-1: box[0] - gap - size[0], 0: (box[0] + box[2] - size[0]) / 2, 1: box[2] + gap}[side[0]]
     y = {-1: box[1] - gap - size[1], 0: (box[1] + box[3] - size[1]) / 2, 1: box[3] + gap}[side[1]]
     return (x, y, x + size[0], y + size[1])
 
 
 def _distance(one: Box, other: Box) -> float:
-    """Between the nearest points of two boxes [px]."""
+    """Return the distance between the nearest points of two boxes [px]."""
     across = max(one[0] - other[2], other[0] - one[2], 0.0)
     return float(np.hypot(across, max(one[1] - other[3], other[1] - one[3], 0.0)))
 
@@ -164,13 +167,13 @@ def _overlap(one: Box, other: Box) -> float:
 
 
 def annotate(overlay: Overlay, optics: Optics, objects: Mapping[str, Array], notes: Sequence[str]) -> None:
-    """Write the axes, the scale, the labels and the notes.
+    """Draw the axes, the scale bar, the labels and the notes.
 
     Args:
-        overlay: What is drawn over the picture.
-        optics: Where the points are.
-        objects: What is written beside an object → its corners (n, 3) [m], which the picture shows.
-        notes: Lines below the picture's upper edge.
+        overlay: The layer to draw on.
+        optics: The projection.
+        objects: Label of an object → its corners (n, 3) [m], which are inside the image.
+        notes: Lines below the upper edge of the image.
     """
     taken = [_axes(overlay, optics), _scale(overlay, optics)]
     taken += _notes(overlay, notes)
@@ -182,7 +185,7 @@ def annotate(overlay: Overlay, optics: Optics, objects: Mapping[str, Array], not
 
 
 def _axes(overlay: Overlay, optics: Optics) -> Box:
-    """Arrows along x, y and z, in the lower left corner."""
+    """Draw arrows along x, y and z in the lower left corner."""
     right, up, forward = camera_axes()
     origin = np.array((_EDGE + 22.0, optics.height - _EDGE - 22.0))
     overlay.box((_EDGE - 8, optics.height - _EDGE - 114), (_EDGE + 112, optics.height - _EDGE + 8), 10, PAPER, 0.55)
@@ -197,7 +200,7 @@ def _axes(overlay: Overlay, optics: Optics) -> Box:
 
 
 def _scale(overlay: Overlay, optics: Optics) -> Box:
-    """A bar of a round length, in the lower right corner."""
+    """Draw a bar of a round length in the lower right corner."""
     metres = round_length(_BAR[1] / optics.pixels_per_metre)
     length = metres * optics.pixels_per_metre
     right, y = optics.width - _EDGE - 8, optics.height - _EDGE - 8

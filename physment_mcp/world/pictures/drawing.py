@@ -1,7 +1,7 @@
-"""Draws models off-screen, with our own light and backdrop, smooth edges, and a camera placed by what is drawn.
+"""Renders models off-screen with own light and backdrop, antialiasing, and a camera that frames the visible bodies.
 
-Use it in a process of its own: a missing or broken graphics library may end the process that loads it, and MuJoCo
-chooses the library while it is imported, by the environment variable MUJOCO_GL.
+Use it in a separate process: a missing or broken graphics library may crash the process that loads it, and MuJoCo
+selects the library when it is imported, by the environment variable MUJOCO_GL.
 """
 
 import mujoco
@@ -13,16 +13,18 @@ from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 320, 240
 _FINER = 2
-"""Pixels drawn for each pixel of the picture, in each direction; their mean gives smooth edges."""
+"""Pixels rendered per pixel of the image, in each direction; their mean antialiases edges."""
 _WHITE = (1.0, 1.0, 1.0)
 _LARGE = 12.0
-"""An object this many times larger than any that moves belongs to the surroundings, as a floor does."""
+"""An object this many times larger than any movable one counts as surroundings, such as a floor."""
 _FAR = 60.0
-"""A view this many times wider than the smallest moving object shows it too small; farther things are left out."""
+"""A view this many times wider than the smallest movable object would show it too small; farther objects are
+omitted.
+"""
 
 
 def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A model that `picture_model` wrote, at its start under our own light."""
+    """Return a model written by `picture_model`, in its initial state with own light."""
     spec = unlit(mjcf)
     spec.add_texture(
         name="backdrop",
@@ -42,7 +44,7 @@ def staged(mjcf: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def unlit(mjcf: str) -> mujoco.MjSpec:
-    """A model without its lights, not compiled yet."""
+    """Return the spec of a model with its lights off."""
     spec = mujoco.MjSpec.from_string(mjcf)
     for light in spec.lights:
         light.active = False
@@ -50,19 +52,19 @@ def unlit(mjcf: str) -> mujoco.MjSpec:
 
 
 def started(model: mujoco.MjModel) -> mujoco.MjData:
-    """The start of a model."""
+    """Return the initial state of a model."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return data
 
 
 def view_on(model: mujoco.MjModel, data: mujoco.MjData, aspect: float = WIDTH / HEIGHT) -> View:
-    """The view that shows a model, which must not be empty; `aspect` is the width over the height."""
+    """Return the view that frames a model, which must not be empty; `aspect` is the width over the height."""
     return view_of(_subject(model, data), aspect)
 
 
 def free_camera(view: View) -> mujoco.MjvCamera:
-    """A camera with a view."""
+    """Return a camera with a view."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation, camera.distance = AZIMUTH_DEG, ELEVATION_DEG, view.distance
@@ -71,7 +73,7 @@ def free_camera(view: View) -> mujoco.MjvCamera:
 
 
 def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
-    """A picture (HEIGHT, WIDTH, 3) of a staged model from a view."""
+    """Render a staged model from a view (HEIGHT, WIDTH, 3)."""
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
     with mujoco.Renderer(model, HEIGHT * _FINER, WIDTH * _FINER) as renderer:
         renderer.update_scene(data, free_camera(view))
@@ -81,13 +83,13 @@ def drawn(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Pixels:
 
 
 def check_renderer() -> None:
-    """Draw something; where nothing can be drawn, raises what the graphics library raises."""
+    """Render a test image; if that is impossible, raises the error of the graphics library."""
     model, data = staged('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
     drawn(model, data, View(np.zeros(3), 4.0, 2.0))
 
 
 def _subject(model: mujoco.MjModel, data: mujoco.MjData) -> FramedParts:
-    """Corners of the bounding boxes of what the scene is about, and of each part of its surroundings."""
+    """Return the corners of the bounding boxes of the main objects, and of each part of the surroundings."""
     # An unbounded plane has no bounding box; it is drawn behind the rest.
     bounded = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] > 0] or list(range(model.ngeom))
     boxes = {geom: corners_of(model, data, geom) for geom in bounded}
@@ -112,7 +114,7 @@ def _size(corners: Array) -> float:
 
 
 def corners_of(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Corners of a geom's bounding box (8, 3), world axes [m]; along an endless direction it is 2 m long."""
+    """Return the corners (8, 3) of a geom's bounding box, world axes [m]; 2 m long along infinite directions."""
     box = model.geom_aabb[geom]
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = box[:3] + signs * np.where(box[3:] > 0, box[3:], 1.0)

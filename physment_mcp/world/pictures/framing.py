@@ -1,4 +1,4 @@
-"""Places the camera: computes its target point and distance from what is drawn. Knows no engine."""
+"""Places the camera: computes its target and its distance from the drawn bodies. Knows no engine."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ _FILLED, _ALONE = 0.86, 0.5
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """The point the camera looks at, its distance, and the extent of what it shows."""
+    """The target point of the camera, its distance, and the extent of the visible part."""
 
     centre: Array
     distance: float
@@ -28,22 +28,22 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class FramedParts:
-    """What to show."""
+    """The parts that a view must frame."""
 
     things: Array
-    """Corners of what the scene is about (n, 3) [m]."""
+    """Corners of the main objects (n, 3) [m]."""
     fixtures: list[Array]
     """Corners of each larger part (8, 3) [m]."""
     size: float
-    """Size of the largest single thing [m]."""
+    """Size of the largest single object [m]."""
 
 
 def view_of(subject: FramedParts, aspect: float) -> View:
-    """The view that shows all things whole, and the near parts of the fixtures around them.
+    """Return the view that shows all main objects completely, and the near parts of the fixtures around them.
 
     Args:
-        subject: What to show.
-        aspect: Width of the picture over its height.
+        subject: The parts to frame.
+        aspect: Width of the image over its height.
     """
     things, fixtures = subject.things, subject.fixtures
     low, high = things.min(axis=0), things.max(axis=0)
@@ -68,7 +68,7 @@ def view_of(subject: FramedParts, aspect: float) -> View:
 
 
 def camera_axes() -> Array:
-    """Rows: to the right, up, and forward (3, 3)."""
+    """Return the directions right, up and forward as rows (3, 3)."""
     azimuth, elevation = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     level, rise = np.cos(elevation), np.sin(elevation)
     forward = np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, rise])

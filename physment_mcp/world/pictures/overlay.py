@@ -1,4 +1,4 @@
-"""Pixels as PNG, and lines, boxes, arrows and texts over them, all by Pillow. Knows no engine.
+"""Draws lines, boxes, arrows and text over pixels, and encodes PNG, all by Pillow. Knows no engine.
 
 Positions are (x, y) in pixels from the upper left corner.
 """
@@ -20,7 +20,7 @@ LINE = 30
 _LETTERS = 24
 """Size of the letters [px]."""
 _FINER = 3
-"""Pixels drawn for each pixel, in each direction: Pillow draws without smooth edges."""
+"""Pixels drawn per pixel, in each direction, because Pillow does not antialias."""
 _CLEAR = (255, 255, 255, 0)
 
 
@@ -34,23 +34,23 @@ class Overlay:
         self._font = ImageFont.load_default(_LETTERS * _FINER)
 
     def over(self, pixels: Pixels) -> Pixels:
-        """The layer over pixels (height, width, 3)."""
+        """Composite the layer over pixels (height, width, 3)."""
         layer = self._image.resize(self._size, Image.Resampling.BOX)
         return np.asarray(Image.alpha_composite(Image.fromarray(pixels).convert("RGBA"), layer).convert("RGB"))
 
     def line(self, start: Place, end: Place, width: float, colour: Colour, opacity: float = 1.0) -> None:
-        """A line with round ends."""
+        """Draw a line with round ends."""
         fill = _filled(colour, opacity)
         self._draw.line(_finer(start, end), fill, round(width * _FINER))
         for x, y in (start, end):
             self._draw.ellipse(_finer((x - width / 2, y - width / 2), (x + width / 2, y + width / 2)), fill)
 
     def box(self, low: Place, high: Place, radius: float, colour: Colour, opacity: float = 1.0) -> None:
-        """A filled box with round corners."""
+        """Draw a filled box with rounded corners."""
         self._draw.rounded_rectangle(_finer(low, high), radius * _FINER, _filled(colour, opacity))
 
     def dashes(self, low: Place, high: Place, width: float, colour: Colour) -> None:
-        """The outline of a box in dashes."""
+        """Draw the outline of a box in dashes."""
         (left, top), (right, bottom) = low, high
         corners = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
         for start, end in pairwise(corners):
@@ -62,7 +62,7 @@ class Overlay:
                 self.line(tuple(marks[place]), tuple(marks[place + 1]), width, colour)
 
     def arrow(self, start: Place, end: Place, width: float, colour: Colour) -> None:
-        """A line that ends in a triangle; a line shorter than the triangle is a dot."""
+        """Draw a line that ends in a triangle; a line shorter than the triangle becomes a dot."""
         along = np.subtract(end, start)
         length, head = float(np.hypot(*along)), 4.5 * width
         if length < head:
@@ -74,17 +74,17 @@ class Overlay:
         self._draw.polygon(_finer(end, tuple(neck + aside), tuple(neck - aside)), _filled(colour, 1.0))
 
     def text(self, text: str, left: float, top: float, colour: Colour) -> None:
-        """A line of text, in the middle of `LINE` pixels below `top`."""
+        """Draw a line of text, vertically centred in the `LINE` pixels below `top`."""
         place = (left * _FINER, (top + LINE / 2) * _FINER)
         self._draw.text(place, text, _filled(colour, 1.0), self._font, anchor="lm")
 
     def width(self, text: str) -> int:
-        """Width of a line of text [px]."""
+        """Return the width of a line of text [px]."""
         return int(np.ceil(self._font.getlength(text) / _FINER))
 
 
 def png_of(pixels: Pixels, colours: int | None = None) -> bytes:
-    """A PNG file of (height, width, 3) pixels, with at most `colours` colours (2 to 256), or all for None."""
+    """Encode (height, width, 3) pixels as PNG, with at most `colours` colours (2 to 256); None for all."""
     image, file = Image.fromarray(pixels), io.BytesIO()
     if colours is not None:
         image = image.quantize(colours, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)

@@ -1,6 +1,6 @@
-"""A process that draws: reads models and views from stdin as lines of JSON, writes pictures to stdout in base64.
+"""The rendering process: reads models and views from stdin as lines of JSON, writes images to stdout in base64.
 
-It first writes `ready`, or ends if nothing can be drawn on this machine. An empty line says that a picture failed.
+It first writes `ready`, or exits if this machine cannot render. An empty line means that rendering failed.
 """
 
 import base64
@@ -16,7 +16,7 @@ from physment_mcp.world.pictures.overlay import png_of
 
 
 def main() -> int:
-    """Draw until stdin ends."""
+    """Render until stdin ends."""
     # Graphics libraries write messages to stdout; send these to stderr, so that stdout carries only pictures.
     replies = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)

@@ -1,6 +1,6 @@
-"""Plates: large pictures of scenes for readers, with sky and ground, soft shadows, axes, a scale and labels.
+"""Plates: large images of scenes for readers, with sky and ground, soft shadows, axes, a scale bar and labels.
 
-Agents get the small pictures of `drawing`. As that, it needs a process of its own.
+Agents get the small images of `drawing`. Like that module, this one needs a separate process.
 """
 
 from collections.abc import Collection, Generator, Sequence
@@ -24,9 +24,12 @@ from physment_mcp.world.readings import Array
 
 WIDTH, HEIGHT = 960, 640
 _ROOM = 1.18
-"""How much farther away the camera is than whole objects need: room for what is written."""
+"""Factor on the camera's distance that leaves room for labels."""
 _SUN = np.array((0.45, 0.5, -1.0))
-"""Direction of the light: from the left, the front and above."""
+"""Direction of the light: from the left, the front and above. (_FRAMES, _SUN_SPREAD): | Number of frames that are
+averaged, and the radius of the sun as a tangent. Each frame has another light position and a subpixel shift, which
+gives soft shadows and smooth edges. (SKY, GROUND): | Colours of the background: red, green and blue, 0 to 1.
+"""
 _FRAMES, _SUN_SPREAD = 24, 0.06
 """Frames whose mean is the plate, and the radius of the sun as a tangent. Each frame has the light at another place and
 is moved by a part of a pixel, so that shadows are soft and edges smooth."""
@@ -34,28 +37,28 @@ SKY, GROUND = (0.80, 0.88, 0.97), (0.93, 0.94, 0.955)
 """Colours of what is no part of a scene: red, green and blue, 0 to 1."""
 _GRID = (0.80, 0.825, 0.86)
 _CELLS = 9.0
-"""Cells of the grid across the picture, at least."""
+"""Smallest number of grid cells across the image."""
 _MOST = 6
-"""Most names in a line."""
+"""Largest number of names in a line."""
 _NO_FLOOR = "the grid is no part of the scene"
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """A grid that stands for no part of the scene."""
+    """A grid on the ground that is not part of the scene."""
 
     height: float
-    """[m]"""
+    """Height of the grid [m]."""
     cell: float
-    """[m]"""
+    """Edge length of a cell [m]."""
 
 
 def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixels:
-    """A plate (HEIGHT, WIDTH, 3) of a model.
+    """Render the plate of a model (HEIGHT, WIDTH, 3).
 
     Args:
-        mjcf: What `picture_model` wrote of the bodies that may be seen; not empty.
-        objects: Bodies whose names are written: beside them, or in a line if they are not drawn.
+        mjcf: The visible bodies, written by `picture_model`; not empty.
+        objects: Bodies to label: beside them, or in a line of names if they are not drawn.
         notes: Further lines.
     """
     model, data = staged(mjcf)
@@ -75,12 +78,12 @@ def plate(mjcf: str, objects: Sequence[str], notes: Sequence[str] = ()) -> Pixel
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names in a line, the last of many by their number."""
+    """Join names in a line; if there are many, the last ones are replaced by their number."""
     return ", ".join(names) if len(names) <= _MOST else f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
 
 
 def _named(model: mujoco.MjModel, data: mujoco.MjData, objects: Collection[str]) -> dict[str, Array]:
-    """Object → corners of what is drawn of it."""
+    """Return object → corners of its drawn geoms."""
     found: dict[str, list[Array]] = {}
     for geom in range(model.ngeom):
         name = model.body(int(model.geom_bodyid[geom])).name
@@ -90,7 +93,7 @@ def _named(model: mujoco.MjModel, data: mujoco.MjData, objects: Collection[str])
 
 
 def _ground(model: mujoco.MjModel, data: mujoco.MjData, optics: Optics) -> Ground | None:
-    """Where the grid is; None if a floor of the scene is drawn."""
+    """Return the position of the grid; None if the scene has a visible floor."""
     endless = [geom for geom in range(model.ngeom) if model.geom_rbound[geom] <= 0]
     if any(data.geom_xmat[geom][8] > 0.7 for geom in endless):
         return None
@@ -112,7 +115,7 @@ def _ground(model: mujoco.MjModel, data: mujoco.MjData, optics: Optics) -> Groun
 
 
 def _lit(mjcf: str, view: View, ground: Ground | None) -> Pixels:
-    """The scene without annotations (HEIGHT, WIDTH, 3): the mean of pictures with the light at several places."""
+    """Render the scene without annotations (HEIGHT, WIDTH, 3), averaged over several light positions."""
     model = _decorated(mjcf, ground)
     data = started(model)
     model.stat.extent, model.stat.center[:] = view.extent, view.centre
@@ -153,7 +156,7 @@ def _mean_frame(scene: mujoco.MjvScene, context: mujoco.MjrContext, view: View) 
 
 
 def _sun_directions() -> Generator[Array]:
-    """Unit vectors, evenly over a disc: the points of a sunflower."""
+    """Return unit vectors that are evenly distributed over a disc (sunflower arrangement)."""
     ahead = _SUN / np.linalg.norm(_SUN)
     aside = np.cross(ahead, (0.0, 0.0, 1.0))
     aside /= np.linalg.norm(aside)
@@ -164,7 +167,7 @@ def _sun_directions() -> Generator[Array]:
 
 
 def _decorated(mjcf: str, ground: Ground | None) -> mujoco.MjModel:
-    """The scene with sky, sun and grid; the grid is the last geom and changes no other index."""
+    """Add sky, sun and grid to the scene; the grid is the last geom, so other indices do not change."""
     spec = unlit(mjcf)
     spec.add_texture(
         name="plate_sky",

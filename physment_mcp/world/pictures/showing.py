@@ -1,7 +1,7 @@
-"""What may be seen of a model: shapes and colours of chosen geoms, in the frames of their bodies, and nothing else.
+"""Extracts the visible part of a model: shapes and colours of chosen geoms in the frames of their bodies.
 
-A viewer receives them as they are, the process that draws pictures as a model of their own (`picture_model`), in which
-bodies stand where the caller says. Neither can draw anything else. Which geoms are chosen depends on which look the
+A viewer receives these data directly; the rendering process receives them as a separate model (`picture_model`), with
+bodies at the poses that the caller gives. Neither can draw anything else. A geom can be chosen only if it looks the
 same in every variant of a scene (`same_parts`).
 """
 
@@ -40,18 +40,18 @@ def colour(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def appearance(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """Everything that decides how a geom looks (19,), to nanometres: smaller differences are rounding errors."""
+    """Return everything that determines how a geom looks (19,), rounded to nanometres to remove rounding errors."""
     parts = (data.geom_xpos[geom], data.geom_xmat[geom], model.geom_size[geom], colour(model, geom))
     return np.round(np.concatenate(parts), 9)
 
 
 def same_parts(variants: Sequence[str], found_later: Collection[str]) -> frozenset[Part]:
-    """Geoms that look the same in every variant of a scene, on bodies that are at the same place.
+    """Return the geoms that look the same in every variant of a scene, on bodies at the same place.
 
     Args:
         variants: MJCF of the scene with the values of different seeds.
-        found_later: Bodies that are hidden at the start. An agent that finds them may read where they are, so only
-            what does not depend on their place is compared.
+        found_later: Bodies that are hidden at the start. An agent that finds them may read their position, so only
+            properties that do not depend on it are compared.
 
     Raises:
         SceneError: A variant does not compile.
@@ -84,12 +84,12 @@ def _appearances(mjcf: str, found_later: Collection[str]) -> frozenset[tuple[Par
 
 
 def _frame(data: mujoco.MjData, body: int) -> Array:
-    """Place and orientation of a body (12,), to nanometres."""
+    """Return place and orientation of a body (12,), rounded to nanometres."""
     return np.round(np.concatenate([data.xpos[body], data.xmat[body]], dtype=np.float64), 9)
 
 
 def part_of(model: mujoco.MjModel, geom: int) -> Part:
-    """How a geom is named in every model of the scene."""
+    """Return the name of a geom that is valid in every variant of the scene."""
     body = int(model.geom_bodyid[geom])
     return model.body(body).name, geom - int(model.body_geomadr[body])
 
@@ -100,27 +100,27 @@ class ShownPart(NamedTuple):
     shape: str
     """`sphere`, `box`, `capsule`, `cylinder`, `ellipsoid` or `plane`."""
     size: list[float]
-    """As MuJoCo has it (3,): radius and half lengths [m]; 0 for the endless directions of a plane."""
+    """Size in MuJoCo's convention (3,): radius and half lengths [m]; 0 for the infinite directions of a plane."""
     position: list[float]
-    """Of its centre (3,) [m]."""
+    """Position of the centre (3,) [m]."""
     quaternion: list[float]
-    """Its orientation (4,) [w, x, y, z]."""
+    """Orientation (4,) [w, x, y, z]."""
     rgba: list[float]
     """Red, green, blue and opacity (4,), 0 to 1."""
 
 
 class ShownBody(NamedTuple):
-    """A body, as far as it may be seen."""
+    """The visible part of a body."""
 
     name: str
     movable: bool
     pose: Sequence[float]
-    """Where it is shown: origin [m] and quaternion, 7 numbers; empty if its parts are given in the world frame."""
+    """Displayed pose: origin [m] and quaternion, 7 numbers; empty if the parts are given in the world frame."""
     parts: Sequence[ShownPart]
 
 
 Frame = Literal["body", "origin", "world"]
-"""The frame in which the parts of a body are given: its own, world axes about its origin, or that of the world."""
+"""The frame in which the parts of a body are given: its own, world axes about its origin, or the world frame."""
 
 
 def shown_parts(
@@ -131,14 +131,14 @@ def shown_parts(
     turns: Mapping[str, Array],
     revealed: Collection[str] = (),
 ) -> dict[str, list[ShownPart]]:
-    """The geoms that may be seen, by body, rounded to nanometres.
+    """Return the visible geoms by body, rounded to nanometres.
 
     Args:
         model: The scene.
         data: Its settled state.
-        frames: Bodies whose geoms are shown, as far as these are among the parts, with the frame to give them in.
+        frames: Bodies to show, each with the frame of its geoms.
         parts: Geoms that may be shown.
-        turns: For some bodies, the orientation in which their geoms are shown instead of their own: quaternions (4,).
+        turns: Body → the orientation (4,) in which its geoms are shown, in place of its own.
         revealed: Bodies that are shown opaque.
     """
     found: dict[str, list[ShownPart]] = {}
@@ -156,7 +156,7 @@ def shown_parts(
 
 
 def picture_model(bodies: Iterable[ShownBody]) -> str:
-    """MJCF of bodies where they are shown; empty if there are none."""
+    """Write an MJCF model of the shown bodies; empty if there are none."""
     root = ET.Element("mujoco")
     world = ET.SubElement(root, "worldbody")
     for body in bodies:
@@ -176,7 +176,7 @@ def picture_model(bodies: Iterable[ShownBody]) -> str:
 def _seen(
     model: mujoco.MjModel, bodies: Collection[str], parts: Collection[Part], revealed: Collection[str]
 ) -> Generator[tuple[int, Part, Array]]:
-    """Index, name and colour of each geom that may be seen and is not transparent."""
+    """Return index, name and colour of each geom that may be seen and is not transparent."""
     for geom in range(model.ngeom):
         part, rgba = part_of(model, geom), colour(model, geom)
         if part[0] in revealed:
@@ -186,7 +186,7 @@ def _seen(
 
 
 def view_of_shown(mjcf: str) -> View:
-    """The view of a model that `picture_model` wrote."""
+    """Return the view of a model that `picture_model` wrote."""
     model = mujoco.MjModel.from_xml_string(mjcf)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -194,7 +194,7 @@ def view_of_shown(mjcf: str) -> View:
 
 
 def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:
-    """Fixed bodies that are neither objects nor parts of objects; the world itself is one of them."""
+    """Return fixed bodies that are neither objects nor parts of objects, including the world body."""
     of_objects: set[int] = set()
     for body in range(1, model.nbody):
         if model.body(body).name in objects or int(model.body_parentid[body]) in of_objects:
@@ -204,9 +204,9 @@ def fixtures(model: mujoco.MjModel, objects: Collection[str]) -> frozenset[str]:
 
 
 def turn_at_centre(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array | None:
-    """Orientation (4,) of the only geom of a body, if its centre is the body's origin; None otherwise.
+    """Return the orientation (4,) of a body's only geom, if its centre is the body's origin; otherwise None.
 
-    The position of such a body says where all of it is, however it is turned.
+    The position of such a body determines the place of its geom, whatever its orientation.
     """
     first = int(model.body_geomadr[body])
     if int(model.body_geomnum[body]) != 1 or np.any(np.round(model.geom_pos[first], 9)):
