@@ -14,6 +14,7 @@ from evaluator.agents.recorded import load_recorded
 from evaluator.agents.reference import ReferenceAgent
 from evaluator.agents.scripted import BatchAgent, ConstantAgent, load_script
 from evaluator.agents.stopping import with_stopping
+from evaluator.agents.takers import TakerAgent
 from evaluator.episode.loop import AgentParticipant, Participant
 from evaluator.episode.player import Agent
 from evaluator.errors import UsageError
@@ -58,6 +59,7 @@ AGENTS = (
     "constant",
     "batch",
     "attacker:sweep|glance|proportional",
+    "taker:HANDICAP",
     "model:PRESET",
     "model:PROVIDER:NAME",
     "oracle-once:AGENT",
@@ -136,6 +138,8 @@ def _by_turns(config: RunConfig, text: str, lanes: Lanes) -> AgentParticipant:
             participant = _by_turns(config, rest, lanes).wrapped(OracleOnceAgent)
         case "attacker", True:
             participant = AgentParticipant(AttackerAgent(rest))
+        case "taker", True:
+            participant = AgentParticipant(TakerAgent(rest, config.scenes_dir))
         case "scripted", True:
             participant = AgentParticipant(load_script(Path(rest)))
         case "replay", True:
